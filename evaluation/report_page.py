@@ -196,7 +196,7 @@ def _run(run: DrawnRun, drawn: MapDrawing) -> str:
     errors = [
         (each.step, min(each.error.distance_m, _MOST_ERROR_M)) for each in steps if each.error
     ]
-    of_truth = [(each.step, each.truth_probability) for each in steps if each.claims]
+    of_truth = [(step.step, step.truth_probability if step.claims else 0.0) for step in steps]
     most_m = max((error for _, error in errors), default=0.0)
     scale_m = next((m for m in (0.2, 0.5, 1.0, 2.0, 5.0) if most_m <= m), _MOST_ERROR_M)
     return (

@@ -16,7 +16,7 @@ def test_one_unmapped_block_counts_once_as_evidence(name: str) -> None:
     assert all(a.truth > 0.1 for a in answers)
 
 
-def test_one_cabinet_that_was_moved_makes_no_cloud_surer_than_it_is_right() -> None:
+def test_a_moved_cabinet_makes_no_cluster_overconfident() -> None:
     """Counted in full at each turn, it drew the cloud half a metre off, at five to ten sigma."""
     case = CASES["corridor"]
     answers = run(case, 0, load_settings(None, case.settings))

@@ -55,7 +55,7 @@ def happened(*events: JobEvent) -> JobEvents:
     return JobEvents(sender="coordinator", term=1, events=numbered)
 
 
-def test_it_believes_what_evaluate_says_of_the_same_steps(
+def test_beliefs_equal_those_of_evaluate(
     follower: Follower, model: SensorModel, scans: list[Scan]
 ) -> None:
     expected = [outcome for _, outcome in ALGORITHMS["amcl"](iter(scans), model, SMALL)]
@@ -71,7 +71,7 @@ def test_scans_before_the_map_are_not_lost(model: SensorModel, scans: list[Scan]
     assert [outcome.step for outcome in followed(late, scans[3:])] == [0, 1, 2, 3, 4, 5, 6, 7]
 
 
-def test_it_begins_again_when_the_places_are_forgotten(
+def test_the_filter_restarts_when_all_places_are_dropped(
     follower: Follower, model: SensorModel, scans: list[Scan]
 ) -> None:
     followed(follower, scans[:3])
@@ -84,7 +84,7 @@ def test_it_begins_again_when_the_places_are_forgotten(
     assert going_on != fresh[:2]
 
 
-def test_a_given_pose_does_not_begin_it_again(
+def test_a_given_pose_does_not_restart_the_filter(
     follower: Follower, model: SensorModel, scans: list[Scan]
 ) -> None:
     before = followed(follower, scans[:3])
@@ -93,12 +93,12 @@ def test_a_given_pose_does_not_begin_it_again(
     assert outcomes == [outcome for _, outcome in ALGORITHMS["amcl"](iter(scans), model, SMALL)]
 
 
-def test_steps_that_restart_begin_it_again(follower: Follower, scans: list[Scan]) -> None:
+def test_a_restart_of_steps_restarts_the_filter(follower: Follower, scans: list[Scan]) -> None:
     first = followed(follower, scans)
     assert followed(follower, scans) == first
 
 
 @pytest.mark.parametrize("robot", ["robot", "a" * LONGEST_NAME, "a" * 58 + "-bcdef"])
-def test_the_name_is_valid_and_another_one(robot: str) -> None:
+def test_the_second_robot_name_is_valid_and_different(robot: str) -> None:
     assert is_name(beside_name(robot))
     assert beside_name(robot) != robot

@@ -179,14 +179,14 @@ def test_an_unknown_algorithm_is_refused() -> None:
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
-def test_a_count_beyond_all_reason_is_refused_before_anything_is_done(option: str) -> None:
+def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
     assert result.exit_code == 2
     assert f"Invalid value for '{option}'" in result.output
     assert "less than or equal to" in result.output
 
 
-def test_a_result_that_has_nowhere_to_go_is_refused_before_any_run(
+def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))

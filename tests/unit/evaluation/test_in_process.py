@@ -34,7 +34,7 @@ def place(share: float, *means: tuple[float, float, float]) -> Place:
     return Place(share=share, mean=means[0], covariance=NO_SPREAD, sample=sample)
 
 
-def test_parts_too_improbable_to_keep_begin_and_end_in_one_step_without_a_job(
+def test_improbable_parts_of_a_split_begin_and_end_in_one_step(
     model: SensorModel,
 ) -> None:
     settings = FilterSettings(

@@ -26,7 +26,7 @@ FOUND_WITHIN = 40
 
 
 @pytest.mark.parametrize(("seed", "lifted_at"), [(0, 150), (1, 167), (11, 337)])
-def test_it_is_found_in_all_of_them_and_sure_of_none(
+def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
     seed: int, lifted_at: int, tmp_path: Path
 ) -> None:
     """Kidnapped in the middle of a periodic search (11), and at once after one (0, 1)."""

@@ -119,7 +119,7 @@ def places_of(
         yield from zip(one.hypotheses, other.hypotheses, strict=True)
 
 
-def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+def test_an_unwritable_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="folder does not exist"):
         RunLog.to(tmp_path / "nowhere" / "run.mcap")
     with pytest.raises(SettingsError, match="of one run"):

@@ -22,5 +22,5 @@ def test_of_very_many_lines_the_first_ten_are_named() -> None:
     assert "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)" in said
 
 
-def test_a_whole_recording_leaves_nothing_to_say() -> None:
+def test_a_recording_without_bad_lines_gives_no_warning() -> None:
     assert left_out(recording()) is None

@@ -33,7 +33,7 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
     assert "http" not in text
 
 
-def test_what_is_named_cannot_break_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_escaped_in_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["clustermcl", "evaluate", "<x>.log"])
     text = page(step(1, 1.0, 1.0))
     assert "<sim>" not in text
@@ -51,7 +51,7 @@ def test_every_drawing_is_well_formed() -> None:
         ET.fromstring(drawing)
 
 
-def test_the_estimates_way_is_drawn_in_pieces_that_are_right_and_wrong() -> None:
+def test_right_and_wrong_parts_of_the_path_are_drawn_separately() -> None:
     text = page(step(1, 1.0, 1.0), step(2, 1.5, 2.0), step(3, 9.0, 3.0))
     lines = re.findall(r'<polyline points="([^"]+)" fill="none" stroke="(#\w+)"', text)
     assert lines[:2] == [
@@ -60,7 +60,7 @@ def test_the_estimates_way_is_drawn_in_pieces_that_are_right_and_wrong() -> None
     ]
 
 
-def test_a_jump_is_no_way() -> None:
+def test_a_jump_is_not_drawn_as_a_path() -> None:
     text = page(step(1, 1.0, 1.0), step(2, 15.0, 15.0))
     assert "1.00,1.00 15.00,1.00" not in text
 

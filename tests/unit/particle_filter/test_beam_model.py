@@ -72,7 +72,9 @@ def test_the_kernel_agrees_with_the_book_line_by_line(seed: int) -> None:
 
 @relaxed
 @given(seed=seeds, x=st.floats(-50, 50), y=st.floats(-50, 50), heading=st.floats(-3.2, 3.2))
-def test_where_the_map_lies_does_not_matter(seed: int, x: float, y: float, heading: float) -> None:
+def test_the_likelihood_does_not_depend_on_the_origin_of_the_map(
+    seed: int, x: float, y: float, heading: float
+) -> None:
     in_grid, readings, map_from_grid = random_poses(seed), random_readings(seed), (x, y, heading)
     in_map = np.array([naive_rays.turned(np.array(map_from_grid), pose) for pose in in_grid])
     moved = weigh(in_map, readings, map_from_grid=map_from_grid)

@@ -63,7 +63,7 @@ def test_it_finds_all_leaves_within_the_margin_and_no_others() -> None:
     assert found.scores.max() == pytest.approx(scores.max(), abs=rounding)
 
 
-def test_with_bounds_and_without_it_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bounds_do_not_change_the_leaves_found(monkeypatch: pytest.MonkeyPatch) -> None:
     rules, found = SearchSettings(shards=1, poses=10_000_000, margin=6.0), []
     for below in (0.0, math.inf):
         monkeypatch.setattr(branch_and_bound, "_BOUND_BELOW", below)
@@ -96,7 +96,7 @@ def test_the_shards_share_the_headings() -> None:
     assert not headings[1] & headings[2]
 
 
-def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
+def test_a_circle_limits_the_search_unless_it_has_no_free_leaf() -> None:
     model, everywhere = ROOM, space_of()
     near = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(1.0, 3.0, 0.7))
     leaves = np.flatnonzero(near.free[-1])
@@ -110,7 +110,7 @@ def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
     assert nowhere.leaf_count == everywhere.leaf_count
 
 
-def test_a_region_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
+def test_a_region_limits_the_search_unless_it_has_no_free_leaf() -> None:
     def leaves_in(corners: tuple[tuple[float, float], ...]) -> SearchSpace:
         return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, 1, corners=corners)
 

@@ -37,7 +37,7 @@ def uneven(count: int) -> ParticleSet:
     return ParticleSet(poses, np.log(weights / weights.sum() * count))
 
 
-def test_redrawn_particles_count_alike() -> None:
+def test_resampled_particles_have_equal_weights() -> None:
     """Each has had its weight already, in how often it was drawn."""
     cloud = uneven(400)
     redrawn = resampled(cloud, 400, ClusterSettings(), np.random.default_rng(0))
@@ -48,7 +48,7 @@ def test_redrawn_particles_count_alike() -> None:
     np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.0075)
 
 
-def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
+def test_weights_are_carried_into_a_step_without_resampling() -> None:
     cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
     kept = ClusterSettings(resample_below_ess=0.01)
     beams = seen_from(HERE, plain_room())
@@ -93,7 +93,7 @@ def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:
     assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
 
 
-def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> None:
+def test_occluded_beams_lower_the_evidence() -> None:
     divided = plain_room()
     divided[:, 60] = OCCUPIED
     seen = SensorSettings(
@@ -114,7 +114,7 @@ def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> No
     assert evidence[1] - evidence[0] == pytest.approx(taken)
 
 
-def test_visibility_looks_from_where_the_weight_is() -> None:
+def test_occlusion_is_averaged_by_weight() -> None:
     divided = plain_room()
     divided[:, 60] = OCCUPIED
     model, beams = model_of(divided), seen_from(HERE, plain_room())
@@ -127,7 +127,7 @@ def test_visibility_looks_from_where_the_weight_is() -> None:
     assert heavy != pytest.approx(light)
 
 
-def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
+def test_a_regularised_sample_is_drawn_by_weight() -> None:
     sample = np.repeat(np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]), 50, axis=0)
     sample = sample + np.random.default_rng(1).normal(0.0, 0.01, sample.shape)
     log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
@@ -138,7 +138,7 @@ def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
     assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
 
 
-def test_the_kernel_is_silvermans_by_half() -> None:
+def test_the_noise_has_half_of_silvermans_width() -> None:
     sigma = np.array([0.3, 0.1, 0.2])
     sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
     sample = (sample - sample.mean(axis=0)) / sample.std(axis=0) * sigma
@@ -153,7 +153,7 @@ def test_the_kernel_is_silvermans_by_half() -> None:
 
 
 @pytest.mark.parametrize("count", [100, 1_600])
-def test_another_number_of_particles_says_the_same_of_the_pose(count: int) -> None:
+def test_resampling_to_another_number_keeps_the_mean(count: int) -> None:
     cloud = uneven(400)
     redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
     assert len(redrawn.log_weights) == count
@@ -243,7 +243,7 @@ def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
     assert mean_occluded(off, beams, model_of(corridor)) == pytest.approx(0.0, abs=0.1)
 
 
-def test_no_ray_is_followed_where_it_is_turned_off() -> None:
+def test_occlusion_can_be_turned_off() -> None:
     divided = plain_room()
     divided[:, 60] = OCCUPIED
     beams, cloud = seen_from(HERE, plain_room()), cloud_round(HERE, 50, sigma=0.01)

@@ -18,7 +18,7 @@ def test_cosine_and_sine_are_right_to_single_precision(angle: float) -> None:
 
 
 @pytest.mark.parametrize("eighths", range(-17, 18))
-def test_borders_of_the_quarters_are_no_seams(eighths: int) -> None:
+def test_cosine_and_sine_are_right_at_borders_of_quarters(eighths: int) -> None:
     border = eighths * math.pi / 4.0
     for angle in (np.nextafter(border, -9.0), border, np.nextafter(border, 9.0)):
         assert cos_sin(angle) == pytest.approx((math.cos(border), math.sin(border)), abs=1.3e-7)
@@ -57,7 +57,7 @@ def exp(values: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
 
 
 @given(st.floats(-690.0, 0.0), st.floats(-1e3, 1e3))
-def test_exponentials_are_right_to_what_weights_need(value: float, offset: float) -> None:
+def test_exponentials_are_right_to_13_digits(value: float, offset: float) -> None:
     assert exp(np.array([value + offset]), offset)[0] == pytest.approx(
         math.exp(value + offset - offset), rel=1e-13
     )
@@ -69,6 +69,6 @@ def test_exponentials_are_right_between_powers_of_two_too() -> None:
     np.testing.assert_allclose(exp(values, 0.0), np.exp(values), rtol=1e-13)
 
 
-def test_exponentials_of_what_is_no_weight() -> None:
+def test_exponentials_of_infinite_nan_and_tiny_values() -> None:
     found = exp(np.array([0.0, -math.inf, -1e300, -700.0, math.nan]), 0.0)
     np.testing.assert_array_equal(found, [1.0, 0.0, 0.0, 0.0, math.nan])

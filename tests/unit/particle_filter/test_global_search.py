@@ -77,7 +77,7 @@ def test_it_keeps_fewer_poses_once_few_places_are_left() -> None:
     assert later.poses == 1_000
 
 
-def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
+def test_the_left_out_gap_shows_whether_leaves_were_sampled() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     for poses, gap in ((200_000, SETTINGS.search.margin), (20, 0.0)):
         settings = FilterSettings(search=SearchSettings(poses=poses, shards=1))
@@ -87,7 +87,7 @@ def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
 
 
 @pytest.mark.parametrize(("poses", "searches"), [(4, [1, 4]), (60, [1, 2]), (2_000, [1])])
-def test_the_more_it_had_to_leave_out_the_more_scans_it_waits_for_to_search_again(
+def test_a_search_that_left_out_more_is_repeated_after_more_scans(
     poses: int, searches: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One scan leaves 1.0, 0.16 and 0.002 of the weight to a sample of more."""
@@ -111,7 +111,7 @@ def test_the_more_it_had_to_leave_out_the_more_scans_it_waits_for_to_search_agai
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("poses", [4, 20])
-def test_scans_joined_by_odometry_show_the_place_to_a_search_that_keeps_few_poses(
+def test_a_search_with_few_poses_finds_the_place_from_scans_joined_by_odometry(
     poses: int, seed: int
 ) -> None:
     """The robot turns and drives a metre between scans, so each is of use only at its own pose."""
@@ -186,7 +186,7 @@ class Corrected:
         return self._correction
 
 
-def test_what_was_given_for_looks_through_walls_is_taken_back() -> None:
+def test_the_evidence_of_a_search_is_corrected_for_occlusion() -> None:
     told = []
     for correction in (0.0, 2.0):
         model: SensorModel = Corrected(plain_room(), correction)  # type: ignore[assignment] # a twin
@@ -225,7 +225,7 @@ def standing(correction: float) -> tuple[list[float], list[float]]:
     return far_side, told
 
 
-def test_cancelled_evidence_weighs_no_more_than_the_scan_that_gave_it() -> None:
+def test_a_correction_counts_once_for_a_standing_robot() -> None:
     """The robot stands: no scan after the first is a new view, so its places stay as they are."""
     _, as_given = standing(0.0)
     far_side, told = standing(2.0)
@@ -236,7 +236,7 @@ def test_cancelled_evidence_weighs_no_more_than_the_scan_that_gave_it() -> None:
     np.testing.assert_allclose(np.diff(told) - np.diff(as_given), lost, atol=0.08)
 
 
-def test_heavy_poses_are_split_within_what_they_stand_for_and_light_ones_stay() -> None:
+def test_heavy_poses_are_split_within_their_part_of_the_map() -> None:
     search = searched(plain_room(), 1, seed=0)
     poses = np.array([[1.0, 2.0, 0.3], [2.0, 1.0, -0.3], [3.0, 2.0, 1.0]])
     log_weights, sizes = np.log([0.979, 0.01, 0.011]), np.array([1.0, 1.0, 0.5])

@@ -12,7 +12,7 @@ CELLS = np.array([[FREE, OCCUPIED], [UNKNOWN, FREE], [FREE, FREE]], np.int8)
 GRID = Grid(CELLS, 1.0, np.zeros(3))
 
 
-def test_only_free_ground_is_free() -> None:
+def test_only_free_ground_has_no_penalty() -> None:
     poses = np.array([[x + 0.5, y + 0.5, 0.0] for y in range(-1, 4) for x in range(-1, 3)])
     penalties = ground_log_penalty(poses, GRID, -2.0).reshape(5, 4)
     free = np.zeros((5, 4), dtype=bool)
@@ -27,7 +27,7 @@ def test_just_below_the_map_is_off_the_map() -> None:
     assert penalties.tolist() == [-2.0, -2.0, 0.0]
 
 
-def test_poses_without_numbers_pay() -> None:
+def test_poses_that_are_not_finite_are_penalised() -> None:
     poses = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [1e300, -1e300, 0.0]])
     assert ground_log_penalty(poses, GRID, -2.0).tolist() == [-2.0] * 3
 

@@ -77,14 +77,16 @@ def run_kernel(
 
 
 @compiled
-def test_without_a_folder_to_keep_it_in_a_kernel_is_compiled_and_says_why(tmp_path: Path) -> None:
+def test_without_a_cache_folder_a_kernel_is_compiled_and_the_reason_reported(
+    tmp_path: Path,
+) -> None:
     # Numba's locator for notebooks finds no place for a file, as none does on a read-only disk.
     ran = run_kernel(tmp_path, NUMBA_CACHE_LOCATOR_CLASSES="IPythonCacheLocator")
     assert (ran.stdout, ran.stderr) == ("3.0 no folder for them can be written\n", "")
 
 
 @compiled
-def test_a_disk_that_is_full_costs_only_the_copy_on_it(tmp_path: Path) -> None:
+def test_a_full_disk_only_prevents_caching(tmp_path: Path) -> None:
     ran = run_kernel(tmp_path, FULL_DISK, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert (ran.stdout, ran.stderr) == ("3.0 [Errno 27] File too large\n", "")
 

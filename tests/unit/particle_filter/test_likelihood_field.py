@@ -163,11 +163,6 @@ def test_a_scan_without_returns_is_refused() -> None:
         scan_log_likelihood(np.zeros((1, 3)), np.zeros((0, 2)), SHARED_FIELD)
 
 
-def test_a_map_without_obstacles_is_refused() -> None:
-    with pytest.raises(ValueError, match="no occupied cell"):
-        LikelihoodField.build(np.zeros((3, 3), np.int8), 1.0, ORIGIN, SENSOR)
-
-
 def test_a_field_with_hardly_any_contrast_keeps_its_value() -> None:
     flat = SensorSettings(max_obstacle_distance_m=1e-9)
     field = LikelihoodField.build(np.eye(4, dtype=np.int8), 1.0, ORIGIN, flat)

@@ -35,7 +35,7 @@ def test_products_are_summed_and_scaled_to_their_number(
 
 
 @given(log_weights=finite, data=st.data())
-def test_order_does_not_matter(log_weights: LogWeights, data: st.DataObject) -> None:
+def test_weights_do_not_depend_on_the_order(log_weights: LogWeights, data: st.DataObject) -> None:
     order = data.draw(st.permutations(range(len(log_weights))))
     (weights, size), (shuffled, same) = (
         weights_and_ess(log_weights),
@@ -76,7 +76,7 @@ def test_a_zero_weight_takes_no_share() -> None:
 
 
 @pytest.mark.parametrize("nothing", [NOTHING, np.empty(0)])
-def test_nothing_cannot_be_normalised(nothing: LogWeights) -> None:
+def test_weights_of_zero_cannot_be_normalised(nothing: LogWeights) -> None:
     with pytest.raises(ValueError, match="no weight is above zero"):
         weights_and_ess(nothing)
     with pytest.raises(ValueError, match="no weight is above zero"):
@@ -84,7 +84,7 @@ def test_nothing_cannot_be_normalised(nothing: LogWeights) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_no_weight_is_refused(bad: float) -> None:
+def test_infinite_and_nan_weights_are_refused(bad: float) -> None:
     log_weights = np.array([0.0, bad])
     with pytest.raises(ValueError, match="log-weight"):
         weights_and_ess(log_weights)

@@ -107,15 +107,6 @@ def test_omnidirectional_noise_has_the_promised_deviations(drive: float, turn: f
     assert (np.abs(means) <= 5.5 * np.array(promised) / 200 + 1e-12).all()  # 4e-8 each
 
 
-def test_a_differential_drive_does_not_slip_sideways_at_once() -> None:
-    """First turn and drive decide where a particle ends: on a ray of its own first turn."""
-    normals = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    moved = moved_by(np.zeros((3, 3)), np.array([2.0, 0.0, 0.0]), DIFFERENTIAL, normals)
-    np.testing.assert_allclose(moved[0], [2 * np.cos(0.2), 2 * np.sin(0.2), 0.2], atol=SINGLE)
-    np.testing.assert_allclose(moved[1], [2.3, 0.0, 0.0], atol=SINGLE)
-    np.testing.assert_allclose(moved[2], [2.0, 0.0, 0.2], atol=SINGLE)
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_driving_backwards_is_as_certain_as_driving_forwards(sign: float) -> None:
     rng = np.random.default_rng(5)
@@ -137,12 +128,3 @@ def test_a_motion_uses_three_normal_numbers_a_particle(
         move(np.zeros((6, 3)), after, settings, rng)
         standard_normals(counting, 3, 6)
         assert rng.random() == counting.random()
-
-
-def test_poses_of_any_layout_are_moved_and_left_as_they_were() -> None:
-    cloud = np.asfortranarray(np.random.default_rng(1).normal(size=(9, 3)))
-    cloud.flags.writeable = False
-    step, normals = np.array([0.2, 0.1, 0.3]), np.ones((9, 3))
-    moved = moved_by(cloud, step, OMNI, normals)
-    expected = naive.move(cloud, np.zeros(3), step, OMNI, normals)
-    np.testing.assert_allclose(moved, expected, atol=SINGLE)

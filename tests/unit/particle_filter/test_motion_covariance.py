@@ -44,14 +44,14 @@ def test_a_moved_gaussian_is_that_of_the_moved_particles(
 
 
 @pytest.mark.parametrize("settings", [OMNI, DIFFERENTIAL], ids=lambda s: s.model)
-def test_standing_still_makes_nothing_uncertain(settings: MotionSettings) -> None:
+def test_standing_still_adds_no_covariance(settings: MotionSettings) -> None:
     assert not motion_covariance(np.zeros(3), settings).any()
 
 
 NO_NOISE = np.zeros((3, 3))
 
 
-def test_a_heading_is_no_less_certain_than_any_at_all() -> None:
+def test_the_variance_of_a_heading_is_bounded() -> None:
     nobody_knows = np.diag([0.1, 0.2, 1e15])
     moved = composed_covariance(np.zeros(3), nobody_knows, np.array([2.0, 0.0, 0.0]), NO_NOISE)
     any_heading = np.pi**2 / 3.0

@@ -16,7 +16,7 @@ def drawn(
     return standard_normals(rng, rows, count)
 
 
-def test_they_follow_the_normal_distribution() -> None:
+def test_numbers_follow_the_normal_distribution() -> None:
     """Kolmogorov's distance of n draws is above 2.6 / sqrt(n) once in 400,000 times."""
     numbers = np.sort(drawn(3, 100_000).ravel()).astype(np.float64)
     n = len(numbers)
@@ -39,7 +39,7 @@ def test_rows_are_independent(power: int) -> None:
 
 
 @pytest.mark.parametrize(("rows", "count"), [(3, 0), (1, 1), (3, 5), (2, 4)])
-def test_any_number_may_be_asked_for(rows: int, count: int) -> None:
+def test_any_count_of_numbers_can_be_drawn(rows: int, count: int) -> None:
     numbers = drawn(rows, count)
     assert numbers.shape == (rows, count)
     assert numbers.dtype == np.float32

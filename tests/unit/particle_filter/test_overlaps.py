@@ -31,13 +31,13 @@ def test_survivors_are_apart_and_the_absorbed_are_near_their_absorber(means: Pos
         assert not any(near(means[i], means[j], -ROUNDING) for j in survivors if j < i)
 
 
-def test_two_as_far_apart_as_one_may_be_are_one() -> None:
+def test_clusters_exactly_at_the_limits_merge() -> None:
     two, wider = (np.array([[0.0, 0.0, 0.0], [0.5, 0.0, turn]]) for turn in (0.25, 0.26))
     assert merge_overlapping(two, 0.5, 0.25).tolist() == [0, 0]
     assert merge_overlapping(wider, 0.5, 0.25).tolist() == [0, 1]
 
 
-def test_many_are_compared_as_few_are() -> None:
+def test_hundreds_of_clusters_merge_as_one_by_one() -> None:
     rng = np.random.default_rng(0)
     many = np.column_stack((rng.uniform(0.0, 9.0, (700, 2)), rng.uniform(-4.0, 4.0, 700)))
     absorber = list[int]()
@@ -48,7 +48,7 @@ def test_many_are_compared_as_few_are() -> None:
     assert 100 < len(set(absorber)) < 600
 
 
-def test_near_is_near_to_any_in_place_and_heading() -> None:
+def test_a_pose_is_near_if_another_is_near_in_position_and_heading() -> None:
     others = [[0.0, 0.0, 3.1], [5.0, 0.0, 0.0]]
     poses = [[0.3, 0.0, -3.1], [0.3, 0.0, 0.0], [5.0, 0.5, 0.35], [5.0, 0.6, 0.0]]
     assert is_near(poses, others, 0.5, 0.35).tolist() == [True, False, True, False]

@@ -24,7 +24,7 @@ def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None
     assert few == [], "none has so much"
 
 
-def test_the_most_probable_have_particles_and_the_others_one_each_of_their_own() -> None:
+def test_less_probable_places_have_one_particle_each() -> None:
     """Places are ordered by their share, not by their discovery."""
     at_x = np.array([0.0, 5.0, 10.0, 15.0])
     poses = np.repeat(at_x, 50)[:, None] * [1.0, 0.0, 0.0]

@@ -59,14 +59,14 @@ def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
 
 
 @given(a=pose)
-def test_there_and_back_is_nowhere(a: Pose) -> None:
+def test_a_pose_composed_with_its_inverse_is_the_identity(a: Pose) -> None:
     assert_same_place(compose(a, inverse(a)), IDENTITY)
     assert_same_place(compose(inverse(a), a), IDENTITY)
     assert_same_place(compose(a, IDENTITY), a)
 
 
 @given(a=pose, b=pose)
-def test_between_is_what_leads_from_one_to_the_other(a: Pose, b: Pose) -> None:
+def test_between_leads_from_one_pose_to_the_other(a: Pose, b: Pose) -> None:
     assert_same_place(compose(a, between(a, b)), b)
 
 

@@ -21,7 +21,7 @@ def test_the_same_work_draws_the_same_numbers(
     np.testing.assert_array_equal(first.random(4), second.random(4))
 
 
-def test_the_numbers_are_these_for_good() -> None:
+def test_the_numbers_of_a_stream_never_change() -> None:
     """Recorded runs depend on them: a change here breaks every stored result."""
     rng = generator(7, purpose=Purpose.SEARCH, entity=3, step=12, part=1)
     assert rng.bit_generator.random_raw(2).tolist() == [14629400463069208583, 730425428241206642]

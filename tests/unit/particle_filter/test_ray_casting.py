@@ -120,7 +120,7 @@ def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) ->
         checked_jumps(jumps, np.zeros((3, 5), np.int8))
 
 
-def test_minus_zero_is_no_direction() -> None:
+def test_a_direction_of_minus_zero_is_along_an_axis() -> None:
     cells = np.ones((5, 7), np.int8)
     cells[1:-1, 1:-1] = 0
     rays = np.array([[1.0, -0.0], [-1.0, -0.0], [-0.0, 1.0], [-0.0, -1.0]])

@@ -29,7 +29,7 @@ def test_regions_have_names_and_corners() -> None:
 
 
 @pytest.mark.parametrize("text", ["hall", "hall: 1 2", "hall: 1, 2", ": 0 0, 1 1", "a: x 0, 1 1"])
-def test_what_names_no_region_is_refused(text: str) -> None:
+def test_an_unknown_region_is_refused(text: str) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"regions": text}, SearchSettings)
 

@@ -38,7 +38,7 @@ def test_a_beam_without_return_counts_for_the_beam_model_only() -> None:
     assert list(beams_of(ranges, FIELD).ranges) == [1.0, 3.0]
 
 
-def test_a_beam_that_did_not_return_has_ended_nowhere() -> None:
+def test_a_beam_without_return_has_no_end_point() -> None:
     beams = beams_of([1.0, NO_RETURN, 10.0, 3.0], BEAM)
     assert list(beams.ranges) == [1.0, 10.0, 10.0, 3.0]
     assert beams.returned.tolist() == [True, False, False, True]
@@ -65,14 +65,14 @@ def test_each_name_has_a_class_of_its_own() -> None:
     assert len({model_class(name) for name in NAMES}) == len(NAMES)
 
 
-def test_a_name_that_no_model_has_is_no_other_model() -> None:
+def test_an_unknown_model_name_is_refused() -> None:
     with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
         model_class("third")
     with pytest.raises(ValueError, match="no sensor_model 'third' is installed"):
         SensorSettings(model="third")
 
 
-def test_what_is_taken_back_is_a_share_of_what_was_given_for_beams_through_walls() -> None:
+def test_the_correction_is_a_share_of_the_score_of_occluded_beams() -> None:
     """The beam model followed every ray, and has given nothing for such a beam."""
     room, here = plain_room(), np.array([[1.0, 3.0, 0.3]])
     divided = plain_room()

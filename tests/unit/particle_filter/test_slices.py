@@ -87,7 +87,7 @@ def test_a_meter_ends_a_slice_when_it_is_full() -> None:
     assert ends == [0, 1, 0, 1, 0, 1]
 
 
-def test_what_is_computed_in_slices_comes_out_in_the_end() -> None:
+def test_finished_returns_the_result_of_slices() -> None:
     def three():  # type: ignore[no-untyped-def] # a generator of the test's own
         yield
         yield

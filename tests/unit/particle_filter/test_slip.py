@@ -60,19 +60,19 @@ def test_a_robot_that_was_driven_backwards_unnoticed_is_followed() -> None:
     assert error_m(after_a_drive(BACKWARDS, WITH), BACKWARDS) < 0.25
 
 
-def test_a_robot_whose_wheels_have_turned_in_vain_is_followed() -> None:
+def test_a_robot_whose_wheels_spun_on_the_spot_is_followed() -> None:
     stood = np.zeros(3)
     assert error_m(after_a_drive(stood, WITH), stood) < 0.2
 
 
-def test_where_scans_fit_odometry_is_believed_as_ever() -> None:
+def test_slips_change_nothing_where_scans_fit() -> None:
     with_slip, without = after_a_drive(FORWARDS, WITH), after_a_drive(FORWARDS, WITHOUT)
     poses = [result.particles.map_from_robot for result in (with_slip, without)]
     np.testing.assert_array_equal(*poses)
     assert with_slip.log_weight_sum == without.log_weight_sum
 
 
-def test_a_slip_that_fits_hardly_better_is_no_slip() -> None:
+def test_a_slip_that_fits_hardly_better_is_rejected() -> None:
     crept = np.array([0.05, 0.0, 0.0])
     with_slip, without = (after_a_drive(crept, s, crept, EVERY_TENTH) for s in (WITH, WITHOUT))
     assert 0.0 < without.log_likelihood_per_beam < WITH.slip_below_fit, "so slips were tried"
@@ -80,13 +80,13 @@ def test_a_slip_that_fits_hardly_better_is_no_slip() -> None:
     np.testing.assert_array_equal(*poses)
 
 
-def test_particles_stay_as_many_and_weigh_as_much() -> None:
+def test_slips_keep_the_number_and_the_sum_of_weights() -> None:
     result = after_a_drive(BACKWARDS, WITH)
     assert result.particles.map_from_robot.shape == (1000, 3)
     assert np.exp(result.particles.log_weights).sum() == pytest.approx(1000.0)
 
 
-def test_a_slip_is_as_improbable_as_it_is_said_to_be() -> None:
+def test_the_slip_probability_scales_the_evidence_of_a_slip() -> None:
     """A slip ten times less probable makes the scan ten times less likely, where only it fits."""
     often, seldom = (
         after_a_drive(BACKWARDS, replace(WITH, slip_probability=share)).log_weight_sum
@@ -96,7 +96,7 @@ def test_a_slip_is_as_improbable_as_it_is_said_to_be() -> None:
     assert often - seldom == pytest.approx(math.log(10.0), abs=0.1)
 
 
-def test_the_scan_is_as_likely_as_bayes_rule_has_it_of_a_robot_that_may_have_slipped() -> None:
+def test_the_evidence_of_a_possible_slip_follows_bayes_rule() -> None:
     """(1 - p) times its likelihood where odometry says, p times that where slips lead.
 
     Particles that weigh more weigh more as slipped ones, too.
@@ -119,7 +119,7 @@ def test_the_scan_is_as_likely_as_bayes_rule_has_it_of_a_robot_that_may_have_sli
     assert likelihood == pytest.approx(math.log(by_odometry + by_slip), abs=1e-9)
 
 
-def test_a_slip_is_thought_of_only_where_scans_fit_badly() -> None:
+def test_slips_are_tried_only_where_scans_fit_badly() -> None:
     """However much better it fits: `slip_below_fit` defines a bad fit."""
     fits_badly = after_a_drive(BACKWARDS, WITHOUT).log_likelihood_per_beam
     for least, follows in ((fits_badly - 0.01, False), (fits_badly + 0.01, True)):
@@ -127,7 +127,7 @@ def test_a_slip_is_thought_of_only_where_scans_fit_badly() -> None:
         assert (error_m(result, BACKWARDS) < 0.25) == follows
 
 
-def test_a_slip_has_to_fit_better_by_a_seventh_of_a_nat_a_beam() -> None:
+def test_a_slip_has_to_fit_better_by_the_slip_gain() -> None:
     gains, taken = [], []
     for x_m, turn in product(np.linspace(0.3, 0.2, 21), (-0.1, 0.1)):
         true_motion = np.array([x_m, 0.0, turn])

@@ -39,7 +39,7 @@ def test_a_point_goes_to_the_nearest_source_not_to_the_first() -> None:
     assert labels.tolist() == [0, 1, 1]
 
 
-def test_when_no_more_may_be_founded_points_stay_without_a_cluster() -> None:
+def test_points_stay_without_a_cluster_at_the_limit_of_clusters() -> None:
     poses = np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0], [5.1, 0, 0]])
     labels, count = cluster_by_source_point(poses, np.zeros(4), 1.0, 0.5, 2)
     assert labels.tolist() == [0, 1, -1, 1]

@@ -40,7 +40,7 @@ def test_poses_are_spread_evenly_over_the_free_cells() -> None:
     assert np.all(np.abs(free - 80) <= 2)
 
 
-def test_poses_lie_anywhere_in_their_cells_and_look_everywhere() -> None:
+def test_poses_are_uniform_within_cells_and_headings() -> None:
     poses = drawn(room(), 8000)
     inside = np.mod(poses[:, :2] / 0.5, 1.0)
     for values in (inside[:, 0], inside[:, 1], (poses[:, 2] + np.pi) / (2.0 * np.pi)):
@@ -60,7 +60,7 @@ def test_headings_are_even_within_any_part_of_the_map() -> None:
         assert counts.min() >= 5
 
 
-def test_the_same_streams_give_the_same_poses_and_others_others() -> None:
+def test_poses_depend_on_the_random_stream_alone() -> None:
     np.testing.assert_array_equal(drawn(room(), 100, seed=3), drawn(room(), 100, seed=3))
     assert not np.any(drawn(room(), 100, seed=3) == drawn(room(), 100, seed=4))
     poses = UniformPoses(Grid(room(), 0.5, ORIGIN), np.random.default_rng(0))
@@ -68,7 +68,7 @@ def test_the_same_streams_give_the_same_poses_and_others_others() -> None:
     assert not np.any(first == second), "fresh ones at every step"
 
 
-def test_they_are_poses_in_the_map_not_in_its_grid() -> None:
+def test_uniform_poses_are_in_the_map_frame() -> None:
     shifted = np.array([3.0, -2.0, 0.7])
     poses = UniformPoses(Grid(room(), 0.5, shifted), np.random.default_rng(0))
     in_map = poses.draw(500, np.random.default_rng(1))

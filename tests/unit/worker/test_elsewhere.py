@@ -57,7 +57,7 @@ def test_it_reports_the_average_likelihood_over_the_free_space(
         assert_is_mean_of(exact, list(by_seed[:, step]), GRID_ERROR)
 
 
-def test_looks_through_walls_are_taken_back_as_of_a_cluster(drive: Drive) -> None:
+def test_the_likelihood_elsewhere_is_corrected_for_occlusion(drive: Drive) -> None:
     """The same poses weighed as a cluster's particles are, one by one."""
     sensor = replace(SENSOR, visibility_particles=50, occlusion_weight=1.0, occlusion_tolerance=0.0)
     seeing = computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), sensor)
@@ -85,7 +85,7 @@ def test_looks_through_walls_are_taken_back_as_of_a_cluster(drive: Drive) -> Non
     assert report.log_likelihood == pytest.approx(expected)
 
 
-def test_each_step_has_poses_of_its_own_and_each_seed(model: SensorModel, drive: Drive) -> None:
+def test_poses_elsewhere_differ_by_step_and_seed(model: SensorModel, drive: Drive) -> None:
     job = begun(model)
     (first, *_), again = told(job, drive), begun(model)
     same = replace(drive.scans[0], step=2)

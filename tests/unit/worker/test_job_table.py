@@ -190,7 +190,7 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
         assert of(kind, told[in_slices]) == of(kind, told[at_once])
 
 
-def test_a_search_that_ends_is_not_gone_on_with(model: SensorModel) -> None:
+def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
     table = JobTable("w")
     job = SearchJob(search=0, shard=0, first_step=0)
     table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
@@ -215,7 +215,7 @@ def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> N
     assert last.places.share.array().sum() <= 1.0 + 1e-9
 
 
-def test_a_gap_among_the_scans_at_hand_is_missing_too(model: SensorModel) -> None:
+def test_a_gap_among_the_kept_scans_is_missing(model: SensorModel) -> None:
     table = JobTable("w")
     for step in (4, 5, 8, 9, 11):
         table.on_scan(scan(step))
@@ -225,7 +225,7 @@ def test_a_gap_among_the_scans_at_hand_is_missing_too(model: SensorModel) -> Non
     assert (missing.first, missing.last) == (6, 10)
 
 
-def test_one_scan_of_a_step_far_ahead_is_left_out(model: SensorModel) -> None:
+def test_a_single_scan_of_a_step_far_ahead_is_ignored(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     reports_of(table, range(1, 4))
@@ -235,7 +235,7 @@ def test_one_scan_of_a_step_far_ahead_is_left_out(model: SensorModel) -> None:
     assert [report.step for report in reports_of(table, range(4, 6))] == [4, 5]
 
 
-def test_several_in_a_row_of_steps_far_ahead_are_followed_and_so_is_the_way_back(
+def test_several_scans_far_ahead_are_followed_and_so_is_the_return(
     model: SensorModel,
 ) -> None:
     table = JobTable("w")

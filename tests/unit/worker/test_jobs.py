@@ -187,7 +187,7 @@ def test_shards_begin_apart_and_share_the_poses(model: SensorModel) -> None:
     assert first[0].log_evidence != second[0].log_evidence  # type: ignore[union-attr]
 
 
-def test_a_mirrored_job_makes_of_a_scan_what_a_plain_one_makes_of_its_image(
+def test_a_mirrored_job_reports_as_a_plain_one_does_for_mirrored_scans(
     model: SensorModel,
 ) -> None:
     def made(*, is_mirrored: bool) -> RunningJob:

@@ -40,7 +40,7 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
         assert cached.field.log_step == computed.field.log_step
 
 
-def test_of_many_settings_those_used_last_are_kept(tmp_path: Path) -> None:
+def test_the_most_recently_used_cache_entries_are_kept(tmp_path: Path) -> None:
     many = [SensorSettings(hit_sigma_m=0.1 + 0.01 * n) for n in range(map_model.KEPT_ENTRIES + 3)]
     for number, settings in enumerate(many):
         for used in (settings, many[0]):  # the first is used all along
@@ -151,7 +151,7 @@ def test_files_are_compared_with_their_checksums_once_after_each_start_of_the_ma
     assert "codes" in compared
 
 
-def test_a_file_of_the_same_size_that_was_written_to_is_not_believed(
+def test_a_changed_file_of_the_same_size_is_detected(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     sensor_model(grid_map(), SETTINGS, tmp_path)

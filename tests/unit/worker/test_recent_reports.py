@@ -15,7 +15,7 @@ def test_reports_since_a_step_come_in_their_order() -> None:
     ]  # fmt: skip
 
 
-def test_only_the_very_last_report_keeps_its_particles() -> None:
+def test_only_the_last_report_keeps_its_particles() -> None:
     recent = RecentReports()
     for step in (10, 20):
         recent.add(tracked("c0", step, 0.5, HERE, snapshot=cloud_at(HERE, step)))
@@ -27,7 +27,7 @@ def test_only_the_very_last_report_keeps_its_particles() -> None:
     assert recent.of_step(20) == [new]
 
 
-def test_what_is_kept_is_bounded_and_searches_more_tightly() -> None:
+def test_fewer_reports_are_kept_of_searches_than_of_clusters() -> None:
     recent = RecentReports()
     for step in range(2 * KEPT_STEPS):
         recent.add(tracked("c0", step, 0.5, HERE))

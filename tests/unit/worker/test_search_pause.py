@@ -18,7 +18,7 @@ def test_searches_wait_until_the_step_is_decided() -> None:
     assert pause.left_ns(12 * MS) == 0
 
 
-def test_one_that_is_not_decided_holds_them_up_for_a_while_only() -> None:
+def test_an_undecided_step_pauses_searches_for_a_limited_time() -> None:
     pause = paused_for(7)
     assert pause.left_ns(10 * MS + LONGEST_NS) == 0
     pause.on_scan(8, 500 * MS)
@@ -29,12 +29,12 @@ def test_one_that_is_not_decided_holds_them_up_for_a_while_only() -> None:
     assert pause.left_ns(600 * MS) == LONGEST_NS
 
 
-def test_the_first_search_is_what_the_first_step_waits_for() -> None:
+def test_the_first_search_is_not_paused() -> None:
     assert paused_for(0, founded=False).left_ns(12 * MS) == 0
     assert SearchPause().left_ns(0) == 0
 
 
-def test_after_a_restart_of_steps_nothing_waits_for_the_old_count() -> None:
+def test_a_restart_of_steps_ends_the_pause() -> None:
     pause = paused_for(700)
     pause.on_scan(3, 20 * MS)
     assert pause.left_ns(20 * MS) == 0

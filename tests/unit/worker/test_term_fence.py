@@ -18,7 +18,7 @@ def checkpoint(term: int, serial: int, *, founded: bool = True) -> Checkpoint:
     )
 
 
-def test_a_question_or_a_checkpoint_fences_lower_terms_too() -> None:
+def test_a_take_over_or_a_checkpoint_fences_lower_terms() -> None:
     asked, told = TermFence(), TermFence()
     asked.on_term(7)
     told.on_checkpoint(checkpoint(7, 0))
@@ -38,7 +38,7 @@ def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
     assert (term_fence.term, term_fence.terms, term_fence.founded) == (10, (5, 9, 10, 6), 6)
 
 
-def test_of_many_terms_the_last_are_kept() -> None:
+def test_the_last_terms_are_kept() -> None:
     term_fence = TermFence()
     for term in range(1, 100):
         term_fence.on_term(term)

@@ -126,7 +126,7 @@ def test_a_scan_of_another_map_is_counted_and_nothing_else(tracking: Worker) -> 
     assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
 
 
-def test_a_scan_said_again_has_its_reports_said_again(tracking: Worker) -> None:
+def test_a_repeated_scan_repeats_its_reports(tracking: Worker) -> None:
     first = told(tracking, on_scan(scan(1)))
     assert reported(first) == [("c0", 1)]
     assert told(tracking, on_scan(scan(1))) == first
@@ -143,7 +143,7 @@ def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Wor
     assert reported(told(tracking, on_scan(scan(7)))) == [("c0", 7)]
 
 
-def test_lost_scans_change_no_number_once_they_have_come(model: SensorModel) -> None:
+def test_lost_scans_that_arrive_later_change_no_number(model: SensorModel) -> None:
     reports: list[list[Instruction]] = []
     for lossy in (False, True):
         worker = Worker("w")
@@ -161,7 +161,7 @@ def test_lost_scans_change_no_number_once_they_have_come(model: SensorModel) -> 
     assert reports[0] == reports[1]
 
 
-def test_scans_that_cannot_be_had_cost_their_steps_and_no_more(tracking: Worker) -> None:
+def test_scans_that_stay_lost_cost_only_their_steps(tracking: Worker) -> None:
     told(tracking, on_scan(scan(1)), on_scan(scan(3)))
     failed = told(tracking, on_no_history(MissingScans(2, 2), "no answer"))
     assert failed[0] == Warn("no scan history", "no answer")
@@ -194,9 +194,7 @@ def reports(instructions: list[Instruction]) -> list[Report]:
     return [one.report for one in instructions if isinstance(one, PublishReport)]
 
 
-def test_another_motion_model_holds_from_the_scan_on_that_brings_it(
-    tracking: Worker, model: SensorModel
-) -> None:
+def test_a_live_motion_model_holds_from_its_scan_on(tracking: Worker, model: SensorModel) -> None:
     told(tracking, on_scan(scan(1)))
     noisy = {"drive_noise_per_metre": 0.5, "turn_noise_per_metre": 0.7}
     (report,) = reports(told(tracking, on_scan(live(2, **noisy))))
@@ -208,7 +206,7 @@ def test_another_motion_model_holds_from_the_scan_on_that_brings_it(
     assert report != running(track("c0", cloud()), model, SETTINGS, sender="w").advance(scan(2))
 
 
-def test_scans_with_another_sensor_model_wait_for_it_and_each_is_answered_by_its_own(
+def test_scans_with_another_sensor_model_wait_for_that_model(
     tracking: Worker, model: SensorModel
 ) -> None:
     wide = msgspec.structs.replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
@@ -231,7 +229,7 @@ def test_scans_with_another_sensor_model_wait_for_it_and_each_is_answered_by_its
     assert reports(told(tracking, on_model("map", model))) == [alone.advance(scan(4))]
 
 
-def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorModel) -> None:
+def test_a_new_job_uses_the_live_settings(tracking: Worker, model: SensorModel) -> None:
     values = {"max_beams": 9}
     fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
     told(
@@ -248,7 +246,7 @@ def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorM
     }
 
 
-def test_a_model_that_cannot_be_built_is_asked_for_again_with_the_next_scan(
+def test_a_model_that_failed_is_requested_again_with_the_next_scan(
     tracking: Worker, model: SensorModel
 ) -> None:
     told(tracking, on_scan(live(1, max_beams=9)))
@@ -395,14 +393,14 @@ def test_an_order_whose_coordinator_is_taken_over_from_while_it_waits_is_refused
     assert jobs(fresh) == []
 
 
-def test_an_order_that_a_later_one_has_overtaken_is_left_out(tracking: Worker) -> None:
+def test_an_overtaken_order_is_ignored(tracking: Worker) -> None:
     told(tracking, asked(3, keep=(("c0", 1),)))
     left_out = told(tracking, asked(2))
     assert causes(left_out) == ["order overtaken"]
     assert (answers(left_out)[2].order, jobs(tracking)) == (3, ["c0"])
 
 
-def test_one_that_comes_late_does_not_replace_a_later_one_that_waits(
+def test_a_late_order_does_not_replace_a_later_waiting_one(
     fresh: Worker, model: SensorModel
 ) -> None:
     told(fresh, asked(2, track("c1", cloud())))
@@ -411,12 +409,12 @@ def test_one_that_comes_late_does_not_replace_a_later_one_that_waits(
     assert jobs(fresh) == ["c1"]
 
 
-def test_an_order_that_changes_nothing_has_the_last_reports_said_again(tracking: Worker) -> None:
+def test_an_order_that_changes_nothing_repeats_the_last_reports(tracking: Worker) -> None:
     (report,) = told(tracking, on_scan(scan(1)))
     assert told(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
 
 
-def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Worker) -> None:
+def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -> None:
     refused = told(tracking, asked(900, sensor={"no_such": 1}))
     assert causes(refused) == ["order refused"]
     assert "no_such" in answers(refused)[900].problem
@@ -425,7 +423,7 @@ def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Work
     assert answers(told(tracking, asked(2)))[2].order == 2
 
 
-def test_a_cloud_that_is_none_is_refused_and_changes_nothing(tracking: Worker) -> None:
+def test_invalid_particles_are_refused_and_change_nothing(tracking: Worker) -> None:
     broken = msgspec.structs.replace(cloud(), log_weights=cloud().map_from_robot)
     refused = told(tracking, asked(2, track("c1", broken)))
     assert "no particle set" in answers(refused)[2].problem
@@ -443,7 +441,7 @@ def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) 
 # --- a job that begins behind
 
 
-def test_one_that_begins_behind_waits_for_history_while_the_others_go_on(
+def test_a_job_that_begins_behind_waits_for_history_while_others_continue(
     tracking: Worker,
 ) -> None:
     for step in range(1, 71):  # more than are kept at hand
@@ -456,7 +454,7 @@ def test_one_that_begins_behind_waits_for_history_while_the_others_go_on(
     assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
 
 
-def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
+def test_without_history_a_job_begins_with_the_scans_at_hand(
     fresh: Worker, model: SensorModel
 ) -> None:
     told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
@@ -468,9 +466,7 @@ def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
     assert reported(failed) == [("c0", 5), ("c0", 6)]
 
 
-def test_past_scans_are_asked_for_once_however_often_an_order_comes(
-    fresh: Worker, model: SensorModel
-) -> None:
+def test_repeated_orders_request_past_scans_once(fresh: Worker, model: SensorModel) -> None:
     told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
     told(fresh, on_model("map", model))
     again = told(fresh, asked(2, track("c0", cloud(step=2))))

@@ -33,14 +33,6 @@ def test_a_step_notes_which_copy_has_which_probability() -> None:
     assert step.leader == 0
 
 
-def test_while_searching_nothing_is_claimed() -> None:
-    step = facts(1, at(1.0), state="searching")
-    assert not step.facts.right
-    assert not step.facts.confident
-    assert step.facts.claims == ()
-    assert step.leader is None
-
-
 def test_the_first_right_ones_need_five_in_a_row() -> None:
     assert first_right(right_or_wrong("rrrrwrrrrr")) == 6
     assert first_right(right_or_wrong("rrrrwrrrr")) is None
@@ -183,7 +175,3 @@ def test_an_empty_run_has_no_measures() -> None:
     made = measures_of([])
     assert made.bootstrap_update is made.entropy_mean is made.all_tracked_share is None
     assert made.right_within is made.right_at_50 is None
-
-
-def test_the_made_up_copies_are_opposite() -> None:
-    assert COPIES[1] == pytest.approx((-5.0, 0.0, -math.pi))

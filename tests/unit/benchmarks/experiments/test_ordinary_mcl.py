@@ -5,8 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from benchmarks.experiments.baselines import ALGORITHMS, KLD_LEAST_PARTICLES, KldSampling
+from benchmarks.experiments.baselines import (
+    ALGORITHMS,
+    KLD_BIN_M,
+    KLD_BIN_RAD,
+    KLD_LEAST_PARTICLES,
+    KldSampling,
+    VisibleFieldModel,
+    sufficient_particles,
+)
 from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
 from benchmarks.experiments.measures import RunMeasures
 from benchmarks.experiments.task import Run, Task, run_task
@@ -14,9 +24,9 @@ from coordinator.belief.outcome import Outcome
 from evaluation.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
-from particle_filter.settings import BeliefSettings, FilterSettings
+from particle_filter.settings import BeliefSettings, FilterSettings, SensorSettings
 from process_runtime.settings_file import load_settings
-from tests.unit.particle_filter.rooms import model_of, plain_room
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
 
 SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())
@@ -108,7 +118,7 @@ def test_survivors_are_drawn_by_their_weights() -> None:
     assert not np.any(np.all(after.map_from_robot == [2.0, 1.0, 0.0], axis=1))
 
 
-def test_kld_draws_few_of_what_is_in_one_place_and_many_of_what_is_not() -> None:
+def test_kld_sampling_draws_few_particles_from_a_narrow_belief() -> None:
     rng = np.random.default_rng(3)
     uneven = np.where(np.arange(4000) % 4, -50.0, np.log(4.0))
     narrow = ParticleSet(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
@@ -116,3 +126,73 @@ def test_kld_draws_few_of_what_is_in_one_place_and_many_of_what_is_not() -> None
     assert len(drawn(narrow, 0.0, kld=True).log_weights) == KLD_LEAST_PARTICLES
     assert len(drawn(wide, 0.0, kld=True).log_weights) == 2 * SETTINGS.cluster.particles
     assert drawn(cloud((1.0, 1.0, 0.0)), 0.0, kld=True).log_weights.shape == (2000,)
+
+
+def spread(sigma_m: float) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return rng.normal(0.0, 1.0, (2000, 3)) * np.array([sigma_m, sigma_m, 0.05])
+
+
+def test_the_number_is_that_of_the_formula() -> None:
+    """Two occupied bins: k - 1 = 1, so (1 / 2e) (1 - 2/9 + sqrt(2/9) z)^3."""
+    two_bins = np.array([[0.05, 0.05, 0.01], [0.15, 0.05, 0.01]])
+    expected = 1 / 0.1 * (1 - 2 / 9 + (2 / 9) ** 0.5 * 2.326) ** 3
+    assert sufficient_particles(two_bins, 0.05, 1, 10_000) == int(np.ceil(expected))
+
+
+def test_a_wide_cloud_needs_more_than_a_narrow_one() -> None:
+    counts = [sufficient_particles(spread(s), 0.05, 1, 10**6) for s in (0.02, 0.2, 1.0)]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+@given(st.floats(0.001, 5.0), st.floats(0.001, 0.9))
+def test_the_number_of_particles_is_bounded(sigma_m: float, error: float) -> None:
+    assert 100 <= sufficient_particles(spread(sigma_m), error, 100, 500) <= 500
+
+
+def test_bins_differ_in_position_or_heading() -> None:
+    bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
+    poses = (bins + 0.5) * np.array([KLD_BIN_M, KLD_BIN_M, KLD_BIN_RAD])
+    k = 7 * 5 * 3 - 1
+    expected = k / 0.1 * (1 - 2 / (9 * k) + (2 / (9 * k)) ** 0.5 * 2.326) ** 3
+    assert sufficient_particles(poses, 0.05, 1, 10**6) == int(np.ceil(expected))
+
+
+WITH_BOX, WITHOUT_BOX = symmetric_room(), plain_room()
+HERE = np.array([3.0, 3.2, 0.0])
+POSES = HERE + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, -0.02, 0.01]])
+THROUGH_THE_BOX = seen_from(HERE, WITHOUT_BOX)
+"""A scan of the room without the second box: in the map with it, beams end behind it."""
+
+
+def visible(most_poses: int = 10) -> VisibleFieldModel:
+    settings = SensorSettings(
+        occlusion_weight=0.3, occlusion_tolerance=0.05, visibility_beam_stride=1
+    )
+    field = model_of(WITH_BOX, settings)
+    return VisibleFieldModel(
+        field.grid, field.field, field.pyramid, field.jumps, field.settings, most_poses
+    )
+
+
+def test_each_pose_loses_a_share_of_what_it_was_given_beyond_what_is_tolerated() -> None:
+    model, beams = visible(), THROUGH_THE_BOX
+    field = model_of(WITH_BOX, model.settings)
+    hidden = field.occluded(POSES, beams)
+    assert (hidden > 0.05 * beams.count + 5.0).all()
+    lost = field.log_likelihood(POSES, beams) - model.log_likelihood(POSES, beams)
+    np.testing.assert_allclose(lost, 0.3 * (hidden - 0.05 * beams.count), atol=1e-9)
+
+
+def test_without_occlusion_the_visible_model_equals_the_field() -> None:
+    seen = seen_from(HERE, WITH_BOX)
+    field = model_of(WITH_BOX, visible().settings)
+    assert visible().log_likelihood(POSES, seen) == pytest.approx(field.log_likelihood(POSES, seen))
+
+
+def test_many_poses_are_weighed_by_the_field_alone() -> None:
+    field = model_of(WITH_BOX, visible().settings)
+    expected = field.log_likelihood(POSES, THROUGH_THE_BOX)
+    assert visible(most_poses=2).log_likelihood(POSES, THROUGH_THE_BOX) == pytest.approx(expected)
+    assert (visible(most_poses=3).log_likelihood(POSES, THROUGH_THE_BOX) < expected).all()

@@ -18,7 +18,7 @@ from tests.unit.particle_filter.rooms import model_of, plain_room
 from tests.unit.worker.test_job_table import scan
 
 
-def test_every_experiment_has_a_row_for_it() -> None:
+def test_the_papers_letter_is_a_default_baseline() -> None:
     assert "paper-letter" in BASELINES
 
 
@@ -32,7 +32,7 @@ def test_only_departures_from_the_paper_are_changed() -> None:
     assert letter.cluster.resample_below_ess == 1.0
 
 
-def test_its_scans_are_weighed_without_exponent_and_visibility(
+def test_the_papers_letter_weighs_without_exponent_and_visibility(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[tuple[SensorModel, FilterSettings]] = []
@@ -54,7 +54,7 @@ def test_its_scans_are_weighed_without_exponent_and_visibility(
     assert settings.sensor.visibility_particles == 0
 
 
-def test_the_prior_counts_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_letter_squares_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without evidence, odds of 3 to 2 become 9 to 4, as eq. 17 has it."""
     process = SquaredPrior(model_of(plain_room(), SensorSettings()), FilterSettings())
     process.ensemble = bootstrapped({NORTH: 0.6, SOUTH: 0.4})

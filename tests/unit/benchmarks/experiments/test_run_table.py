@@ -25,7 +25,7 @@ def task(seed: int = 0, settings: Settings | None = None) -> Task:
     return Task(case=case(), algorithm="mcl", seed=seed, settings=settings or Settings())
 
 
-def test_a_row_says_what_was_run_and_what_it_came_to(tmp_path: Path) -> None:
+def test_a_row_holds_the_run_and_its_measures(tmp_path: Path) -> None:
     file = tmp_path / "new" / "runs.csv"
     settings = Settings(seed=7, belief=BeliefSettings(max_clusters=9))
     RunTable(file).append(task(seed=3, settings=settings), finished(localized=True, rmse_m=None))
