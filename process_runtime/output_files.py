@@ -29,19 +29,11 @@ def check_output_file(path: Path) -> None:
         return
     if not path.parent.is_dir():
         raise OutputError(path=path, problem="its folder does not exist")
-    _try_folder(path.parent, path)
-
-
-def check_output_folder(path: Path) -> None:
-    """Check that a folder can be created or written to, without changing it.
-
-    Raises:
-        OutputError: it cannot.
-    """
-    there = next(each for each in (path, *path.absolute().parents) if each.exists())
-    if not there.is_dir():
-        raise OutputError(path=path, problem=f"{there} is not a folder")
-    _try_folder(there, path)
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise OutputError(path=path, problem=error.strerror or str(error)) from error
 
 
 def write_output_file(path: Path, content: str | bytes) -> None:
@@ -54,12 +46,3 @@ def write_output_file(path: Path, content: str | bytes) -> None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise OutputError(path=path, problem=error.strerror or str(error)) from error
-
-
-def _try_folder(folder: Path, asked: Path) -> None:
-    """Create and delete an anonymous temporary file."""
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise OutputError(path=asked, problem=error.strerror or str(error)) from error

@@ -52,11 +52,6 @@ class StopFlag:
             time.sleep(min(left_s, _POLL_S))
         return True
 
-    @staticmethod
-    def take_time() -> None:
-        """Cancel the exit timer of `stop_on_signals`: everything that can hang is closed."""
-        faulthandler.cancel_dump_traceback_later()
-
     def check(self) -> None:
         """Raise `StoppedError` if the flag is set."""
         self.on_look()

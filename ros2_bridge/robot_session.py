@@ -2,8 +2,7 @@
 
 import logging
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 
 import msgspec
 import zenoh
@@ -78,8 +77,7 @@ def _is_topic(name: str) -> bool:
     return _TOPIC.fullmatch(name.strip()) is not None
 
 
-@contextmanager
-def open_robot_session(settings: Settings, stop: StopFlag) -> Iterator[zenoh.Session]:
+def open_robot_session(settings: Settings, stop: StopFlag) -> AbstractContextManager[zenoh.Session]:
     """Open the session to the robot's router, without a namespace.
 
     On the router's machine it is a peer, like ROS nodes, whose direct links survive the router.
@@ -92,8 +90,7 @@ def open_robot_session(settings: Settings, stop: StopFlag) -> Iterator[zenoh.Ses
     """
     robot = _robot_settings(settings)
     peer = is_of_this_machine(robot.router)
-    with open_session(robot, None, stop, wait_s=None, peer=peer) as session:
-        yield session
+    return open_session(robot, None, stop, wait_s=None, peer=peer)
 
 
 def _robot_settings(settings: Settings) -> ZenohSettings:

@@ -1,4 +1,4 @@
-"""What every process does at Zenoh: a session, an inbox, and one loop that takes from it."""
+"""A process's connection to Zenoh: a session, an inbox, and the loop that handles its events."""
 
 import logging
 import threading

@@ -55,7 +55,7 @@ class RouterProbe:
 
     @property
     def is_locked_up(self) -> bool:
-        """Whether the last `MAX_FAILURES` probes failed, after at least `MIN_PROBES`."""
+        """Whether the last `MAX_FAILURES` probes failed, after more than `MIN_PROBES` in all."""
         return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
 
     def probe(self) -> threading.Thread:

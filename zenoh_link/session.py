@@ -79,7 +79,7 @@ def open_session(
     """Open this process's session, as a client of the router unless `peer`.
 
     An open session survives the loss of its router: it reconnects and declares everything again.
-    A session that is not closed hangs the interpreter at exit, hence the context manager. Fork
+    The context manager closes it, because an open session hangs the interpreter at exit. Fork
     before opening a session: a child forked later cannot open its own.
 
     Args:

@@ -26,7 +26,7 @@ _REFUSALS = {
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is not a client's certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the router cannot read it",
 }
-"""OpenSSL's name of a TLS alert: what it means for the client's certificate."""
+"""The problem of the client's certificate, by OpenSSL's name of the router's TLS alert."""
 
 
 def check_files(settings: ZenohSettings) -> None:
@@ -54,7 +54,7 @@ def why_refused(settings: ZenohSettings) -> str | None:
         settings: of a client whose endpoint is ``tls/HOST:PORT`` and whose files were checked.
 
     Returns:
-        What is wrong with the certificates; None if they are valid or no server listens there.
+        The problem with the certificates; None if they are valid or no server listens there.
     """
     host, _, port = settings.router.removeprefix("tls/").rpartition(":")
     host, port = host.strip("[]"), re.sub(r"[?#].*", "", port)

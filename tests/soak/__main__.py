@@ -9,7 +9,7 @@ from rich.console import Console
 
 from clustermcl.commands.options import Assignments, SettingsFile
 from process_runtime.main import EXIT_ERROR
-from process_runtime.output_files import check_output_file, check_output_folder, write_output_file
+from process_runtime.output_files import OutputError, check_output_file, write_output_file
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError, stop_on_signals
 from protocol.errors import ClusterMclError
@@ -57,7 +57,10 @@ def soak(
     if output is not None:
         check_output_file(output)
     if keep is not None:
-        check_output_folder(keep)
+        try:
+            keep.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(path=keep, problem=error.strerror or str(error)) from error
     options = SoakOptions(
         minutes=minutes,
         coordinators=coordinators,

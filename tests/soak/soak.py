@@ -1,5 +1,6 @@
 """Runs a soak, from the first process to the last verdict."""
 
+import faulthandler
 import shutil
 import time
 from collections.abc import Callable
@@ -96,7 +97,7 @@ def run_soak(
             left,
             stop_s,
         )
-    stop.take_time()
+    faulthandler.cancel_dump_traceback_later()  # all that can hang is closed
     soak.result.verdicts.append(clean_end)
     return soak.result
 

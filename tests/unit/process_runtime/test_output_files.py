@@ -6,7 +6,6 @@ import pytest
 from process_runtime.output_files import (
     OutputError,
     check_output_file,
-    check_output_folder,
     write_output_file,
 )
 
@@ -40,25 +39,6 @@ def test_where_no_file_can_be_made_none_can_be_written() -> None:
     """A folder of the kernel refuses new files even to root."""
     with pytest.raises(OutputError, match="cannot be written"):
         check_output_file(Path("/proc/x.json"))
-    with pytest.raises(OutputError, match="cannot be written"):
-        check_output_folder(Path("/proc"))
-
-
-def test_a_folder_that_can_be_made_is_not_made_yet(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    check_output_folder(tmp_path)
-    check_output_folder(tmp_path / "a" / "b")
-    check_output_folder(Path("a"))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_under_a_file_cannot_be_made() -> None:
-    with pytest.raises(
-        OutputError, match="/dev/null/x: cannot be written: /dev/null is not a folder"
-    ):
-        check_output_folder(Path("/dev/null/x"))
 
 
 def test_what_cannot_be_written_in_the_end_is_one_clear_error(tmp_path: Path) -> None:

@@ -33,16 +33,6 @@ os.kill(os.getpid(), signal.SIGTERM)
 threading.Lock().acquire() and threading.Event().wait()
 """
 
-TAKES_TIME = """
-import os, signal, threading
-from process_runtime.stop import stop_on_signals
-stop = stop_on_signals(exit_after_s=0.2)
-os.kill(os.getpid(), signal.SIGTERM)
-stop.take_time()
-threading.Event().wait(1.0)
-print("done")
-"""
-
 
 def test_a_wait_ends_when_another_thread_sets_the_flag() -> None:
     stop = StopFlag()
@@ -90,17 +80,6 @@ def test_a_terminal_that_closes_is_a_signal_to_stop_unless_it_is_ignored(
         check=True,
     )
     assert ran.stdout == stops
-
-
-def test_a_process_that_takes_time_after_the_signal_is_let_finish() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", TAKES_TIME],
-        capture_output=True,
-        text=True,
-        timeout=30.0,
-        check=True,
-    )
-    assert (ran.stdout, ran.stderr) == ("done\n", "")
 
 
 def test_a_process_that_hangs_after_the_signal_says_where_and_ends() -> None:
