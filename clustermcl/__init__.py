@@ -1,7 +1,7 @@
 """Localization that knows when it is not sure: the library, the client, and the command.
 
-``from clustermcl import ClusterMCL`` localizes in this process; `Client` asks a running system.
-Names are imported when they are first used, so that ``import clustermcl`` costs nothing.
+`ClusterMCL` localizes in the caller's process; `Client` queries a running system. Names are
+imported when first used, so that ``import clustermcl`` is fast.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""The first moments of the command, before anything that takes long to import."""
+"""Starts the command, before slow imports."""
 
 import signal
 
@@ -6,8 +6,8 @@ import signal
 def main() -> None:
     """Run the command.
 
-    Until it listens to signals itself, Ctrl-C ends it at once and silently: an interrupt that is
-    raised amid an import ends in a traceback, or is swallowed there and has no effect at all.
+    Until the command handles signals itself, Ctrl-C ends the process silently. An interrupt that
+    is raised during an import would print a traceback, or be ignored.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, by nohup
         signal.signal(signal.SIGINT, signal.SIG_DFL)

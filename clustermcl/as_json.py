@@ -1,4 +1,4 @@
-"""Messages as JSON for programs: units in the names, covariances as 3 x 3 lists."""
+"""Converts messages to JSON for programs: units in the names, covariances as 3 x 3 lists."""
 
 from typing import Any
 
@@ -17,14 +17,14 @@ def dumped(value: JsonObject) -> str:
 
 
 def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
-    """A pose with its uncertainty."""
+    """Return a pose with its covariance."""
     x_m, y_m, heading_rad = map_from_robot
     rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
 
 
 def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
-    """One place where the robot may be."""
+    """Return a hypothesis."""
     return {
         "cluster": hypothesis.cluster,
         "probability": hypothesis.probability,
@@ -35,7 +35,7 @@ def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
 
 
 def belief_object(belief: Belief) -> JsonObject:
-    """The belief after one step."""
+    """Return a belief; its pose is that of the most probable hypothesis."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return {
         "step": belief.step,
@@ -54,7 +54,6 @@ def belief_object(belief: Belief) -> JsonObject:
 
 
 def pose_answer_object(answer: PoseAnswer) -> JsonObject:
-    """Where the robot is now."""
     pose = None
     if answer.map_from_robot is not None and answer.covariance is not None:
         pose = pose_object(answer.map_from_robot, answer.covariance)
@@ -74,25 +73,23 @@ def pose_answer_object(answer: PoseAnswer) -> JsonObject:
 
 
 def hypotheses_object(answer: Hypotheses) -> JsonObject:
-    """All places where the robot may be now."""
     places = [hypothesis_object(hypothesis) for hypothesis in answer.hypotheses]
     return {**pose_answer_object(answer.pose), "hypotheses": places}
 
 
 def event_object(numbered: NumberedEvent) -> JsonObject:
-    """What began or ended, and why."""
+    """Return an event of a cluster or search as a flat object."""
     plain: JsonObject = msgspec.to_builtins(numbered)
     event: JsonObject = plain.pop("event")
     return {**plain, **event}
 
 
 def events_object(answer: JobEvents) -> JsonObject:
-    """All that is kept of what began and ended."""
     return {"term": answer.term, "events": [event_object(event) for event in answer.events]}
 
 
 def status_object(status: Status) -> JsonObject:
-    """How the system is: all fields of the message."""
+    """Return all fields of a status, with processes as a list."""
     processes = [
         {"name": process.sender, **_fields(process, "sender")} for process in status.processes
     ]
@@ -100,6 +97,6 @@ def status_object(status: Status) -> JsonObject:
 
 
 def _fields(message: Message, *without: str) -> JsonObject:
-    """The fields of a message by name, but for some, and for its schema."""
+    """Return the fields of a message, without its schema and some others."""
     plain: JsonObject = msgspec.to_builtins(message)
     return {name: value for name, value in plain.items() if name not in ("schema", *without)}

@@ -1,4 +1,4 @@
-"""Messages as lines for people."""
+"""Converts messages to text for people."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -9,7 +9,7 @@ from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
 
 SILENT_AFTER_S = 3.0
-"""Processes publish their health every second; three missing messages are remarked on."""
+"""Processes publish their health every second; an older one is marked as silent [s]."""
 OFF_MAP = 0.5
 """Above this probability, the text includes 'probably not on this map'."""
 
@@ -18,26 +18,26 @@ DOUBT = 0.01
 
 
 def pose_text(pose: PoseTuple) -> str:
-    """A pose: ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
+    """Return ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
     x, y, heading = pose
     return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
 
 
 def spread(covariance: Covariance) -> tuple[float, float]:
-    """Standard deviations: along the longer axis of the position [m], and of the heading [rad]."""
+    """Return standard deviations of the position, along its longer axis [m], and heading [rad]."""
     xx, xy, yy, heading = covariance[0], covariance[1], covariance[4], covariance[8]
     longer = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
     return math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
 
 
 def spread_text(covariance: Covariance) -> str:
-    """The spread in words: ``+-0.06 m, 3.6 deg``."""
+    """Return standard deviations as ``+-0.06 m, 3.6 deg``; see `spread`."""
     position_m, heading_rad = spread(covariance)
     return f"+-{position_m:.2f} m, {math.degrees(heading_rad):.1f} deg"
 
 
 def pose_lines(answer: PoseAnswer) -> Iterator[str]:
-    """The robot's pose, and reasons to doubt it."""
+    """Yield the robot's pose, and reasons to doubt it."""
     if answer.freshness == "none":
         yield f"{answer.state}: no scan has arrived yet"
     elif answer.map_from_robot is None or answer.covariance is None:
@@ -56,7 +56,7 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
 
 
 def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
-    """All places, most probable first."""
+    """Yield all places, the most probable first."""
     if not answer.hypotheses:
         yield from pose_lines(answer.pose)
         return
@@ -73,7 +73,7 @@ def _off_map(answer: PoseAnswer) -> Iterator[str]:
 
 
 def _doubts(answer: PoseAnswer) -> Iterator[str]:
-    """Why the pose may not be where the robot is."""
+    """Yield a warning if the pose is old or dead reckoning."""
     match answer.freshness:
         case "stale":
             yield f"stale: the newest data is {answer.age_s:.1f} s old"
@@ -86,12 +86,12 @@ def _last_scan(scan_age_s: float) -> str:
 
 
 def progress_text(search_progress: float) -> str:
-    """Progress of a search after a space; empty before it has begun."""
+    """Return the progress of a search as `` 50 %``; empty before it has begun."""
     return f" {100.0 * search_progress:.0f} %" if search_progress > 0.0 else ""
 
 
 def belief_line(belief: Belief) -> str:
-    """One belief in one line."""
+    """Return a belief in one line."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
     search += progress_text(belief.search_progress)
     note = ", dead reckoning" if is_unweighed(belief) else ""
@@ -108,18 +108,18 @@ def belief_line(belief: Belief) -> str:
 
 
 def is_unweighed(belief: Belief) -> bool:
-    """Whether no worker has weighed any place, so that all are dead reckoning."""
+    """Return whether no worker weighed any place in this step, so that all are dead reckoning."""
     jobs = {f"c{hypothesis.cluster}" for hypothesis in belief.hypotheses}
     return bool(jobs) and jobs <= set(belief.missing)
 
 
 def event_line(numbered: NumberedEvent) -> str:
-    """What began or ended, and why: ``step 200: c3 merged into c1 (0.02)``."""
+    """Return an event as ``step 200: c3 merged into c1 (0.02)``."""
     return f"step {numbered.step}: {event_text(numbered.event)}"
 
 
 def status_lines(status: Status) -> Iterator[str]:
-    """State, steps, workers and processes of the system."""
+    """Yield state, steps, workers and processes of the system."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
     search += progress_text(status.search_progress)
@@ -145,7 +145,7 @@ def status_lines(status: Status) -> Iterator[str]:
 
 
 def _process_lines(process: Health) -> Iterator[str]:
-    """One process: version, age and memory; what it does; what it dropped or refused."""
+    """Yield a process: version, uptime and memory, its work, and what it dropped or refused."""
     memory = f", {process.memory_bytes / 1e6:.0f} MB" if process.memory_bytes else ""
     silent = f", silent for {process.age_s:.0f} s" if process.age_s > SILENT_AFTER_S else ""
     yield (

@@ -1,4 +1,4 @@
-"""`clustermcl check`: whether a map is suitable, and whether a recording matches it."""
+"""`clustermcl check`: is a map suitable, and does a recording match it?"""
 
 import math
 import sys
@@ -25,7 +25,7 @@ from sensor_bridge.recorded import steps_of
 MOST_CELLS = 2**26
 """Limit for the known cells; the check needs about 42 bytes per cell."""
 EXIT_ANOTHER_MAP = 1
-"""The recording is probably of another map."""
+"""Exit code for a recording that is probably of another map."""
 _MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
 
 
@@ -39,7 +39,7 @@ def run_check(
     as_json: bool,
     report_file: Path | None = None,
 ) -> None:
-    """Examine a map and print what was found.
+    """Check a map, and a recording of a robot in it, and print the report.
 
     Raises:
         ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
@@ -75,7 +75,7 @@ def run_check(
 
 
 def lines_of(report: MapReport) -> Iterator[str]:
-    """The report as text."""
+    """Yield the lines of a report."""
     ground = report.ground
     yield (
         f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "

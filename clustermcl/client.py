@@ -48,7 +48,7 @@ _SENDER = "client"
 
 
 class NotLocalizedError(ClusterMclError):
-    """The robot was not localized in time; `answer` is the last pose."""
+    """The robot was not localized in time; `answer` has the last pose."""
 
     def __init__(self, *, answer: PoseAnswer, waited_s: float) -> None:
         self.answer, self.waited_s = answer, waited_s
@@ -61,8 +61,8 @@ class NotLocalizedError(ClusterMclError):
 class Client(RobotCommands):
     """A connection to the system of one robot; use it in a ``with`` or ``async with`` block.
 
-    Queries and commands are repeated until they are answered or time out; a command has an id, so
-    that a repetition has no effect. Use a client in one thread at a time.
+    Queries and commands are repeated until they are answered or time out. A repeated command has
+    the same id and no further effect. Use a client in one thread at a time.
 
         with Client(robot="r1") as client:
             print(client.pose().pose)
@@ -76,11 +76,12 @@ class Client(RobotCommands):
     Args:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
             defaults, with `CLUSTERMCL_ROBOT` and `CLUSTERMCL_ROUTER` of the environment.
-        robot: the robot's name, instead of that of the settings.
-        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, instead of theirs.
-        timeout_s: of connecting, and of each query and command [s]. None:
-            `zenoh.connect_timeout_s`, and `zenoh.query_timeout_s`.
-        stop: ends a wait with `StoppedError` when set.
+        robot: the robot's name; replaces that of the settings.
+        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``; replaces that of the
+            settings.
+        timeout_s: limit for connecting, and for each query and command [s]. None:
+            `zenoh.connect_timeout_s` and `zenoh.query_timeout_s` of the settings.
+        stop: flag that ends a wait with `StoppedError`.
 
     Raises:
         SettingsError: a name, an endpoint or a time-out is invalid.
@@ -140,7 +141,7 @@ class Client(RobotCommands):
         self._resources.close()
 
     async def __aenter__(self) -> Self:
-        """Connect, as `__enter__`, while other tasks go on."""
+        """Connect without blocking other tasks; see `__enter__`."""
         self._thread = ThreadPoolExecutor(1)
         return await self._in_thread(self.__enter__)
 
@@ -155,7 +156,7 @@ class Client(RobotCommands):
             await self._in_thread(self.__exit__, kind, error, traceback)
 
     async def __aiter__(self) -> AsyncIterator[Belief]:
-        """Every belief from now on, as `beliefs`, while other tasks go on."""
+        """Yield every belief from now on without blocking other tasks; see `beliefs`."""
         polled = await self._in_thread(self._beliefs, None)
         while True:
             if (belief := await self._in_thread(next, polled)) is not None:
@@ -166,53 +167,53 @@ class Client(RobotCommands):
         return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
 
     def pose(self) -> PoseAnswer:
-        """Where the robot is now.
+        """Return the robot's present pose.
 
         Raises:
-            UnreachableError: no answer in time; so for all queries and commands.
+            UnreachableError: no answer in time. All queries and commands raise it.
         """
         return self._ask(keys.POSE, PoseAnswer)
 
     def hypotheses(self) -> Hypotheses:
-        """All places where it may be, with their probabilities, most probable first."""
+        """Return all places where the robot may be, the most probable first."""
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
     def events(self) -> JobEvents:
-        """The last events of clusters and searches, oldest first."""
+        """Return the last events of clusters and searches, oldest first."""
         return self._ask(keys.EVENTS, JobEvents)
 
     def status(self) -> Status:
-        """State, workers and counters of the system."""
+        """Return state, workers and counters of the system."""
         return self._ask(keys.STATUS, Status)
 
     def map(self, *, timeout_s: float = 30.0) -> GridMap:
-        """The map that all poses are in; its cells are checked against its digest.
+        """Return the map of all poses, after a check of its digest.
 
         Args:
-            timeout_s: a large map over a slow link takes a while [s].
+            timeout_s: limit for the answer [s]; a large map over a slow link takes long.
 
         Raises:
-            MalformedMessageError: the bridge's answer is not a map, or does not match its digest.
+            MalformedMessageError: the answer is not a map, or does not match its digest.
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
     def update(self) -> None:
-        """Make a step of the next scan although the robot stands."""
+        """Make a step from the next scan, even if the robot stands still."""
         self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
-        """Move the simulated robot without odometry; None: to a random pose far away."""
+        """Move the simulated robot to a pose, unseen by odometry; None: a random one far away."""
         command = Kidnap(sender=_SENDER, command_id=new_id(), map_from_robot=map_from_robot)
         self._send(keys.KIDNAP, command)
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
-        """Wait until the robot is localized and its pose is fresh.
+        """Wait until the robot is localized and its pose is fresh, and return the pose.
 
         Args:
             timeout_s: limit for the wait [s].
 
         Raises:
-            NotLocalizedError: the time is over.
+            NotLocalizedError: the robot was not localized in time.
         """
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -225,37 +226,37 @@ class Client(RobotCommands):
             self._stop.check()
 
     def beliefs(self, *, timeout_s: float | None = None) -> Iterator[Belief]:
-        """Every belief from now on, without end; a slow reader misses the oldest.
+        """Yield every belief from now on, without end; a slow reader misses the oldest.
 
-        Beliefs of a coordinator that has been replaced are skipped.
+        Beliefs of a replaced coordinator are skipped.
 
         Args:
-            timeout_s: how long to wait for each belief [s]; None: without limit. A robot
-                that stands makes no beliefs.
+            timeout_s: limit for the wait for each belief [s]; None: no limit. While the robot
+                stands still, there are none.
 
         Raises:
-            UnreachableError: no coordinator answers, or no belief came in time.
-            StoppedError: the client's stop flag is set.
+            UnreachableError: no coordinator answers, or no belief arrived in time.
+            StoppedError: the client's stop flag was set.
         """
         return _without_pauses(self._beliefs(timeout_s))
 
     def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
-        """Every belief of the newest term; None: there was none for a moment."""
+        """Yield every belief of the newest term, and None while there is none."""
         published = self._published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
         return _of_newest_term(published)
 
     def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
-        """The stored events, and then each as it happens, without end.
+        """Yield the stored events, and then each new one, without end.
 
-        Events that were lost on the way are queried.
+        Events that were lost in transit are queried.
 
         Args:
-            timeout_s: how long to wait for each event [s]; None: without limit.
+            timeout_s: limit for the wait for each event [s]; None: no limit.
 
         Raises:
-            UnreachableError: no coordinator answers, or no event came in time.
-            StoppedError: the client's stop flag is set.
+            UnreachableError: no coordinator answers, or no event arrived in time.
+            StoppedError: the client's stop flag was set.
         """
         published = self._published(keys.EVENTS, JobEvents, timeout_s)
         return self._without_gaps(self.events(), _without_pauses(published))
@@ -275,10 +276,7 @@ class Client(RobotCommands):
                 known = self.events()
 
     def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A | None]:
-        """Messages on a key from this call on; None: none for a moment.
-
-        A slow reader misses the oldest.
-        """
+        """Yield messages on a key from this call on, and None while there is none."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)
@@ -325,9 +323,10 @@ class Client(RobotCommands):
         message: Message | None = None,
         timeout_s: float | None = None,
     ) -> A:
-        """Repeat a query until answered: just after connecting, queryables may not be known yet.
+        """Repeat a query until it is answered, and return the answer.
 
-        An answer may take `timeout_s`; None: `zenoh.query_timeout_s`, or less near the deadline.
+        Just after connecting, queryables may not be known yet. An answer may take `timeout_s`;
+        None: `zenoh.query_timeout_s`, or less near the deadline.
         """
         settings = self._settings.zenoh
         asked_s = now_s = time.monotonic()

@@ -15,11 +15,11 @@ from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError, UnreachableError
 
 EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
-"""No router or no process answers; Ctrl-C, or the reader of a pipe has gone."""
+"""Exit codes: no router or process answers; Ctrl-C, or the reader of a pipe has ended."""
 
 
 class _Commands(VerbosityGroup):
-    """Lists the commands in groups, one line each."""
+    """Command group whose help lists the commands in groups, one line each."""
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, self.commands))
@@ -73,7 +73,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "ros2": running.ros2,
     },
 }
-"""The groups in the order of the help."""
+"""Commands by group, in the order of the help."""
 for _group, _commands in COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(
@@ -112,6 +112,6 @@ def main() -> None:
     except ClusterMclError as error:
         sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
         sys.exit(EXIT_UNREACHABLE if isinstance(error, UnreachableError) else EXIT_ERROR)
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # the reader of a pipe has ended
         sys.stderr.close()
         sys.exit(EXIT_INTERRUPTED)

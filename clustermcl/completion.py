@@ -1,11 +1,11 @@
-"""Completions that a shell offers for the values of options, computed on demand."""
+"""Shell completions for the values of options."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 
 def settings(begun: str) -> Iterator[tuple[str, str]]:
-    """Settings with their meanings, for ``--set``."""
+    """Yield settings with their meanings, for ``--set``."""
     from process_runtime.settings_table import TABLE  # noqa: PLC0415 - see above
 
     for name, info in TABLE.items():
@@ -14,7 +14,7 @@ def settings(begun: str) -> Iterator[tuple[str, str]]:
 
 
 def recordings(begun: str) -> Iterator[str]:
-    """Simulated worlds and files."""
+    """Yield simulated worlds and files."""
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see above
     from robot_simulator.worlds.catalogue import world_names  # noqa: PLC0415 - see above
 
@@ -25,7 +25,7 @@ def recordings(begun: str) -> Iterator[str]:
 
 
 def algorithms(begun: str) -> Iterator[str]:
-    """What `evaluate` can run."""
+    """Yield the algorithms of `evaluate`."""
     from evaluation.run import ALGORITHMS  # noqa: PLC0415 - see above
 
     return (name for name in ALGORITHMS if name.startswith(begun))

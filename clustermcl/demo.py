@@ -1,4 +1,4 @@
-"""The demo: a simulated robot or a recording, localized by processes of this machine."""
+"""`clustermcl demo`: localize a simulated robot or a recording, and summarize the run."""
 
 import http.client
 import time
@@ -54,7 +54,7 @@ _POLL_S = 0.05
 
 
 class StalledError(ClusterMclError):
-    """The processes run, but no belief arrives."""
+    """The processes run, but no belief arrived for a long time."""
 
     def __init__(self, *, silent_s: float) -> None:
         self.silent_s = silent_s
@@ -66,10 +66,10 @@ class DemoOptions:
     """Options of the command."""
 
     recording: str | None = None
-    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, if
-    that is named, else the default simulation."""
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, or in
+    the default world."""
     map_file: str | None = None
-    """None: that of the settings for a recording, the world's own for a simulated robot."""
+    """Map file; None: that of the settings for a recording, that of the simulated world."""
     reference: Path | None = None
     rate: float | None = None
     steps: int | None = None
@@ -79,7 +79,7 @@ class DemoOptions:
     record: Path | None = None
     """File for the recording of the run; None: none."""
     by_hand: bool = False
-    """A person drives the simulated robot, on the page."""
+    """The simulated robot is driven manually, on the page."""
     as_json: bool = False
 
 
@@ -96,7 +96,7 @@ class _Run:
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
-    """Run a demo to its end and print the result.
+    """Run a demo to its end, and print the result.
 
     Raises:
         ClusterMclError: an input cannot be used, or a process failed.
@@ -143,7 +143,7 @@ def _followed(
     stop: StopFlag,
     started_s: float,
 ) -> str:
-    """Run it to its last belief; return the result as text."""
+    """Run until the last belief, and return the result as text."""
 
     def check() -> None:
         stop.check()
@@ -178,7 +178,7 @@ def _followed(
 
 
 class _Audience:
-    """Receives the beliefs, the events and the ground truth."""
+    """Receiver of beliefs, events and ground truth."""
 
     def __init__(
         self,
@@ -212,7 +212,7 @@ class _Audience:
         """Receive beliefs until the last one, and return it.
 
         Raises:
-            StalledError: none has arrived for a minute, although the robot drives.
+            StalledError: none arrived for a minute, although the robot drives.
         """
         received_s = time.monotonic()
         while True:
@@ -225,7 +225,7 @@ class _Audience:
                 raise StalledError(silent_s=_SILENCE_S)
 
     def truth_of(self, belief: Belief) -> PoseTuple | None:
-        """Ground truth at the step of a belief; None: unknown."""
+        """Return the ground truth at the step of a belief; None: unknown."""
         if self._run.reference is not None:
             return self._run.reference.pose_at(belief.stamp_ns)
         deadline_s = time.monotonic() + 1.0
@@ -288,7 +288,7 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
 
 
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
-    """The settings of all processes of the demo, which keeps its state in its own folder."""
+    """Return the settings of all processes of the demo."""
     rate = usual_rate if options.rate is None else options.rate
     map_file = map_file_of(options.map_file or settings.bridge.map, source)
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
@@ -337,10 +337,10 @@ def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
 
 
 def _page_at(view_at: str) -> Address:
-    """Where the page is served.
+    """Return the address of the page.
 
     Raises:
-        SettingsError: others could reach it, which takes a token, as of `clustermcl view`.
+        SettingsError: other machines could reach it, or the port is missing.
     """
     address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
@@ -350,7 +350,7 @@ def _page_at(view_at: str) -> Address:
 
 
 def _wait_for_page(page: Address, check: Callable[[], None], least_browsers: int) -> None:
-    """Wait until the page is served, and is open in this many browsers."""
+    """Wait until the page is served, and open in this many browsers."""
     while True:
         check()
         connection = http.client.HTTPConnection(page.host, page.port, timeout=1.0)

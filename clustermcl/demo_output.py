@@ -1,4 +1,4 @@
-"""What a demo prints: its beliefs while it runs, then a summary or one JSON object."""
+"""The output of a demo: beliefs while it runs, then a summary or a JSON object."""
 
 from collections import Counter, deque
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from protocol.job_events import Ended, EndedCause, NumberedEvent
 from protocol.message import PoseTuple
 
 HELD_PROBABILITY = 0.02
-"""The summary leaves out places with less."""
+"""The summary ignores places with less."""
 _LINE_EVERY_STEPS = 25
 _SHOWN_EVENTS, _SHOWN_PLACES, _BAR = 3, 10, 12
 
@@ -33,8 +33,8 @@ class DemoOutput:
     """Shows a running demo: a table on a terminal, else a line for each change.
 
     Args:
-        title: what is shown.
-        as_json: standard output is for the result alone.
+        title: first line of the output.
+        as_json: standard output is reserved for the result.
     """
 
     def __init__(self, title: str, *, as_json: bool) -> None:
@@ -46,7 +46,7 @@ class DemoOutput:
         self._events: deque[str] = deque(maxlen=_SHOWN_EVENTS)
 
     def live(self) -> AbstractContextManager[object]:
-        """The table is redrawn within this ``with`` block."""
+        """Print the title, and show the table within this ``with`` block if there is one."""
         self._print(self._title)
         if not self._is_table:
             return nullcontext()
@@ -54,20 +54,20 @@ class DemoOutput:
         return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
 
     def on_workers(self, ready: int, workers: int) -> None:
-        """`ready` of the workers are ready."""
+        """Show how many workers are ready."""
         line = f"{ready} of {workers} workers are ready"
         self._shown = f"{self._title}\n{line} (the first start compiles)"
         if ready in (0, workers):
             self._print_change((ready,), line)
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
-        """A step was applied; `truth` is None where it is not known."""
+        """Show a belief, and the ground truth if it is known."""
         self._shown = "\n".join([self._title, *_table(belief, truth), *self._events])
         change = belief.state, is_unweighed(belief), len(belief.hypotheses)
         self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
 
     def on_event(self, event: NumberedEvent) -> None:
-        """A cluster or a search began or ended."""
+        """Show an event of a cluster."""
         if not event.event.is_search:
             self._events.append(event_line(event))
             self._print(event_line(event))
@@ -83,7 +83,7 @@ class DemoOutput:
 
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
-    """A line for each place, the less probable ones in one line, and for being elsewhere."""
+    """Yield a line for each place, one for all less probable places, and one for elsewhere."""
     search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
@@ -114,7 +114,7 @@ class DemoSummary:
         self._ended: Counter[EndedCause] = Counter()
 
     def on_belief(self, belief: Belief) -> None:
-        """Take the next belief."""
+        """Count the next belief."""
         self._newest = belief.step
         self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
         if belief.state != "searching" and self._first_places_step is None:
@@ -126,12 +126,12 @@ class DemoSummary:
             self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
 
     def on_event(self, event: NumberedEvent) -> None:
-        """A cluster or a search began or ended."""
+        """Count an event."""
         if isinstance(event.event, Ended) and not event.event.is_search:
             self._ended[event.event.cause] += 1
 
     def lines(self) -> Iterator[str]:
-        """The summary as text."""
+        """Yield the summary as text."""
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:
@@ -150,7 +150,7 @@ class DemoSummary:
 def result_object(
     belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
 ) -> JsonObject:
-    """The result for programs: the last belief, its error, the counts of steps."""
+    """Return the result for programs: the last belief, its error, and counts of steps."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     error = pose_error(best.mean, truth) if best and truth else None
     return {
@@ -166,7 +166,7 @@ def result_object(
 def result_lines(
     belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
 ) -> Iterator[str]:
-    """The result for people."""
+    """Yield the result for people."""
     if belief.hypotheses:
         best = belief.hypotheses[0]
         where = f"{pose_text(best.mean)}  {spread_text(best.covariance)}"

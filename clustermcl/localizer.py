@@ -1,4 +1,4 @@
-"""The library: Cluster-MCL in the caller's process, with the same classes as the service."""
+"""The library: Cluster-MCL in the caller's process, with the classes of the service."""
 
 import io
 from collections import Counter
@@ -41,39 +41,39 @@ _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _STATE_VERSION = 2
 MAX_STATE_BYTES = 2**28
-"""Limit for a saved state: 64 places of 100,000 particles each."""
+"""Limit for a saved state; 64 places of 100,000 particles each fit."""
 
 
 class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     version: int
     map_digest: str
     settings: dict[str, object]
-    """Those of the filter."""
+    """Settings of the filter."""
     filter: InProcessState
     odometry: tuple[int, PoseTuple]
-    """Stamp [ns] and pose of the newest."""
+    """Newest stamp [ns] and pose of odometry."""
     commands: Commands
 
 
 class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
-    """The belief after one step: as it is published, and what it takes to draw it."""
+    """The belief after one step, with the map and the scan to draw it."""
 
     map: GridMap
-    """In which all poses are."""
+    """The map of all poses."""
     scan: Scan
-    """Of the step."""
+    """The scan of the step."""
 
     def picture(self) -> "Image":
-        """The map, the places with their probabilities, and the scan from the most probable."""
+        """Draw the map, all places with probabilities, and the scan at the most probable place."""
         slots = {place.cluster: place.cluster for place in self.hypotheses}
         frame = step_frame(self, slots, self.scan, None)
         return drawn_picture(to_message(self.map, _SENDER), frame)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the picture into a plot of matplotlib, which is to be installed; axes in metres.
+        """Draw the picture in axes of matplotlib, which must be installed; units are metres.
 
         Args:
-            ax: axes to draw into; None: new ones.
+            ax: axes to draw in; None: new axes.
 
         Returns:
             the axes.
@@ -87,7 +87,7 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         return ax
 
     def _repr_png_(self) -> bytes:
-        """The picture, in a notebook."""
+        """Return the picture as PNG, for notebooks."""
         file = io.BytesIO()
         self.picture().save(file, "PNG")
         return file.getvalue()
@@ -101,21 +101,20 @@ class ClusterMCL(RobotCommands):
             if belief := mcl.update(reading):
                 print(belief.state, belief.pose)
 
-    With the same seed and readings it believes, bit for bit, what `clustermcl evaluate` and a
-    system of processes believe. Give one object to one thread. The first one that is ever made on a
-    machine compiles for some ten seconds; what is compiled is kept.
+    With the same seed and readings, beliefs equal those of `clustermcl evaluate` and of a system of
+    processes, bit for bit. Use an object in one thread only. The first object on a machine compiles
+    kernels for about ten seconds; later ones load them from a cache.
 
     Args:
-        grid_map: by `load_map`.
-        robot_from_laser: where the laser is on the robot, of readings that do not say: x, y [m],
-            heading [rad].
-        seed: of all random numbers; None: that of the settings.
-        settings: all of them, or those that differ from the defaults by their names, such as
+        grid_map: map from `load_map`.
+        robot_from_laser: mount of the laser, for readings without it: x, y [m], heading [rad].
+        seed: seed of all random numbers; None: that of the settings.
+        settings: all settings, or those that differ from the defaults, by name, such as
             ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all.
 
     Attributes:
-        map: as given.
-        belief: after the last step or command; None before the first.
+        map: the present map.
+        belief: the belief after the last step or command; None before the first.
 
     Raises:
         ValueError: the map has no obstacle.
@@ -144,19 +143,19 @@ class ClusterMCL(RobotCommands):
 
     @property
     def dropped(self) -> Counter[str]:
-        """Readings that could not be used, by cause."""
+        """Number of readings that could not be used, by cause."""
         return self._maker.dropped
 
     def update(self, reading: Reading, *, force: bool = False) -> Belief | None:
         """Process the next reading.
 
         Args:
-            reading: scan, odometry or both, in the order of time.
-            force: make a step of the next scan, also if the robot stands.
+            reading: scan, odometry or both; readings must be in the order of time.
+            force: make a step from the next scan, even if the robot stands still.
 
         Returns:
-            the belief, if this reading made a step; None: the robot has not moved enough since
-            the last one, or the reading could not be used (`dropped`).
+            the belief if this reading made a step; None: the robot has not moved enough since
+            the last step, or the reading could not be used (see `dropped`).
         """
         if force:
             self._maker.force_next()
@@ -168,12 +167,12 @@ class ClusterMCL(RobotCommands):
         return None if scan is None else self._advanced(scan)
 
     def finish(self) -> Iterator[Belief]:
-        """After the last reading: the beliefs of scans that still waited for later odometry."""
+        """After the last reading, yield the beliefs of scans that waited for later odometry."""
         while (scan := self._maker.finish()) is not None:
             yield self._advanced(scan)
 
     def change_map(self, grid_map: GridMap) -> None:
-        """Use another map from the next scan on: all places are forgotten and searched for.
+        """Use another map from the next scan on; the search for places starts again.
 
         Raises:
             ValueError: the map has no obstacle.
@@ -185,13 +184,13 @@ class ClusterMCL(RobotCommands):
         self.belief: Belief | None = None
 
     def save(self, file: Path | str) -> None:
-        """Write the state after the last step: places, particles, and the search that runs.
+        """Write the state after the last step: places, particles, and a running search.
 
-        Readings since then that made no step are not part of it.
+        Readings since the last step are not saved.
 
         Raises:
             OutputError: the file cannot be written.
-            ValueError: there was no step yet.
+            ValueError: there has been no step.
         """
         filter_state = self._filter.state
         scan = filter_state.applied
@@ -206,13 +205,13 @@ class ClusterMCL(RobotCommands):
         write_output_file(Path(file), msgspec.msgpack.encode(state))
 
     def load(self, file: Path | str) -> None:
-        """Continue from a saved state; with the same readings, the beliefs are the same.
+        """Continue from a saved state; the same readings then give the same beliefs.
 
-        Odometry has to be in the same frame as when it was saved. After a restart of the robot,
-        give the last pose to `set_pose` instead.
+        The odometry frame must be the same as when the state was saved. After a restart of the
+        robot, use `set_pose` with the last pose instead.
 
         Raises:
-            StateFileError: the file cannot be used. Nothing has changed then.
+            StateFileError: the file cannot be used; this object is unchanged.
         """
         path = Path(file)
         state = _read_state(path)
@@ -265,7 +264,7 @@ def _filter_settings(settings: FilterSettings) -> dict[str, object]:
 
 
 def _differences(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
-    """Dotted names of what differs."""
+    """Return the dotted names of settings that differ."""
     found: list[str] = []
     for name in sorted({*one, *other}):
         mine, theirs = one.get(name), other.get(name)

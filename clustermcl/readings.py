@@ -1,4 +1,4 @@
-"""What a robot measures, as the library takes it: numpy arrays, from anywhere or a recording."""
+"""Readings of a robot as numpy arrays, and recordings as readings."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,27 +19,27 @@ _SENDER = "library"
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One scan with its odometry, or one of the two alone.
+    """One scan with its odometry, or only one of the two.
 
-    A scan without odometry gets that of its time, between the readings before and after it.
+    For a scan without odometry, odometry readings around it are interpolated.
 
     Args:
-        odom_from_robot: x [m], y [m], heading [rad] by odometry; None: not known at this time.
-        ranges: (B,) [m], counter-clockwise; not finite, <= 0 or >= `range_max`: no return. None:
-            odometry alone.
+        odom_from_robot: x [m], y [m], heading [rad] by odometry; None: unknown at this time.
+        ranges: (B,) ranges [m], counter-clockwise; not finite, <= 0 or >= `range_max`: no return.
+            None: odometry only.
         angle_min: direction of the first beam in the laser's frame [rad].
-        angle_step: from each beam to the next [rad].
-        range_max: how far the laser sees [m].
-        range_min: a reading below it is no return [m].
-        stamp_ns: robot's clock. None: a second after the reading before; only the speed at which
-            odometry counts as a jump depends on it.
-        robot_from_laser: where the laser is on the robot: x [m], y [m], heading [rad]. None: that
-            of `ClusterMCL`.
-        laser: which one, where the robot has several.
-        upside_down: the laser is mounted on its head, so its beams go clockwise.
+        angle_step: angle from each beam to the next [rad].
+        range_max: range of the laser [m].
+        range_min: shorter ranges count as no return [m].
+        stamp_ns: time by the robot's clock [ns]. None: one second after the last reading; this
+            affects only the check of odometry for jumps.
+        robot_from_laser: mount of the laser: x [m], y [m], heading [rad]. None: that of
+            `ClusterMCL`.
+        laser: name of the laser, for a robot with several.
+        upside_down: the laser is mounted upside down, so that its beams run clockwise.
 
     Raises:
-        ValueError: there is neither scan nor odometry, or ranges have another shape than (B,).
+        ValueError: there is neither scan nor odometry, or an array has the wrong shape.
     """
 
     odom_from_robot: Sequence[float] | NDArray[np.floating] | None = None
@@ -64,7 +64,7 @@ class Reading:
     def as_message(
         self, stamp_ns: int, robot_from_laser: PoseTuple
     ) -> LaserReading | OdometryReading:
-        """The reading as a robot publishes it; the arguments stand in for what it leaves open."""
+        """Convert to a message; the arguments are used where the reading has None."""
         odometry = None
         if self.odom_from_robot is not None:
             x, y, heading = map(float, self.odom_from_robot)
@@ -89,7 +89,7 @@ class Reading:
 
     @classmethod
     def of(cls, message: LaserReading | OdometryReading) -> "Reading":
-        """A reading as a robot published it."""
+        """Convert a message to a reading."""
         if isinstance(message, OdometryReading):
             return cls(message.odom_from_robot, stamp_ns=message.stamp_ns)
         return cls(
@@ -115,22 +115,21 @@ def read_recording(
     odom_frame: str = "",
     base_frame: str = "",
 ) -> Iterator[Reading]:
-    """All readings of a ROS bag, a CARMEN log or a Wean Hall log, in the order of time.
+    """Return all readings of a recording in the order of time.
 
-    Also what an installed or registered reader can read (`register`).
-    Bad lines are left out, and named in a warning of the log.
+    Formats are ROS bags, CARMEN and Wean Hall logs, run logs, and those of installed or registered
+    readers (see `register`). Malformed lines are skipped, with a warning in the log.
 
     Args:
         path: the file, perhaps packed by gzip or xz, or the folder of a rosbag2.
-        robot_from_laser: where the laser is, if the recording does not say: x, y [m], heading
-            [rad].
-        scan_topic: of a bag with several lasers.
-        odom_topic: of a bag whose odometry is not to be taken from tf.
-        odom_frame: of a bag, where it is not ``odom``.
-        base_frame: the robot's, of a bag, where it is not ``base_footprint`` or ``base_link``.
+        robot_from_laser: mount of the laser, for a recording without it: x, y [m], heading [rad].
+        scan_topic: scan topic, for a bag with several.
+        odom_topic: odometry topic of a bag, to use instead of tf.
+        odom_frame: odometry frame of a bag, if it is not ``odom``.
+        base_frame: the robot's frame in a bag, if it is not the child of the odometry frame.
 
     Raises:
-        RecordingError: it cannot be used.
+        RecordingError: the recording cannot be used.
     """
     x_m, y_m, heading_rad = robot_from_laser
     settings = msgspec.structs.replace(

@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_record(settings: Settings, path: Path) -> int:
-    """Record until interrupted; return the number of steps.
+    """Record until interrupted, and return the number of steps.
 
     Raises:
         ClusterMclError: there is no router, or the file cannot be written.
@@ -50,7 +50,7 @@ def run_record(settings: Settings, path: Path) -> int:
 
 @contextmanager
 def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
-    """Record everything that is published within the ``with`` block; None: record nothing.
+    """Record all messages within the ``with`` block; without a path, record nothing.
 
     Raises:
         OutputError: the file cannot be written.
@@ -69,7 +69,7 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
 
 
 class Listener:
-    """Subscribes to everything that is recorded."""
+    """Subscriber that writes scans, odometry, beliefs and the map to a file."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session, self._causes = session, CauseCounter()
@@ -85,7 +85,7 @@ class Listener:
             subscribe(session, key, self._inbox, kind)
 
     def write(self, path: Path, stop: StopFlag) -> None:
-        """Write messages until `stop` is set, then the rest of the inbox."""
+        """Write messages until `stop` is set and the inbox is empty."""
         with RunLog.to(path) as log:
             while True:
                 event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
@@ -118,7 +118,7 @@ class Listener:
         self._last = scan
 
     def _lost_before(self, scan: Scan) -> tuple[Scan, ...]:
-        """Steps whose scans were lost on the way, queried from the bridge."""
+        """Return the steps before a scan that were lost, as the bridge has them."""
         if self._last is None or scan.step <= self._last.step + 1:
             return ()
         selector = keys.scan_history(self._last.step + 1, scan.step - 1)

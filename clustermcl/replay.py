@@ -1,4 +1,4 @@
-"""`clustermcl replay`: recompute a flight recording and print what happened."""
+"""`clustermcl replay`: recompute a flight recording, and print its events and beliefs."""
 
 import math
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from recordings.map_file import load_map
 
 @dataclass
 class Comparison:
-    """Counts of beliefs that equal the recorded ones, or differ."""
+    """Counts beliefs that equal the recorded ones, and beliefs that differ."""
 
     coordinators: int = 0
     beliefs: int = 0
     different: int = 0
     not_recorded: int = 0
-    """Computed, but the recording ends before them."""
+    """Number of beliefs that the recording does not contain, because it ends before them."""
 
     def add(self, happening: Happening) -> None:
         match happening:
@@ -53,10 +53,10 @@ def print_replay(
     """Replay a whole recording, and print part of it.
 
     Args:
-        folder: of the recording.
+        folder: folder of the recording.
         first_step: print from this step on; None: from the beginning.
         last_step: print up to this step; None: to the end.
-        map_file: the map that the run must have had.
+        map_file: refuse a run in another map; None: accept any.
         as_json: print one object per line.
 
     Returns:
@@ -84,7 +84,7 @@ def print_replay(
 
 
 def _clock(wall_ns: int) -> str:
-    """The time in UTC."""
+    """Format a time in UTC."""
     return datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 

@@ -1,4 +1,4 @@
-"""The two commands that change a belief, the same for the library and for a running system."""
+"""The commands that change a belief, for the library and for a running system."""
 
 import math
 import uuid
@@ -9,7 +9,7 @@ from protocol.message import Circle, Covariance, PoseTuple
 
 
 class RobotCommands:
-    """`set_pose` and `relocalize`, whoever carries them out."""
+    """Base class with `set_pose` and `relocalize`; a subclass carries the commands out."""
 
     def set_pose(
         self,
@@ -22,20 +22,21 @@ class RobotCommands:
     ) -> None:
         """Give the robot's pose; its probability becomes `belief.set_pose_probability`.
 
-        The state is `searching` until a scan confirms it. Before the first scan or the map arrives,
-        the pose is kept and applied then.
+        The state is `searching` until a scan confirms the pose. A pose that is given before the map
+        or the first scan arrives is applied then.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
             position_sigma_m: standard deviation of x and of y.
             heading_sigma_rad: standard deviation of the heading.
-            covariance: 3 x 3, row by row; replaces both sigmas.
-            stamp_ns: time of the pose by the robot's clock; the odometry since then is added.
+            covariance: 3 x 3, row by row, over x, y, heading [m², m rad, rad²]; replaces both
+                sigmas.
+            stamp_ns: time of the pose by the robot's clock [ns]; odometry since then is added.
                 None: now.
 
         Raises:
-            CommandRefusedError: the map has no free space within 3 sigma, or the odometry of that
-                time is no longer known.
+            CommandRefusedError: the map has no free space within 3 sigma, or odometry of that
+                time is no longer kept.
             ValueError: a number is not finite, a sigma is not positive, or the covariance is not
                 positive semi-definite.
         """
@@ -53,11 +54,11 @@ class RobotCommands:
         self._carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:
-        """Forget all places, including the stored last pose, and search.
+        """Drop all places, including the stored last pose, and search.
 
         Args:
             near: x, y and radius of the circle to search [m]; None: everywhere.
-            region: the one of `search.regions` to search; empty: everywhere.
+            region: name of the region of `search.regions` to search; empty: everywhere.
 
         Raises:
             CommandRefusedError: there is no such region.
@@ -72,5 +73,5 @@ class RobotCommands:
 
 
 def new_id() -> str:
-    """An id that makes a repeated command have no effect."""
+    """Return a unique id, by which a repeated command is recognised."""
     return uuid.uuid4().hex

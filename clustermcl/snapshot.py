@@ -17,20 +17,20 @@ from protocol.steps import MapMessage
 
 KINDS = (".png", ".html")
 STANDS_AFTER_S = 2.0
-"""After this time without a step, the robot is taken to stand, and its places are queried."""
+"""After this time without a step, the robot counts as standing, and its places are queried."""
 MAP_WITHIN_S = 30.0
 
 
 def save_snapshot(file: Path, settings: Settings) -> None:
-    """Save what the page of a running system shows.
+    """Save what the page of a running system shows, as a picture or a page.
 
     Args:
-        file: a name that ends in ``.png`` or ``.html``; the page needs no server and no network.
+        file: path ending in ``.png`` or ``.html``; the page needs no server and no network.
         settings: the router's endpoint and the robot's name.
 
     Raises:
-        SettingsError: the name ends otherwise.
-        UnreachableError: there is no such system.
+        SettingsError: the path has another suffix.
+        UnreachableError: no such system is running.
         OutputError: the file cannot be written.
     """
     if file.suffix.lower() not in KINDS:

@@ -1,4 +1,4 @@
-"""Start, supervise and stop all processes of one robot on this machine."""
+"""Starts, supervises and stops all processes of one robot on this machine."""
 
 import fcntl
 import logging
@@ -25,7 +25,7 @@ from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
 _FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
 _NEWBORN_S = 10.0
-"""A folder so young may not have its lock yet."""
+"""A younger folder may not have its lock yet [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -46,16 +46,16 @@ class ProcessEndedError(ClusterMclError):
 
 
 class Stack:
-    """Router, workers, coordinator, and a sensor bridge or the simulator that stands in for it.
+    """Router, workers, coordinator, and a sensor bridge or a simulator in its place.
 
     Args:
-        settings: of all of them; `bridge.source` decides between bridge and simulator,
-            `zenoh.start_router` and `ros2.enabled` whether there is a router and a bridge to ROS.
-        folder: for the settings file that they read, and for their logs.
-        logs_in_folder: whether their logs go there; else to this process's standard error.
-        simulator_arguments: more arguments for the simulator.
-        page_arguments: of a page that draws it; None: there is no page.
-        beside: also localize by AMCL's filter, for that page; see `evaluation.beside`.
+        settings: settings of all processes; `bridge.source` selects bridge or simulator,
+            `zenoh.start_router` adds a router, `ros2.enabled` a bridge to ROS.
+        folder: folder for their settings file and logs.
+        logs_in_folder: write logs to the folder instead of standard error.
+        simulator_arguments: additional arguments for the simulator.
+        page_arguments: arguments for the page; None: no page.
+        beside: also localize by AMCL's filter, for the page; see `evaluation.beside`.
     """
 
     def __init__(
@@ -95,26 +95,26 @@ class Stack:
         self.start_coordinator()
 
     def start_without_coordinator(self) -> None:
-        """Start all but the coordinator; the source waits for it with its first step."""
+        """Start all processes but the coordinator, for which the source waits."""
         self._supervisor.start()
 
     def start_coordinator(self) -> None:
-        """Start the coordinator, so that the source starts to send steps."""
+        """Start the coordinator, after which the source sends its first step."""
         self._supervisor.add(self._coordinator)
 
     def ended(self) -> list[ChildExit]:
-        """Restart processes that are due; return those that ended since the last call."""
+        """Restart processes that are due, and return those that ended since the last call."""
         return self._supervisor.poll(time.monotonic())
 
     def pids(self) -> dict[str, int]:
-        """Ids of the running processes: router, worker (their parent), coordinator, source."""
+        """Return the process ids by name; the workers have that of their parent."""
         return self._supervisor.pids()
 
     def check(self) -> None:
         """Supervise the processes.
 
         Raises:
-            ProcessEndedError: one has ended; the error has its last log lines.
+            ProcessEndedError: a process has ended; the error has its last log lines.
         """
         for ended in self.ended():
             raise ProcessEndedError(ended)
@@ -133,9 +133,9 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder for sockets and logs, removed at the end.
+    """Create a folder for sockets and logs, which is removed at the end.
 
-    After a SIGKILL it remains, without the lock of its process; the next process removes it.
+    After a SIGKILL the folder remains without a lock, and the next process removes it.
     """
     # The path of the router's socket is the longest, and limited by the operating system.
     base = Path(tempfile.gettempdir())
@@ -165,10 +165,10 @@ def _remove_orphans(base: Path) -> None:
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:
-    """The same settings with the router at a Unix socket in a folder, private to its user.
+    """Return settings with the router at a Unix socket in a folder, private to its user.
 
-    The coordinator's state is kept there too, unless the settings name a folder, so that nothing
-    remains for another run.
+    The coordinator keeps its state there too, unless the settings name another folder, so that
+    nothing remains for the next run.
     """
     router = f"unixsock-stream/{folder}/router.sock"
     zenoh = msgspec.structs.replace(settings.zenoh, router=router, start_router=True)

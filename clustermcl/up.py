@@ -1,4 +1,4 @@
-"""`clustermcl up`: everything on this machine, in the foreground, until Ctrl-C."""
+"""`clustermcl up`: run all processes on this machine until Ctrl-C."""
 
 import shlex
 import sys
@@ -24,12 +24,12 @@ _POLL_S = 0.1
 
 
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
-    """Run router, bridge or simulator, coordinator and workers; restart those that die.
+    """Run router, bridge or simulator, coordinator and workers; restart those that end.
 
     Args:
-        settings: of all of them.
+        settings: settings of all processes.
         view_at: ``HOST:PORT`` of the page; None: no page.
-        allow_commands: the page accepts commands from other machines too.
+        allow_commands: accept commands on the page from other machines too.
 
     Raises:
         ClusterMclError: the map, the recording or the endpoint is unusable.
@@ -55,7 +55,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
 
 def command_for(command: str, settings: Settings) -> str:
-    """The command line for this robot, without options that have their defaults."""
+    """Return a command line for this robot, without options that have their defaults."""
     usual, words = Settings(), ["clustermcl", command]
     if settings.robot.name != usual.robot.name:
         words += ["--robot", settings.robot.name]
@@ -70,7 +70,7 @@ def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
 
 
 def _recorded(settings: Settings) -> Settings:
-    """Add the default folder of the flight recorder, unless the settings have one."""
+    """Set the folder of the flight recorder to its default, unless the settings have one."""
     if settings.recorder.folder:
         return settings
     try:

@@ -1,4 +1,4 @@
-"""`--quiet` and `--verbose`, before or after the name of any command."""
+"""The options `--quiet` and `--verbose`, before or after the name of any command."""
 
 import logging
 from typing import Annotated, Any
@@ -22,7 +22,7 @@ def is_verbose() -> bool:
 
 
 def log_settings() -> list[str]:
-    """The log level for processes that a command starts, as assignments of settings."""
+    """Return settings with the log level for processes that a command starts."""
     if is_quiet():
         return [f"log.level={_QUIET}"]
     return ["log.level=debug"] if is_verbose() else []
@@ -63,7 +63,7 @@ def _options(
 
 
 class VerbosityGroup(TyperGroup):
-    """A group with both options, which also adds them to each of its commands."""
+    """Command group that has both options, and adds them to each of its commands."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

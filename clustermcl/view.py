@@ -1,4 +1,4 @@
-"""`clustermcl view`: serve the page that shows the clusters, until Ctrl-C."""
+"""`clustermcl view`: serve the page of a running system or of a recording, until Ctrl-C."""
 
 import sys
 from collections.abc import Sequence

@@ -32,7 +32,7 @@ class Address:
 
     @property
     def netloc(self) -> str:
-        """As in a link."""
+        """Host and port as in a link."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
@@ -40,7 +40,7 @@ def parsed_address(text: str) -> Address:
     """Parse ``HOST:PORT``, ``HOST`` or ``:PORT``; an IPv6 address is in brackets.
 
     Raises:
-        SettingsError: it is no such address.
+        SettingsError: the text is not such an address.
     """
     try:
         parts = urlsplit(f"//{text}")
@@ -62,7 +62,7 @@ class Admission:
 
     Args:
         address: address of the page, with the port that was bound.
-        token: part of the link; empty: none is needed, as on loopback.
+        token: token that requests must present; empty: none, as on loopback.
         is_tls: whether the page is served by HTTPS.
     """
 
@@ -72,7 +72,7 @@ class Admission:
 
     @property
     def link(self) -> str:
-        """The link for a person."""
+        """Link of the page, with the token."""
         token = f"?token={self.token}" if self.token else ""
         scheme = "https" if self.is_tls else "http"
         return f"{scheme}://{self.address.netloc}/{token}"
@@ -86,11 +86,11 @@ class Admission:
         return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
-        """Return why a request is refused; empty: it is accepted.
+        """Return why a request is refused, or an empty text if it is accepted.
 
         Args:
             target: path and query.
-            headers: of the request, by lower-case name.
+            headers: headers of the request, by lower-case name.
             socket: whether it opens a WebSocket, which only our own page may.
         """
         host = headers.get("host", "")

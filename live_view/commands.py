@@ -1,4 +1,4 @@
-"""Requests of a browser: parsed, checked, and turned into messages of the system."""
+"""Requests of a browser: parses them, and converts commands to messages of the system."""
 
 from typing import Annotated, TypeAlias
 
@@ -21,27 +21,27 @@ class _Request(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fie
 
 
 class Drawn(_Request, frozen=True, tag="drawn"):
-    """The page has drawn messages; a slow page acknowledges each of them."""
+    """Acknowledgement of drawn messages; a slow page acknowledges each one."""
 
     count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
     slow: bool = False
-    """Drawing takes long: send a message only when the last one is drawn."""
+    """Whether drawing takes long, so that each message must wait for the last one."""
 
 
 class ShowPast(_Request, frozen=True, tag="past"):
-    """Request the frames of a past step."""
+    """Request for the frames of a past step."""
 
     step: _Step
 
 
 class ShowEarlier(_Request, frozen=True, tag="earlier"):
-    """Request the rows before a step."""
+    """Request for the rows before a step."""
 
     before: _Step
 
 
 class PlaceRobot(_Request, frozen=True, tag="set_pose"):
-    """Set the pose: a person has dragged an arrow to the robot's place."""
+    """Command to set the pose."""
 
     pose: _Pose
     position_sigma_m: _Sigma = 0.5
@@ -49,22 +49,22 @@ class PlaceRobot(_Request, frozen=True, tag="set_pose"):
 
 
 class SearchAgain(_Request, frozen=True, tag="relocalize"):
-    """Forget all places and search, after the page has asked for confirmation."""
+    """Command to drop all places and search."""
 
 
 class UpdateOnce(_Request, frozen=True, tag="update"):
-    """No-motion update: make a step of the next scan, although the robot stands."""
+    """Command to make a step from the next scan, even if the robot stands still."""
 
 
 class KidnapRobot(_Request, frozen=True, tag="kidnap"):
-    """Lift the simulated robot."""
+    """Command to kidnap the simulated robot."""
 
     pose: _Pose | None = None
     """New pose; None: a random one far away."""
 
 
 class DriveRobot(_Request, frozen=True, tag="drive"):
-    """Drive the simulated robot by hand, or let it drive by itself again."""
+    """Command to drive the simulated robot manually, or to end manual driving."""
 
     speed_m_s: _Rate = 0.0
     turn_rate_rad_s: _Rate = 0.0
@@ -82,7 +82,7 @@ def parsed_request(text: str | bytes) -> Request:
     """Parse a request of a browser.
 
     Raises:
-        MalformedMessageError: it is not a request of our page.
+        MalformedMessageError: the text is not a request of the page.
     """
     try:
         request: Request = msgspec.json.decode(text, type=Request)

@@ -1,4 +1,4 @@
-"""Draws the map with all places as a picture, without a browser."""
+"""Draws the map with all places as a picture."""
 
 import math
 import zlib
@@ -14,19 +14,19 @@ from protocol.steps import MapMessage
 PALETTE = (
     "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
 )  # fmt: skip
-"""As in `palette.js`."""
+"""Colours of places, the same as in `palette.js`."""
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
 _SCAN, _INK = "#c0262d", "#1a2027"
 LONG_SIDE_PX = 1400
 _MARGIN_PX = 24
 _FINER = 2
-"""Drawn larger by this factor and then reduced, for smooth edges."""
+"""Oversampling factor, for smooth edges."""
 _SIGMAS = 2.0
 _LABELLED = 8
 
 
 class _View(NamedTuple):
-    """From the map to the picture [px, before it is reduced]."""
+    """Conversion from the map to pixels, before the picture is reduced."""
 
     left_m: float
     top_m: float
@@ -42,9 +42,9 @@ def drawn_picture(
     """Draw the whole map, and a step's places, scan and true pose.
 
     Args:
-        grid_map: with at most 4,096 cells a side.
-        step: the frame of a step; None: there is none yet.
-        long_side_px: of the map; symbols and labels keep their size.
+        grid_map: map of at most 4,096 cells a side.
+        step: frame of a step; None: draw the map only.
+        long_side_px: long side of the map; symbols and labels keep their size.
     """
     view, size = _view_of(grid_map, long_side_px)
     canvas = Image.new("RGB", size, _UNKNOWN_RGB)
@@ -87,7 +87,7 @@ def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[_View, tuple[int,
 
 
 def map_picture(grid_map: MapMessage) -> Image.Image:
-    """Draw a pixel for each cell; the first line has the lowest y."""
+    """Return a picture with a pixel for each cell; the first line has the lowest y."""
     cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
     cells = cells.reshape(grid_map.rows, grid_map.cols)
     colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
@@ -96,7 +96,7 @@ def map_picture(grid_map: MapMessage) -> Image.Image:
 
 
 def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
-    """Draw the cells, turned by the map's heading."""
+    """Draw the cells, rotated by the map's heading."""
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
     k, cell = 1.0 / view.px_per_m, 1.0 / grid_map.cell_m
@@ -154,7 +154,7 @@ def _draw_place(
 
 
 def percent(probability: float) -> str:
-    """Format as `palette.js` does; a small probability is not 0."""
+    """Format a probability like `palette.js`; a small one is ``< 0.1 %``."""
     if probability >= 0.9995:
         return "100 %"
     if probability < 0.001:
@@ -163,7 +163,7 @@ def percent(probability: float) -> str:
 
 
 def _ellipse(view: _View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """The ellipse of two standard deviations of the position."""
+    """Return the ellipse of two standard deviations of the position as a polygon [px]."""
     xx, xy, yy, _ = place["cov"]
     x_m, y_m, _ = place["pose"]
     values, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))

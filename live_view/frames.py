@@ -1,4 +1,4 @@
-"""Messages as JSON objects for the page: short names, numbers rounded for the screen.
+"""Converts messages to JSON objects for the page: short names, rounded numbers.
 
 The page's `app.js` is the only reader and is served by the same process, so these have no versions.
 """
@@ -19,21 +19,21 @@ from protocol.work import Particles, TrackReport
 Frame: TypeAlias = dict[str, Any]
 
 ROW_PLACES = 16
-"""Most probable places of a past step that are plotted and have a trail."""
+"""Number of places of a past step, the most probable ones, in plots and trails."""
 SIMULATOR = "robot_simulator"
 """Sender of the simulator's health; only a simulated robot can be kidnapped and driven."""
 MAX_BEAMS = 360
-"""Beams of a scan on the page; of a larger scan every second, third, ... beam is drawn."""
+"""Limit for the beams of a scan; of a larger scan every second, third, ... beam is drawn."""
 MAX_PARTICLES = 250
-"""Particles of a cluster on the page, resampled by weight."""
+"""Limit for the particles of a cluster, which are resampled by weight."""
 MARK = b"track_report/"
-"""Near the beginning of each report that may have particles; search reports are large, too."""
+"""Text near the beginning of each report that may have particles, unlike search reports."""
 MIN_BYTES = 3000
-"""A report without particles is smaller, a report of a hundred particles is larger."""
+"""Reports without particles are smaller; reports of a hundred particles are larger."""
 
 
 def map_frame(message: MapMessage) -> Frame:
-    """Position and size of the map; the page fetches the cells by the digest."""
+    """Return position and size of the map; the page fetches the cells by the digest."""
     return {
         "digest": message.digest,
         "rows": message.rows,
@@ -46,7 +46,7 @@ def map_frame(message: MapMessage) -> Frame:
 def step_frame(
     belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
 ) -> Frame:
-    """Everything that is drawn after one step."""
+    """Return all that is drawn after one step."""
     return {
         "step": belief.step,
         "stamp_s": belief.stamp_ns / 1e9,
@@ -85,7 +85,7 @@ def _place(place: Hypothesis, slot: int) -> Frame:
 
 
 def history_row(frame: Frame) -> list[Any]:
-    """A step for trails and plot: step, places as (cluster, slot, p, x, y), truth."""
+    """Return a step for trails and plot: step, places as (cluster, slot, p, x, y), truth."""
     places = [
         (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
         for p in frame["places"][:ROW_PLACES]
@@ -94,7 +94,7 @@ def history_row(frame: Frame) -> list[Any]:
 
 
 def scan_points_cm(scan: Scan) -> list[int]:
-    """End points of the beams that returned, in the robot's frame [cm]: x, y, x, y, ..."""
+    """Return the end points of all returns in the robot's frame [cm]: x, y, x, y, ..."""
     cm = _points_cm(scan)
     for other in scan.others:
         cm += _points_cm(other)
@@ -116,13 +116,13 @@ def _points_cm(scan: Scan | LaserBeams) -> list[int]:
 
 @lru_cache(maxsize=4)
 def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
-    """End points (count, 2) of beams of one metre [cm]; the same for all scans of a laser."""
+    """Return (count, 2) end points of beams of one metre [cm]; cached for each laser."""
     angles = first_rad + apart_rad * np.arange(count)
     return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def pose_frame(answer: PoseAnswer) -> Frame:
-    """The robot's present pose."""
+    """Return the robot's present pose, with standard deviations."""
     frame: Frame = {
         "state": answer.state,
         "freshness": answer.freshness,
@@ -142,7 +142,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
 
 
 def status_frame(status: Status) -> Frame:
-    """State and counters of the system."""
+    """Return state and counters of the system."""
     return {
         "version": status.version,
         "state": status.state,
@@ -174,7 +174,7 @@ def _rates(name: str, status: Status) -> Frame:
 
 
 def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
-    """Beginnings and ends of clusters and searches with their causes, oldest first."""
+    """Return events of clusters and searches with their causes, oldest first."""
     return [
         {
             "number": numbered.number,
@@ -189,20 +189,20 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
 
 
 def may_have_particles(payload: bytes) -> bool:
-    """Whether an encoded report may have particles; nine of ten have none."""
+    """Return whether an encoded report may have particles; nine of ten have none."""
     return len(payload) >= MIN_BYTES and MARK in payload[:100]
 
 
 def cluster_of(report: TrackReport) -> int | None:
-    """Number of the cluster that a job tracks; None: the job tracks no cluster."""
+    """Return the number of the cluster that a job tracks; None: it tracks none."""
     number = report.job_id.removeprefix("c")
     return int(number) if number.isascii() and number.isdigit() and len(number) < 16 else None
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
-    """The particles, which the page moves on by odometry.
+    """Return the particles of a cluster, which the page moves by odometry.
 
-    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is the odometry pose.
+    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is their odometry pose.
     """
     chosen = _drawn(particles.log_weights.array(), MAX_PARTICLES)
     points = np.rint(particles.map_from_robot.array()[chosen] * (100.0, 100.0, 1000.0)).astype(
@@ -217,7 +217,7 @@ def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
 
 
 def _drawn(log_weights: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Indices of at most `most` particles by systematic resampling without a random offset."""
+    """Return at most `most` indices by systematic resampling without a random offset."""
     shares = np.cumsum(np.exp(log_weights - log_weights.max()))
     count = min(most, len(shares))
     drawn: NDArray[np.int64] = np.searchsorted(

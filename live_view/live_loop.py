@@ -1,4 +1,4 @@
-"""The page's loop: messages of one robot's system in, frames for browsers out."""
+"""The page's loop, which turns messages of one robot's system into frames for browsers."""
 
 import logging
 import statistics
@@ -34,10 +34,10 @@ _REPORTS_EVERY_S = 0.2
 _POLL_S = 0.1
 _EVENTS_PER_PICTURE = 64
 _CONNECT_TIMEOUT_S = 0.5
-"""Browsers wait for this time while there is no router; a busy router needs some of it [s]."""
+"""Limit for an attempt to connect, during which browsers wait [s]."""
 _STATUS_EVERY_S = 1.0
 _MAX_UNANSWERED = 2
-"""Status queries in a row; a busy system may miss one."""
+"""Unanswered status queries in a row after which the system counts as gone."""
 _MAP_TIMEOUT_S = 30.0
 _COMMAND_TIMEOUT_S = 5.0
 LAST_STEPS = 100
@@ -59,12 +59,12 @@ def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> 
 
 
 class LiveLoop:
-    """Draws one robot's system; the loop owns the picture, so there is no lock.
+    """The loop of one robot's page. It alone uses the picture, so there is no lock.
 
     Args:
         settings: the router's endpoint and the robot's name.
-        about: constant facts for pages: whether they may command, other robots.
-        stop: ends the loop.
+        about: constants for pages, such as whether commands are allowed.
+        stop: flag that ends the loop.
     """
 
     def __init__(self, settings: Settings, about: Mapping[str, Any], stop: StopFlag) -> None:
@@ -74,7 +74,7 @@ class LiveLoop:
         self.room = Room(name, self.node.inbox.put)
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
         self.map: MapMessage | None = None
-        """Reduced to a size for browsers."""
+        """The map, reduced to a size for browsers; None: not known yet."""
         self._latency = StepLatency()
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
@@ -213,7 +213,7 @@ class LiveLoop:
         self._asking_map = False
 
     def ask_for_places(self) -> None:
-        """Show the present places: a standing robot publishes no step."""
+        """Query and show the present places, because a standing robot publishes no step."""
         self._ask(keys.HYPOTHESES, Hypotheses, lambda now: self.picture.on_belief(_belief_of(now)))
 
     # --- browsers
@@ -245,7 +245,7 @@ class LiveLoop:
 
 
 def _belief_of(answer: Hypotheses) -> Belief:
-    """Return the present places as a belief, without what only a step has."""
+    """Return the present places as a belief, without odometry."""
     return Belief(
         sender=answer.sender,
         step=answer.pose.step,
@@ -259,26 +259,26 @@ def _belief_of(answer: Hypotheses) -> Belief:
 
 
 class StepLatency:
-    """Measures by one clock, so that no clocks have to agree."""
+    """Measures the time from scan to belief by the clock of this process."""
 
     def __init__(self) -> None:
         self._scans_ns: dict[int, int] = {}
         self._late_ms: deque[float] = deque(maxlen=LAST_STEPS)
 
     def on_scan(self, step: int, at_ns: int) -> None:
-        """A scan has arrived; its belief follows."""
+        """Store the arrival time of a scan [ns]."""
         self._scans_ns[step] = at_ns
         while len(self._scans_ns) > _WAITING_SCANS:
             del self._scans_ns[next(iter(self._scans_ns))]
 
     def on_belief(self, step: int, at_ns: int) -> None:
-        """A belief has arrived. Only the first of its step counts: commands publish more."""
+        """Measure a step at its first belief; commands publish further ones."""
         scan_ns = self._scans_ns.pop(step, None)
         if scan_ns is not None:
             self._late_ms.append((at_ns - scan_ns) / 1e6)
 
     def frame(self) -> dict[str, Any] | None:
-        """Return the times for the page [ms]; None: no belief has arrived yet."""
+        """Return last, median and largest latency [ms]; None: no step was measured yet."""
         late_ms = self._late_ms
         if not late_ms:
             return None

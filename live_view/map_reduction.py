@@ -1,4 +1,4 @@
-"""Reduces a large map for a browser, without holding all of it in memory."""
+"""Reduces a large map for a browser, without unpacking it at once."""
 
 import zlib
 from collections.abc import Iterator
@@ -11,14 +11,16 @@ from protocol.errors import MalformedMessageError
 from protocol.steps import MapMessage
 
 MAX_SIDE = 4096
-"""Cells of the page's map, in each direction."""
+"""Maximum number of rows and columns of the page's map."""
 
 
 def reduced(message: MapMessage) -> MapMessage:
-    """Return the map with at most `MAX_SIDE` cells a side; walls win, then free cells.
+    """Return the map with at most `MAX_SIDE` cells a side.
+
+    A coarse cell is occupied if any of its cells is; otherwise it is free if any is free.
 
     Raises:
-        MalformedMessageError: the number of bytes is not the number of cells.
+        MalformedMessageError: the packed cells are damaged or too few.
     """
     every = -(-max(message.rows, message.cols) // MAX_SIDE)
     if every <= 1:
@@ -36,7 +38,7 @@ def reduced(message: MapMessage) -> MapMessage:
 
 
 def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
-    """Yield `every` rows at a time from the lowest; the last band may have fewer."""
+    """Yield bands of `every` rows from the lowest; the last band may have fewer."""
     unpacker, left = zlib.decompressobj(), message.zlib_cells
     for row in range(0, message.rows, every):
         size = min(every, message.rows - row) * message.cols
@@ -55,5 +57,5 @@ def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
 
 
 def _small(band: NDArray[np.int8], every: int) -> NDArray[np.int8]:
-    """Reduce a band to one row: occupied is the largest value, unknown the smallest."""
+    """Reduce a band to one row by maximum: unknown < free < occupied."""
     return np.maximum.reduceat(band.max(axis=0), np.arange(0, band.shape[1], every))

@@ -40,7 +40,7 @@ SOCKET_PATH = "live"
 ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
 MAX_UNREAD_BYTES = 8_000_000
-"""Of one browser; the largest message, with all frames, has a tenth."""
+"""Limit for unsent bytes to a browser; the largest message has a tenth."""
 _STARTED_WITHIN_S = 10.0
 _CONTENT_TYPES = {
     "html": "text/html; charset=utf-8",
@@ -64,18 +64,18 @@ class PageOptions:
     """Address and features of the page."""
 
     address: Address
-    """Except on loopback, the link holds a token."""
+    """Address of the page; except on loopback, its link contains a token."""
     allow_commands: bool = False
     """Accept commands from other machines too."""
     open_browser: bool = False
     by_hand: bool = False
-    """Begin with driving the simulated robot by the arrow keys."""
+    """Start with manual driving of the simulated robot."""
     story: str = ""
-    """Name of the world whose captions explain what happens; empty: no captions."""
+    """Name of the world for which captions are shown; empty: no captions."""
     beside: str = ""
-    """Name of a robot that is the same one localized by AMCL, for a second map; empty: none."""
+    """Name under which AMCL localizes the same robot, for a second map; empty: no second map."""
     certificate: Path | None = None
-    """PEM file: serve by HTTPS."""
+    """PEM file, to serve the page by HTTPS."""
     private_key: Path | None = None
 
     @property
@@ -92,7 +92,7 @@ def opened_page(
 
     Args:
         options: address and features of the page.
-        rooms: one for each robot.
+        rooms: a room for each robot.
         on_link: called with the link once it can be opened.
 
     Raises:
@@ -129,9 +129,9 @@ class PageServer:
     """Serves until its ``with`` block ends. The other methods may be called from any thread.
 
     Args:
-        address: port 0 takes a free one.
-        token: required of each browser; empty: none.
-        rooms: one for each robot; the first is also the page at ``/``.
+        address: address to listen at; port 0 selects a free port.
+        token: token that each browser must present; empty: none.
+        rooms: a room for each robot; the first is also the page at ``/``.
         commands: whether commands are accepted.
         tls: certificate and key; None: plain HTTP.
     """
@@ -159,7 +159,7 @@ class PageServer:
 
     @property
     def link(self) -> str:
-        """The link for a person."""
+        """Link of the page."""
         return self._admission.link
 
     def __enter__(self) -> Self:

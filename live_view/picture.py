@@ -1,4 +1,4 @@
-"""What the page shows, kept up to date from the messages of one robot's system."""
+"""The frames that the page shows, updated by the messages of one robot's system."""
 
 from collections import deque
 from collections.abc import Container, Iterable
@@ -26,11 +26,11 @@ from protocol.steps import MapMessage, Scan, TruePose
 from protocol.work import Particles, TrackReport
 
 NEWEST_ROWS = 1000
-"""Rows of the newest steps that a page gets when it is opened; it requests older ones."""
+"""Number of rows that a page gets when it is opened; it requests older ones."""
 MAX_EVENTS = 1000
 SHOWN_EVENTS = 100
 _KEPT_STEPS = 64
-"""Scans and true poses that wait for the belief of their step."""
+"""Number of scans and of true poses that are kept for the belief of their step."""
 SLOTS = 8
 """Number of colours; slots beyond repeat them with dashed rims."""
 
@@ -44,8 +44,8 @@ class Picture:
     is sent once, and again when the steps restart; the page adds each new step itself.
 
     Args:
-        system: constant facts: the robot's name, the router, whether commands are allowed.
-        archive: of past steps; None: one of the usual size.
+        system: constants: the robot's name, the router, whether commands are allowed.
+        archive: archive of past steps; None: a new one of the usual size.
     """
 
     def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
@@ -60,11 +60,11 @@ class Picture:
         self._events_term = self._term = 0
         self._last_step = -1
         self.wanted_map = ""
-        """Digest of the map that the system localizes in; empty: unknown, any map will do."""
+        """Digest of the system's map; empty: unknown, so that any map is shown."""
 
     @property
     def has_wanted_map(self) -> bool:
-        """Whether no map has to be queried."""
+        """Whether the wanted map is shown, so that none has to be queried."""
         shown = self._frames.get("map")
         return shown is not None and self.wanted_map in ("", shown["digest"])
 
@@ -81,13 +81,13 @@ class Picture:
         return changed
 
     def past(self, step: int) -> dict[str, Any]:
-        """Return the frames as they were after a step, without those no longer archived."""
+        """Return the archived frames of a past step."""
         events = [event for event in self._events.values() if event.step <= step]
         return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
 
     @property
     def archived(self) -> list[ArchiveEntry]:
-        """Step, topic and frame of all steps that are kept, in their order."""
+        """All archived entries in the order of their steps."""
         return self._archive.everything()
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
@@ -100,7 +100,7 @@ class Picture:
         return {topic: self._frame(topic) for topic in ("history", *self._frames)}
 
     def on_link(self, link: str) -> None:
-        """The router, or the system behind it, appeared or disappeared."""
+        """Show that the router, or the system behind it, appeared or disappeared."""
         if link != self.link:
             self._set("system", {**self._frames["system"], "link": link})
             if link != "running":
@@ -124,7 +124,7 @@ class Picture:
             self._set_step({**shown, "truth": truth.map_from_robot})
 
     def on_report(self, report: TrackReport) -> None:
-        """Take the particles out of a worker's report, if it has any."""
+        """Show the particles of a worker's report, if it has any."""
         cluster = cluster_of(report)
         if report.snapshot is not None and cluster is not None:
             self.on_particles(cluster, report.snapshot)
@@ -136,7 +136,7 @@ class Picture:
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
-        """Show a belief: a step was applied, or a command changed the belief after it."""
+        """Show the belief after a step, or after a command that changed it."""
         if belief.term < self._term:
             return
         if belief.step < self._last_step:
@@ -155,11 +155,11 @@ class Picture:
             self._archive.add(self._last_step, "pose", frame)
 
     def on_status(self, status: Status, latency: Frame | None = None) -> None:
-        """Show the status of the system, which is running.
+        """Show the status of a running system.
 
         Args:
-            status: its answer.
-            latency: of the last steps; None: unknown.
+            status: the coordinator's answer.
+            latency: latency of the last steps; None: unknown.
         """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
@@ -168,7 +168,7 @@ class Picture:
         self._archive.add(self._last_step, "status", frame)
 
     def on_events(self, published: JobEvents) -> bool:
-        """Add events; return False if some are missing, so that all have to be queried."""
+        """Add events; return False if earlier ones are missing and have to be queried."""
         if published.term < self._events_term:
             return True
         if published.term > self._events_term:
@@ -185,7 +185,7 @@ class Picture:
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:
-        """Drop everything of the old steps: the count of steps has restarted."""
+        """Drop all past steps, because the count of steps has restarted."""
         self._rows.clear()
         self._archive.clear()
         self._events.clear()
@@ -200,7 +200,7 @@ class Picture:
         return shown if shown is not None and shown["step"] == step else None
 
     def _set_step(self, frame: Frame) -> None:
-        """Show a step; replace its frame if it is shown already."""
+        """Show a step, and replace its frame if it is already shown."""
         step = frame["step"]
         if self._rows and self._rows[-1][0] == step:
             self._rows.pop()
@@ -227,7 +227,7 @@ class Picture:
 
 
 def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
-    """Keep the newest values by the order of arrival: a count of steps may restart."""
+    """Store a value and drop the oldest by arrival, because the count of steps may restart."""
     of_step.pop(step, None)
     of_step[step] = value
     while len(of_step) > _KEPT_STEPS:
@@ -235,12 +235,12 @@ def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
 
 
 class ColourSlots:
-    """Gives each cluster the slot that has been free for longest."""
+    """Assigns each cluster the slot that has been free for longest."""
 
     def __init__(self) -> None:
         self._of: dict[int, int] = {}
         self._free = list(range(SLOTS))
-        """Longest free first: a new cluster gets another colour than one that just ended."""
+        """Free slots, the longest free first: a new cluster gets an unused colour."""
 
     def assign(self, clusters: Iterable[int]) -> dict[int, int]:
         """Return the slots of the present clusters; those of all others become free."""
@@ -253,7 +253,7 @@ class ColourSlots:
         return dict(self._of)
 
     def _take(self) -> int:
-        """Return a slot with a colour of its own while there is one; then one beyond."""
+        """Return a free slot with its own colour if there is one, else another slot."""
         if not self._free:
             return len(self._of)
         first = next((slot for slot in self._free if slot < SLOTS), self._free[0])

@@ -1,4 +1,4 @@
-"""The page's process: serves the pictures of one or several robots."""
+"""The page's process, which serves one or several robots."""
 
 import argparse
 import logging
@@ -94,7 +94,7 @@ def serve_page(
         stop: checked every 0.1 s.
         options: address and features of the page.
         on_link: called with the link once it can be opened.
-        robots: names, each with its own page; empty: the robot of the settings.
+        robots: names of robots, each with its own page; empty: the robot of the settings.
 
     Raises:
         SettingsError: the address, a certificate or a robot's name cannot be used.

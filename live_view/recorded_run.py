@@ -1,4 +1,4 @@
-"""A finished run on the page, read from its log while browsers look."""
+"""Shows a finished run on the page, and reads its log in the meantime."""
 
 import logging
 import math
@@ -41,11 +41,11 @@ _log = logging.getLogger(__name__)
 
 
 class RecordedRun:
-    """Reads a run piece by piece into the picture, and answers browsers in between.
+    """A run that is read in small pieces, so that browsers are answered in between.
 
     Args:
-        path: a file, or the folder of a flight recorder.
-        grid_map: the map to draw; None: the one in the log.
+        path: a run log, or the folder of a flight recorder.
+        grid_map: map to draw; None: the one in the log.
     """
 
     def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
@@ -65,7 +65,7 @@ class RecordedRun:
         self._pieces = self._read(log_files(path))
 
     def run(self, stop: StopFlag) -> None:
-        """Read all of it, and show it until `stop` is set.
+        """Read the run, and show it until `stop` is set.
 
         Raises:
             RecordingError: the recording cannot be read.
@@ -81,7 +81,7 @@ class RecordedRun:
                 self.room.publish(changes)
 
     def saved(self) -> str:
-        """Read all of it, and return the page that plays it.
+        """Read the run, and return a page of HTML that plays it.
 
         Raises:
             RecordingError: the recording cannot be read.
@@ -90,7 +90,7 @@ class RecordedRun:
         return saved_run(self.picture, self._map)
 
     def read_for(self, seconds: float) -> bool:
-        """Continue for a time; False: that was all."""
+        """Read on for a time; return whether there is more to read."""
         until_s = time.monotonic() + seconds
         for _ in self._pieces:
             if time.monotonic() >= until_s:
@@ -152,7 +152,7 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
 
 
 def best_pose(belief: Belief) -> PoseAnswer:
-    """The most probable place, as the coordinator answered it right after the step."""
+    """Return the most probable place as the coordinator's answer just after the step."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return PoseAnswer(
         sender=belief.sender,

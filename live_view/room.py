@@ -1,4 +1,4 @@
-"""The pages of one robot that are open in browsers: their requests, and frames for them."""
+"""The open pages of one robot: their requests, and the frames for them."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -10,17 +10,17 @@ import msgspec
 from live_view.commands import Command, Drawn, Question
 
 MESSAGES_AHEAD = 6
-"""Messages under way to a page that keeps up; it acknowledges several at once."""
+"""Limit for unacknowledged messages to a fast page, which acknowledges several at once."""
 
 
 class Backlog:
-    """Holds frames back while the browser has not drawn the last ones.
+    """Queue of frames for a browser, which holds them back until the last ones are drawn.
 
-    All frames are states: a newer one of the same topic replaces an older one that waits. A slow
-    browser skips pictures, and its backlog is never larger than one picture.
+    Each frame is a state, so a newer frame replaces a waiting one of its topic. A slow browser
+    skips frames, and the queue holds at most one frame for each topic.
 
     Args:
-        frames: first frames to send: topic to encoded frame.
+        frames: first encoded frames to send, by topic.
     """
 
     def __init__(self, frames: Mapping[str, bytes]) -> None:
@@ -32,17 +32,17 @@ class Backlog:
         self._owed.update(frames)
 
     def on_drawn(self, count: int, *, slow: bool) -> None:
-        """The browser has drawn more messages.
+        """Handle an acknowledgement of the browser.
 
         Args:
-            count: number of them since its last acknowledgement.
-            slow: drawing takes long, so each message waits until the last one is drawn.
+            count: number of messages drawn since the last acknowledgement.
+            slow: send each message only when the last one is drawn.
         """
         self._under_way = max(self._under_way - count, 0)
         self._ahead = 1 if slow else MESSAGES_AHEAD
 
     def take(self) -> list[bytes]:
-        """Return the frames to send now, in the order of their topics; none while it draws."""
+        """Return the frames to send now; none while the browser draws."""
         if self._under_way >= self._ahead or not self._owed:
             return []
         frames = list(self._owed.values())
@@ -55,13 +55,13 @@ class Browser:
     """One open page; used on the server's own thread.
 
     Args:
-        send: sends a message to the page without waiting.
+        send: function that sends a message to the page without waiting.
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         self._backlog = Backlog({})
         self.drives = False
-        """A person drives the simulated robot on this page."""
+        """Whether the simulated robot is driven manually on this page."""
         self._send = send
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
@@ -70,7 +70,6 @@ class Browser:
         self._send_owed()
 
     def on_drawn(self, drawn: Drawn) -> None:
-        """The page has drawn messages."""
         self._backlog.on_drawn(drawn.count, slow=drawn.slow)
         self._send_owed()
 
@@ -88,7 +87,7 @@ class Joined:
 
 @dataclass(frozen=True)
 class Commanded:
-    """A person pressed a button of a page."""
+    """A page sent a command."""
 
     browser: Browser
     command: Command
@@ -96,7 +95,7 @@ class Commanded:
 
 @dataclass(frozen=True)
 class Questioned:
-    """A page requests frames or rows of the past."""
+    """A page requested frames or rows of the past."""
 
     browser: Browser
     question: Question
@@ -109,7 +108,7 @@ class Room:
     """One robot's pages. `set_map`, `publish` and `send` may be called from any thread.
 
     Args:
-        name: the robot's; part of its link.
+        name: name of the robot, part of the link.
         on_event: called on the server's thread for each request; must not block.
     """
 
@@ -119,14 +118,14 @@ class Room:
         self.map: tuple[str, bytes] = ("", b"")
         """Digest and packed cells."""
         self.loop: asyncio.AbstractEventLoop | None = None
-        """The server's event loop, once it serves."""
+        """The server's event loop; None before the server starts."""
 
     def set_map(self, digest: str, zlib_cells: bytes) -> None:
-        """Set the map's packed cells, which pages fetch by their digest."""
+        """Set the map's packed cells, which pages fetch by the digest."""
         self.map = (digest, zlib_cells)
 
     def publish(self, frames: Mapping[str, Any]) -> None:
-        """Send frames to every page; a slow page skips frames that newer ones replace."""
+        """Send frames to all pages."""
         if self.browsers:
             self._soon(self._offer_all, encoded(frames))
 
@@ -146,7 +145,7 @@ class Room:
 
 
 def encoded(frames: Mapping[str, Any]) -> dict[str, bytes]:
-    """Encode each frame as a member of a JSON object, once for all browsers."""
+    """Encode each frame as a member of a JSON object."""
     return {
         topic: b'"%s":%s' % (topic.encode(), msgspec.json.encode(frame))
         for topic, frame in frames.items()

@@ -1,4 +1,4 @@
-"""The page as one file that needs no server: a moment, or a run that plays."""
+"""Saves the page as one file that needs no server: one moment, or a run that plays."""
 
 import base64
 import importlib.resources
@@ -19,9 +19,9 @@ def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at:
     """Return a page of HTML.
 
     Args:
-        frames: of all topics, as for a page that was just opened.
-        grid_map: small enough for a browser; None: none is drawn.
-        saved_at: the time, for people.
+        frames: all frames, as for a page that was just opened.
+        grid_map: map reduced for a browser; None: no map.
+        saved_at: time to show.
     """
     system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
     return _page({**frames, "system": system}, grid_map)
@@ -51,7 +51,7 @@ def _page(shown: dict[str, Any], grid_map: MapMessage | None) -> str:
 
 
 def _import_map(files: Mapping[str, str]) -> str:
-    """Map each script's name to its content: inline scripts cannot import by a path."""
+    """Return an import map with the scripts' contents, since inline scripts cannot import files."""
     scripts = {
         name.removesuffix(".js"): "data:text/javascript;base64,"
         + base64.b64encode(_IMPORTED.sub(r'from "\1"', text).encode()).decode()

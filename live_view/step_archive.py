@@ -1,4 +1,4 @@
-"""The frames of the last steps, for looking back."""
+"""An archive of frames, for looking back at past steps."""
 
 import zlib
 from collections import deque
@@ -9,15 +9,15 @@ import msgspec
 
 MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000
-"""Of all archived frames; with very many clusters, fewer steps fit."""
+"""Limit for all archived frames; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
-"""A frame holds for this many later steps: particles arrive about every tenth step."""
+"""Number of later steps for which a frame is shown; particles arrive about every tenth step."""
 PACKED_TOGETHER_BYTES = 32_000
-"""About a second of frames: similar ones, whose set-up costs more than packing one."""
+"""Frames are compressed in groups of about a second, because single frames compress badly."""
 _FAST = 1
 
 ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
-"""Step, topic, encoded frame."""
+"""Step, topic, and encoded frame."""
 _ENTRIES = msgspec.json.Decoder(list[ArchiveEntry])
 
 
@@ -31,8 +31,8 @@ class StepArchive:
     """Keeps compressed frames by step and topic; drops the oldest.
 
     Args:
-        max_steps: most steps between the first and the last.
-        max_bytes: of the packed frames.
+        max_steps: maximum number of steps from the first to the last.
+        max_bytes: limit for the compressed frames.
     """
 
     def __init__(self, max_steps: int = MAX_STEPS, max_bytes: int = MAX_BYTES) -> None:
@@ -45,14 +45,14 @@ class StepArchive:
         self._packs: deque[_Pack] = deque()
         self._packed_bytes = self._newest_bytes = 0
         self._newest: list[ArchiveEntry] = []
-        """Not packed yet."""
+        """Entries that are not compressed yet."""
         self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:
-        """Keep a frame; it holds for its step and later ones, until the next of its topic.
+        """Store a frame, which is valid until the next frame of its topic.
 
         Args:
-            step: not less than in earlier calls.
+            step: step of the frame; steps never decrease.
             topic: see `Picture`.
             frame: a JSON object.
         """
@@ -69,7 +69,7 @@ class StepArchive:
             self._packed_bytes -= len(self._packs.popleft().packed)
 
     def at(self, step: int) -> dict[str, msgspec.Raw]:
-        """Return the newest encoded frame of each topic that is not newer than a step."""
+        """Return the newest encoded frame of each topic at a step."""
         found: dict[str, msgspec.Raw] = {}
         oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
         for entries in self._entries_between(oldest, step):
@@ -79,7 +79,7 @@ class StepArchive:
         return found
 
     def everything(self) -> list[ArchiveEntry]:
-        """All entries in the order of their steps."""
+        """Return all entries in the order of their steps."""
         packs = [_ENTRIES.decode(zlib.decompress(pack.packed)) for pack in self._packs]
         return [entry for entries in (*packs, self._newest) for entry in entries]
 

@@ -1,4 +1,4 @@
-"""Chunks of bags and run logs, unpacked with a bound: 92 kB of zstd can stand for gigabytes."""
+"""Unpacks chunks of bags and run logs with size limits: 92 kB of zstd can hold gigabytes."""
 
 import bz2
 import zlib
@@ -18,13 +18,13 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 MOST_BYTES = 2**26
-"""Of one chunk, or one packed message, once unpacked. Recorders write chunks of a few megabytes."""
+"""Limit for one unpacked chunk or message. Recorders write chunks of a few megabytes."""
 MOST_OVERLAPPING_BYTES = 2**27
-"""Of all chunks that hold messages of one moment: they are unpacked together."""
+"""Limit for all chunks with messages of the same time, which are unpacked together."""
 MOST_FILE_BYTES = 2**33
-"""Largest size of a packed or damaged bag after unpacking; it is unpacked to the disk."""
+"""Limit for a packed or damaged bag, which is unpacked to the disk."""
 _MOST_DEFINED_BYTES = 2**24
-"""Of all schemas and names of topics of an MCAP file."""
+"""Limit for all schemas and topic names of an MCAP file."""
 _MOST_RECORD_BYTES = 2**30
 """An MCAP record with a larger length is damaged; the library would allocate it."""
 
@@ -33,12 +33,12 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
     """Unpack a chunk.
 
     Args:
-        compression: as ROS 1 and MCAP name it.
+        compression: its name in ROS 1 and MCAP.
         packed: the bytes.
-        most: how many bytes it may be; never more than `MOST_BYTES`.
+        most: limit for the unpacked size [bytes]; never more than `MOST_BYTES`.
 
     Raises:
-        ValueError: it is more, or packed in another way.
+        ValueError: the chunk is larger, or the compression is unknown.
     """
     most = min(most, MOST_BYTES)
     match compression:
@@ -58,10 +58,10 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
 
 
 def check_unpacked(count: int) -> None:
-    """Refuse a whole bag that unpacks to more bytes than `MOST_FILE_BYTES`.
+    """Check the size of a bag that is being unpacked.
 
     Raises:
-        ValueError: so it does.
+        ValueError: `count` is more than `MOST_FILE_BYTES`.
     """
     if count > MOST_FILE_BYTES:
         raise ValueError(f"unpacks to more than {MOST_FILE_BYTES} bytes")
@@ -69,7 +69,7 @@ def check_unpacked(count: int) -> None:
 
 @cache
 def bound_library() -> None:
-    """Make `rosbags` unpack by `unpacked`: its own functions have no bound."""
+    """Make `rosbags` unpack by `unpacked`, because its own functions have no limit."""
     from backports import zstd  # noqa: PLC0415 - comes with rosbags
     from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415 - an extra
     from rosbags.rosbag2 import reader as ros2  # noqa: PLC0415 - see above
@@ -89,10 +89,10 @@ def bound_library() -> None:
 
 
 def check_overlaps(chunks: Iterable[Any]) -> None:
-    """Refuse chunks of an MCAP file that would have to be unpacked together.
+    """Check the size of chunks of an MCAP file that overlap in time.
 
     Raises:
-        ValueError: those of one moment are more than `MOST_OVERLAPPING_BYTES`.
+        ValueError: together they have more than `MOST_OVERLAPPING_BYTES`.
     """
     changes = []
     for chunk in chunks:
@@ -107,7 +107,7 @@ def check_overlaps(chunks: Iterable[Any]) -> None:
 
 
 def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, those in its chunks too; one chunk is held at a time.
+    """Yield the records of an MCAP file and of its chunks, holding one chunk at a time.
 
     Raises:
         Exception: of many kinds: from here on the file is cut off or damaged.
@@ -133,9 +133,9 @@ def _chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
 
 
 def recover_mcap(damaged: Path, recovered: Path) -> None:
-    """Write the whole chunks before the first damaged one into a new file, with an index.
+    """Copy the chunks before the first damaged one into a new file with an index.
 
-    A recorder writes the index last: a file that is cut off has none, and `rosbags` needs one.
+    `rosbags` needs the index, which a recorder writes last, so that a truncated file lacks it.
     """
     with damaged.open("rb") as source, recovered.open("wb") as target:
         writer = Writer(target, compression=CompressionType.NONE)

@@ -1,8 +1,7 @@
-"""ROS bags, whatever their storage: ROS 1 `.bag`, rosbag2 of sqlite3 or MCAP, folders or files.
+"""Reads ROS bags: ROS 1 `.bag`, and rosbag2 in sqlite3 or MCAP, as folders or files.
 
-The library `rosbags` reads them (extra ``ros2``). The messages that are read here have had the
-same fields in every ROS, so their definitions are the library's: what else a bag defines, rightly
-or not, is never looked at.
+The library `rosbags` (extra ``ros2``) does the work. The types read here have the same fields in
+all ROS releases, so the library's definitions are used, and those in the bag are ignored.
 """
 
 import tempfile
@@ -47,10 +46,10 @@ class BagMessage:
     """One message of a bag.
 
     Args:
-        number: which of the messages that were asked for it is, from 1.
-        time_ns: when the recorder got it.
-        topic: its name.
-        content: its fields, as ROS names them.
+        number: position among the requested messages, from 1.
+        time_ns: time of recording.
+        topic: name of the topic.
+        content: the message, with ROS's field names.
     """
 
     number: int
@@ -60,7 +59,7 @@ class BagMessage:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS bag by its first bytes, or a folder that holds one."""
+    """Return whether a path is a ROS bag by its first bytes, or a folder with one."""
     if path.is_dir():
         return (path / _METADATA).is_file() or bool(_storage_files(path))
     return _suffix_of(path) is not None
@@ -71,15 +70,15 @@ class BagFile:
 
     Args:
         path: a file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
-        error: what to raise when it cannot be read.
+        error: type of the exception for a bag that cannot be read.
 
     Attributes:
-        topics: message types by topic, of the topics that hold any message.
-        counts: messages of each topic.
-        left_out: messages that `messages` could not read, or after which nothing could be.
+        topics: message type of each topic that is not empty.
+        counts: number of messages of each topic.
+        left_out: messages that could not be read, or at which reading ended.
 
     Raises:
-        InputFileError: as `error`: the library is not installed, or the bag cannot be read.
+        InputFileError: of the type `error`: the library is missing, or the bag cannot be read.
     """
 
     def __init__(self, path: Path, error: type[InputFileError]) -> None:
@@ -102,14 +101,14 @@ class BagFile:
         self._closing.close()
 
     def of_type(self, message_type: str) -> list[str]:
-        """The topics of a message type, in the order of their names."""
+        """Return the topics of a message type, sorted by name."""
         return sorted(topic for topic, kind in self.topics.items() if kind == message_type)
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """The messages of some topics in the order of their recording.
+        """Yield the messages of some topics in the order of recording.
 
         Raises:
-            InputFileError: as the `error` of this bag: a topic's encoding is not that of ROS.
+            InputFileError: of the type `error`: the encoding of a topic is not ROS's CDR.
         """
         wanted = [one for one in self._reader.connections if one.topic in topics and one.msgcount]
         for connection in wanted:
@@ -174,7 +173,7 @@ class BagFile:
             raise self._error(self._path, f"{problem}; {remedy}") from broken
 
     def _recovered(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
-        """What a damaged MCAP file still holds; raises what is wrong with it, if nothing."""
+        """Return a copy of the readable part of a damaged MCAP file; raise `broken` for others."""
         files = _storage_files(path) if path.is_dir() else [path]
         recovered = _new_folder(stack) / "recovered.mcap"
         if len(files) != 1 or files[0].suffix != recovered.suffix:
@@ -184,7 +183,7 @@ class BagFile:
         return recovered
 
     def _as_library_wants(self, stack: ExitStack) -> Path:
-        """The bag as a folder, or as a file that is not packed and has the name of its kind."""
+        """Return the bag as a folder, or as an unpacked file with the suffix of its format."""
         path = self._path
         if path.is_dir():
             if (path / _METADATA).is_file():
@@ -222,7 +221,7 @@ class BagFile:
 
 @cache
 def definitions(*, ros1: bool) -> "Typestore":
-    """The library's definitions of messages, which take it 0.2 s."""
+    """Return the library's message definitions, which take 0.2 s to load."""
     from rosbags.typesys import (  # noqa: PLC0415 - an extra
         Stores,
         get_types_from_msg,
@@ -256,7 +255,7 @@ def _is_packed(path: Path) -> bool:
 
 
 def _suffix_of(path: Path) -> str | None:
-    """The name that files of this kind have, by the first bytes once unpacked; None: no bag."""
+    """Return the suffix for a file by its first bytes after unpacking; None: not a bag."""
     try:
         with open_decompressed(path) as stream:
             start = stream.read(_MAGIC_BYTES)
@@ -266,5 +265,5 @@ def _suffix_of(path: Path) -> str | None:
 
 
 def _library_problem(broken: Exception) -> str:
-    """What the library says. Of damaged bytes it raises whatever it stumbles over."""
+    """Return the text of an exception; damaged bytes make the library raise any type."""
     return f"{broken}" if str(broken) else type(broken).__name__

@@ -1,7 +1,7 @@
-"""Messages of a run log that Foxglove draws: its schemas, as JSON.
+"""Messages of a run log that Foxglove draws, as JSON objects.
 
-The fields are those of https://docs.foxglove.dev/docs/sdk/schemas. Next to them each message that
-is read again holds the fields of one of the classes below; Foxglove ignores them.
+Their fields follow https://docs.foxglove.dev/docs/sdk/schemas. Messages that we read back also have
+the fields of one of the classes below, which Foxglove ignores.
 """
 
 import math
@@ -27,7 +27,7 @@ MAP, ODOM, BASE = "map", "odom", "base_link"
 """Frames, as ROS calls them (REP 105)."""
 _INT8, _INFO = 2, 2
 _SIGMAS = 2.0
-"""An ellipse of two standard deviations holds 86 % of a Gaussian in the plane."""
+"""Size of an ellipse, in standard deviations; it contains 86 % of a Gaussian in the plane."""
 _MIN_SIGMA_M = 0.02
 _ARROW = {"shaft_length": 0.6, "shaft_diameter": 0.08, "head_length": 0.15, "head_diameter": 0.16}
 _TEXT_M = 0.3
@@ -35,11 +35,11 @@ _COLOURS = (
     (0.12, 0.47, 0.71), (1.0, 0.5, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16),
     (0.58, 0.4, 0.74), (0.55, 0.34, 0.29), (0.89, 0.47, 0.76), (0.09, 0.75, 0.81),
 )  # fmt: skip
-"""Of places, by the number of their cluster."""
+"""Colours of places, by cluster number."""
 
 
 class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
-    """The measurement of one laser for a step, as in `Scan`; a range of 0 is no return."""
+    """The beams of one laser in a step, as in `Scan`; a range of 0 means no return."""
 
     step: ScanStep
     stamp_ns: Stamp
@@ -62,7 +62,7 @@ class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
-    """`foxglove.LaserScan` of one laser of a step, and `LaserFields`."""
+    """Return one laser of a step as `foxglove.LaserScan`, together with its `LaserFields`."""
     ranges, range_max_m = beams.ranges.array().astype(np.float64), min(beams.range_max_m, _FAR_M)
     with np.errstate(invalid="ignore"):
         ranges[~((ranges > 0.0) & (ranges < range_max_m))] = 0.0
@@ -88,7 +88,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
 
 
 class LinkFields(msgspec.Struct, frozen=True):
-    """Where a frame is in its parent, to the last bit."""
+    """The pose of a frame in its parent, not rounded."""
 
     stamp_ns: Stamp
     child_frame_id: str
@@ -96,7 +96,7 @@ class LinkFields(msgspec.Struct, frozen=True):
 
 
 def frame_transform(stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> Json:
-    """`foxglove.FrameTransform`, and `LinkFields`."""
+    """Return a pose as `foxglove.FrameTransform`, together with its `LinkFields`."""
     drawn = _pose(pose)
     return msgspec.structs.asdict(LinkFields(stamp_ns, child, pose)) | {
         "timestamp": _time(stamp_ns),
@@ -107,7 +107,7 @@ def frame_transform(stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> 
 
 
 class MapFields(msgspec.Struct, frozen=True):
-    """A map, as ROS has it: 0 is free, 100 occupied, -1 unknown."""
+    """A map in ROS's values: 0 is free, 100 occupied, -1 unknown."""
 
     cell_m: Positive
     map_from_grid: PoseTuple
@@ -115,10 +115,10 @@ class MapFields(msgspec.Struct, frozen=True):
     data: bytes
 
     def grid_map(self) -> GridMap:
-        """The map.
+        """Convert to a map.
 
         Raises:
-            ValueError: the bytes are no map.
+            ValueError: the bytes are not a map.
         """
         occupancy = np.frombuffer(self.data, np.int8).reshape(-1, self.column_count)
         return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid)
@@ -146,12 +146,12 @@ def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
 
 
 def pose_in_frame(map_from_robot: PoseTuple, stamp_ns: int) -> Json:
-    """`foxglove.PoseInFrame`."""
+    """Return a pose as `foxglove.PoseInFrame`."""
     return {**_header(stamp_ns, MAP), "pose": _pose(map_from_robot)}
 
 
 def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
-    """`foxglove.SceneUpdate`: of each place an arrow, an ellipse and its percentage."""
+    """Return a `foxglove.SceneUpdate`: an arrow, an ellipse and a percentage for each place."""
     drawn: dict[str, list[Json]] = {"arrows": [], "cylinders": [], "texts": []}
     for place in hypotheses:
         shown = round(0.2 + 0.8 * place.probability, 2)
@@ -177,7 +177,7 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
 
 
 def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
-    """Direction of the long axis [rad], and both diameters [m], of a pose's covariance."""
+    """Return the direction of the long axis [rad] and both diameters [m] of a covariance."""
     xx, xy, yy = covariance[0], covariance[1], covariance[4]
     middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
     long_m, short_m = (
@@ -188,7 +188,7 @@ def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
 
 
 def log_line(text: str, stamp_ns: int) -> Json:
-    """`foxglove.Log`."""
+    """Return a line of text as `foxglove.Log`."""
     line = {"level": _INFO, "message": text, "name": "coordinator", "file": "", "line": 0}
     return {"timestamp": _time(stamp_ns), **line}
 
@@ -203,7 +203,7 @@ def _time(stamp_ns: int) -> Json:
 
 
 def _pose(pose: PoseTuple) -> Json:
-    """A pose as it is drawn: to 0.1 mm, which needs a third of the bytes."""
+    """Return a pose for drawing; rounding to 0.1 mm saves two thirds of the bytes."""
     x, y, heading_rad = pose
     half = heading_rad / 2.0
     turn = {"x": 0, "y": 0, "z": round(math.sin(half), 5), "w": round(math.cos(half), 5)}

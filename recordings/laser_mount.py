@@ -1,4 +1,4 @@
-"""Where the laser sits on the robot, read from pairs of poses in one frame."""
+"""The mount of a laser on the robot: from pairs of poses, and checks of its tilt."""
 
 import math
 from collections.abc import Sequence
@@ -11,18 +11,18 @@ from particle_filter.poses import between
 from protocol.message import PoseTuple
 
 MAX_MOUNT_M = 10.0
-"""A laser farther away sits on another robot."""
+"""A laser farther away belongs to another robot."""
 MAX_TILT_RAD = 0.1
-"""Largest angle of a laser above or below the horizon: at 10 m an error of 5 cm."""
+"""Maximum tilt; at 10 m it is an error of 5 cm in range."""
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.01, 0.01
 
 
 def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTuple:
-    """The laser's pose on the robot, to a tenth of a millimetre: what the digits hold.
+    """Return the laser's pose on the robot, rounded to 0.1 mm, the resolution of such logs.
 
     Raises:
-        ValueError: it is too far away to sit on the robot.
+        ValueError: the laser is too far away to be on the robot.
     """
     x, y, heading = between(np.array(odom_from_robot), np.array(odom_from_laser)).tolist()
     if math.hypot(x, y) > MAX_MOUNT_M:
@@ -31,10 +31,10 @@ def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTupl
 
 
 def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | None:
-    """The laser's pose on the robot, if all pairs of poses agree on it and it is not zero.
+    """Return the laser's pose on the robot; None: the pairs disagree, or the pose is zero.
 
     Args:
-        pairs: pose of the robot and pose of what may be the laser.
+        pairs: pose of the robot, and pose that may be that of the laser, in one frame.
     """
     try:
         columns = list(zip(*(mounting(robot, laser) for robot, laser in pairs), strict=True))
@@ -52,15 +52,15 @@ def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | 
 
 
 def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
-    """Whether a laser's beams go round the other way.
+    """Return whether a laser is mounted upside down, so that its beams run clockwise.
 
     Args:
-        frame: the laser's, for the error.
-        up: how much of its z axis points up: 1 upright, -1 upside down.
-        away_m: how far from the robot's centre it is.
+        frame: frame of the laser, for the error.
+        up: upward component of its z axis: 1 upright, -1 upside down.
+        away_m: distance from the robot's centre.
 
     Raises:
-        ValueError: it does not look along the floor, or is not on the robot.
+        ValueError: the laser is tilted, or too far away to be on the robot.
     """
     tilt_rad = math.acos(min(abs(up), 1.0))
     if tilt_rad > MAX_TILT_RAD:
@@ -73,7 +73,7 @@ def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
 def counter_clockwise(
     start_rad: float, step_rad: float, ranges: NDArray[np.float32], *, upside_down: bool
 ) -> tuple[float, float, NDArray[np.float32]]:
-    """The beams of a scan put in order: direction of the first, step > 0, ranges."""
+    """Return first direction [rad], positive step [rad] and ranges, counter-clockwise."""
     if upside_down:
         start_rad, step_rad = -start_rad, -step_rad
     if step_rad < 0.0:  # clockwise: the last beam becomes the first

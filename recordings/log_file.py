@@ -1,4 +1,4 @@
-"""The lines of a recording, and the entries that they become, whatever the format."""
+"""Lines of text recordings, and the entries that parsers make of them."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ _MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into
 
 @dataclass(frozen=True)
 class SkippedLine:
-    """A line that was left out, and why."""
+    """A skipped line and the reason."""
 
     line_number: int
     problem: str
@@ -35,7 +35,7 @@ class SkippedLine:
 
 @dataclass(frozen=True)
 class OdometryEntry:
-    """One line of odometry."""
+    """One odometry reading."""
 
     line_number: int
     stamp_ns: int
@@ -44,7 +44,7 @@ class OdometryEntry:
 
 @dataclass(frozen=True)
 class LaserEntry:
-    """One scan. What the line does not say is None."""
+    """One scan; values that its line lacks are None."""
 
     line_number: int
     stamp_ns: int
@@ -55,34 +55,35 @@ class LaserEntry:
     odom_from_robot: PoseTuple | None
     range_limit_m: float | None = None
     laser: str = ""
-    """Its name, where there may be several."""
+    """Name of the laser; empty: the robot has only one."""
 
 
 Entry = OdometryEntry | LaserEntry
 
 
 class LogParser(Protocol):
-    """A format of recordings."""
+    """Parser of one text format."""
 
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Read one line; None where it holds no reading.
+        """Parse one line; return None if it holds no reading.
 
         Raises:
-            ValueError: with a sentence for the reader: the line is cut or not of this format.
+            ValueError: the line is truncated or of another format.
         """
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """The entries, corrected by what only all lines together show."""
+        """Return the entries, with corrections that need all lines."""
 
 
 class LogFile:
-    """Numbered lines of a text that may be compressed and cut off.
-
-    After all lines were read, `broken` says where and how a compressed stream ended early.
+    """Numbered lines of a text file that may be compressed or truncated.
 
     Args:
         path: the file.
-        error: what to raise when it cannot be read.
+        error: type of the exception for a file that cannot be read.
+
+    Attributes:
+        broken: where and why a compressed stream ended early, once all lines are read.
     """
 
     def __init__(self, path: Path, error: type[InputFileError] = RecordingError) -> None:
@@ -90,10 +91,10 @@ class LogFile:
         self.broken: SkippedLine | None = None
 
     def lines(self) -> Iterator[tuple[int, str]]:
-        """Line numbers, from 1, and lines.
+        """Yield line numbers, from 1, and lines.
 
         Raises:
-            InputFileError: as `error`: the file cannot be opened or read, or is too long.
+            InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
         """
         number, left = 0, MAX_FILE_BYTES
         try:
@@ -110,10 +111,10 @@ class LogFile:
 
 
 def stamp_ns_of(text: str) -> int:
-    """A time in seconds, as written, in nanoseconds: exact, so that equal texts meet again.
+    """Convert a decimal time in seconds to nanoseconds, without rounding errors.
 
     Raises:
-        ValueError: it is no time.
+        ValueError: the text is not a time.
     """
     try:
         seconds = Decimal(text)
@@ -125,10 +126,10 @@ def stamp_ns_of(text: str) -> int:
 
 
 def numbers_of(words: Sequence[str]) -> list[float]:
-    """Numbers, as written.
+    """Convert words to numbers.
 
     Raises:
-        ValueError: a word is no number.
+        ValueError: a word is not a number.
     """
     numbers: list[float] = []
     for word in words:
@@ -140,20 +141,20 @@ def numbers_of(words: Sequence[str]) -> list[float]:
 
 
 def ranges_of(words: Sequence[str], m_per_unit: float = 1.0) -> NDArray[np.float32]:
-    """(B,) ranges [m]; what is not finite stays so and counts as no return.
+    """Return (B,) ranges [m]; a range that is not finite means no return.
 
     Raises:
-        ValueError: a word is no number.
+        ValueError: a word is not a number.
     """
     with np.errstate(over="ignore"):  # 1e300 m becomes infinite
         return (np.array(numbers_of(words)) * m_per_unit).astype(np.float32)
 
 
 def pose_of(words: Sequence[str], m_per_unit: float = 1.0) -> PoseTuple:
-    """A pose from x, y and heading [rad].
+    """Return a pose from three words: x, y and heading [rad].
 
     Raises:
-        ValueError: a word is no number, or the numbers are no pose.
+        ValueError: a word is not a number, or a number is out of range.
     """
     x, y, heading = numbers_of(words)
     x, y = x * m_per_unit, y * m_per_unit

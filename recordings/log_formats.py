@@ -1,6 +1,4 @@
-"""Text formats of recordings: CARMEN (the Carnegie Mellon toolkit, many public data sets), and
-CMU's Wean Hall (robotics courses).
-"""
+"""Parsers of text recordings: CARMEN, which many public data sets have, and CMU's Wean Hall."""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +32,7 @@ _OFFSET, _SIDE_OFFSET, _ANGULAR_OFFSET = (
 _RESOLUTION_DEG = "laser_front_laser_resolution"
 _PARAMETERS = (_OFFSET, _SIDE_OFFSET, _ANGULAR_OFFSET, _RESOLUTION_DEG)
 _SICK = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25, 200: 0.5, 201: 0.5}
-"""Beams to step [degrees], of the fields of 180 and 100 degrees that SICK's lasers have."""
+"""Angular step [degrees] by number of beams, for SICK's lasers of 180 and 100 degrees."""
 _COMMON_STEPS_DEG = (1.0, 0.5, 0.25)
 WEAN_BEAMS = 180
 
@@ -45,12 +43,12 @@ _CONFIG = 8  # kind type start fov step max accuracy remission
 
 
 def is_carmen_line(words: Sequence[str]) -> bool:
-    """Whether a line begins as those of this format do."""
+    """Return whether a line begins like those of this format."""
     return words[0] in READ_KINDS or words[0] in OTHER_KINDS
 
 
 class CarmenParser:
-    """Reads lines of a CARMEN log; parameters apply to the lines below them:
+    """Parser of CARMEN logs; parameters apply to the lines below them:
 
         PARAM name value ...
         ODOM x y theta tv rv accel ts host logger_ts
@@ -60,8 +58,8 @@ class CarmenParser:
                     tv rv forward_safety side_safety turn_axis ts host logger_ts
 
     Metres, radians, seconds; beams run counter-clockwise. `ROBOTLASER1` is the successor of
-    `FLASER`. A recording may hold `RAWLASER1` next to either for the same scans: those are left
-    out then. Other messages (rear lasers, GPS, remarks) are skipped.
+    `FLASER`. If a recording has `RAWLASER1` lines next to either, they repeat the same scans, and
+    are skipped. Other messages (rear lasers, GPS, remarks) are skipped, too.
     """
 
     def __init__(self) -> None:
@@ -71,7 +69,7 @@ class CarmenParser:
         self._pose_pairs: list[tuple[PoseTuple, PoseTuple]] = []
 
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Read one line; see `LogParser`."""
+        """Parse one line; see `LogParser`."""
         match words[0]:
             case "PARAM":
                 self._parameter(words)
@@ -93,7 +91,7 @@ class CarmenParser:
         return entry
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Leave out doubled scans, fill in the laser's place, choose the better clock."""
+        """Remove repeated scans, add the laser's mount, and choose the better clock."""
         lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
         if any(entry.line_number not in self._raw_lines for entry in lasers):
             entries = [entry for entry in entries if entry.line_number not in self._raw_lines]
@@ -109,9 +107,9 @@ class CarmenParser:
         return entry
 
     def _clock_stands(self, entries: Sequence[Entry]) -> bool:
-        """Whether the messages' own stamps are all the same while the logger's run.
+        """Return whether all messages have the same stamp while the logger's stamps differ.
 
-        Happens to times since 1970 that were written with six digits.
+        This happens to times since 1970 that were written with six digits.
         """
         own = {entry.stamp_ns for entry in entries}
         logged = {self._logged_ns[entry.line_number] for entry in entries}
@@ -122,7 +120,7 @@ class CarmenParser:
             self._parameters[words[1]] = numbers_of(words[2:3])[0]
 
     def _mount(self) -> PoseTuple | None:
-        """The laser's place by the parameters, if there are any."""
+        """Return the laser's mount from the parameters; None: they do not have it."""
         if _OFFSET not in self._parameters:
             return None
         get = self._parameters.get
@@ -137,7 +135,7 @@ class CarmenParser:
         mount = self._mount()
         if mount is None:
             # CARMEN writes the laser's pose first. Many public logs have a corrected pose of the
-            # robot there. It drifts from odometry, and says nothing about the laser.
+            # robot there, which drifts from odometry and is unrelated to the laser.
             self._pose_pairs.append((odom_from_robot, pose_of(words[beams + 2 : beams + 5])))
         return LaserEntry(
             line_number=line_number,
@@ -194,24 +192,21 @@ def _check_count(words: Sequence[str], *expected: int) -> None:
 
 
 def flaser_angles(beams: int, step_deg: float | None = None) -> tuple[float, float]:
-    """Direction of the first beam and step between beams.
+    """Return the direction of the first beam and the step between beams [rad].
 
-    The field of view is centred straight ahead. Of an even number of beams the last one is left
-    out, as SICK's lasers and CARMEN do: 181 beams reach from -90 to +90 degrees, 180 beams from
-    -90 to +89.
+    The field of view is centred straight ahead. With an even number of beams the last one is
+    missing, as with SICK's lasers and CARMEN: 181 beams reach from -90 to +90 degrees, 180 beams
+    from -90 to +89. The step is the first that applies:
 
-    1. The numbers that SICK's lasers give have their steps (CARMEN's own table).
-    2. Else the log's parameter `laser_front_laser_resolution` counts, where there is one.
-    3. Else the largest of 1, 0.5 and 0.25 degrees with which the field is 180 to 270 degrees:
-       541 beams are 270 degrees, 761 are 190.
-    4. Else the beams are spread over 180 degrees, as CARMEN does.
+    1. that of SICK's lasers with this number of beams (CARMEN's own table),
+    2. the log's parameter `laser_front_laser_resolution`,
+    3. the largest of 1, 0.5 and 0.25 degrees with a field of view of 180 to 270 degrees:
+       541 beams are 270 degrees, 761 are 190,
+    4. the one that spreads the beams over 180 degrees, as in CARMEN.
 
     Args:
         beams: number of beams, at least 1.
         step_deg: the parameter of the log [degrees].
-
-    Returns:
-        angle of beam 0 and step between beams [rad], counter-clockwise.
     """
     steps = beams if beams % 2 == 0 else max(beams - 1, 1)
     step_deg = _SICK.get(beams) or _plausible(step_deg, steps) or _common(steps) or 180.0 / steps
@@ -228,12 +223,12 @@ def _common(steps: int) -> float | None:
 
 
 def is_wean_line(words: Sequence[str]) -> bool:
-    """Whether a line begins as those of this format do."""
+    """Return whether a line begins like those of this format."""
     return words[0] in ("O", "L") and len(words) > 1
 
 
 class WeanParser:
-    """Reads lines of a Wean Hall log:
+    """Parser of Wean Hall logs:
 
         O x y theta ts                            odometry
         L x y theta xl yl thetal r1 .. r180 ts    pose of the robot, of the laser, 180 ranges
@@ -243,7 +238,7 @@ class WeanParser:
     """
 
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Read one line; see `LogParser`."""
+        """Parse one line; see `LogParser`."""
         match words[0]:
             case "O":
                 _check_count(words, _WEAN_ODOMETRY_WORDS)
@@ -255,7 +250,7 @@ class WeanParser:
         raise ValueError(f"unknown kind of line {words[0]!r:.20}")
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """The entries as they are."""
+        """Return the entries unchanged."""
         return list(entries)
 
 

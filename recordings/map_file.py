@@ -1,4 +1,4 @@
-"""From a file to a map: ROS map_server YAML, wean.dat, a run log, or a ROS bag."""
+"""Loads maps: from ROS map_server YAML, wean.dat, run logs and ROS bags."""
 
 from collections import deque
 from pathlib import Path
@@ -19,14 +19,14 @@ _TOPIC_MARK = "#"
 
 
 def load_map(path: Path | str) -> GridMap:
-    """Read a map. The format shows in the content; gzip and xz are unpacked on the way.
+    """Read a map; its format is recognised by its content, also if packed by gzip or xz.
 
     Args:
-        path: a map_server YAML file (its image is searched for next to it), a wean.dat file, a run
-            log, or a ROS bag that holds its map; ``BAG#TOPIC`` names one of several.
+        path: a map_server YAML file with its image next to it, a wean.dat file, a run log, or a
+            ROS bag with a map; ``BAG#TOPIC`` selects one of several maps.
 
     Raises:
-        MapFileError: with file, line where there is one, cause and remedy.
+        MapFileError: the map cannot be read.
     """
     path, topic = _split_topic(Path(path))
     if is_run_log(path):
@@ -48,10 +48,10 @@ def load_map(path: Path | str) -> GridMap:
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:
-    """Read a map for localizing.
+    """Read a map for localization.
 
     Raises:
-        MapFileError: as `load_map`, and if no cell is occupied.
+        MapFileError: the map cannot be read, or has no occupied cell.
     """
     grid_map = load_map(path)
     if not np.any(grid_map.cells == OCCUPIED):
@@ -61,12 +61,12 @@ def load_map_with_obstacles(path: Path | str) -> GridMap:
 
 
 def map_file_of(named: str, recording: str) -> str:
-    """The map file that is named; else the recording, if it is a bag: it may hold its map."""
+    """Return the named map file, or else the recording if it is a bag, which may have its map."""
     return named or (recording if is_bag(Path(recording)) else "")
 
 
 def _split_topic(path: Path) -> tuple[Path, str]:
-    """File and topic of ``FILE#TOPIC``; a file without is itself."""
+    """Split ``FILE#TOPIC`` into file and topic; without a topic, the second is empty."""
     if path.exists() or _TOPIC_MARK not in str(path):
         return path, ""
     file, _, topic = str(path).rpartition(_TOPIC_MARK)
@@ -74,14 +74,14 @@ def _split_topic(path: Path) -> tuple[Path, str]:
 
 
 def _load_bag_map(path: Path, topic: str) -> GridMap:
-    """The last map on a topic of a bag.
+    """Return the last map on a topic of a bag.
 
     Args:
         path: the bag.
-        topic: its name; empty: the one that is called ``map``, in any namespace.
+        topic: the topic; empty: the only one called ``map``, in any namespace.
 
     Raises:
-        MapFileError: the bag cannot be read, has no such map, or the choice is not made.
+        MapFileError: the bag cannot be read, or has no such map or several.
     """
     with BagFile(path, MapFileError) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)

@@ -1,4 +1,4 @@
-"""From a file to readings in the order of time, whatever the format of the recording."""
+"""Reads recordings of all formats as readings in the order of time."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from recordings.log_formats import CarmenParser, WeanParser, is_carmen_line, is_
 from recordings.run_log import is_run_log, playback
 
 SHORTEST_MARKER_M = 8.0
-"""Lasers that mark a lost beam by a long range write 8.18 m or more."""
+"""Lasers that mark a missing return by a long range use 8.18 m or more."""
 
 _BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
 _NEAR_BAND = 0.8
@@ -36,26 +36,26 @@ _MIN_CONTRAST = 10.0
 _MIN_MODE = 0.5
 _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
-"""Largest error of a stamp that is still of the same recording [ns]."""
+"""A stamp with a larger error is skipped [ns]."""
 SENDER = "recording"
 """Sender of the readings of a recording."""
 
 _FORMAT_LINES = 1000
 _BETWEEN_READINGS_NS = 1_000_000_000
-"""Between readings of an own reader that have no stamps, as `ClusterMCL` takes them."""
+"""Interval assumed for readings without stamps, as in `ClusterMCL` [ns]."""
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Everything a recording holds for localizing.
+    """The content of a recording, for localization.
 
     Args:
         path: the file.
-        readings: in the order in which they happened. Odometry has times that never decrease;
-            scans keep the stamps of the file, so that a reference finds them.
-        skipped: lines that were left out.
+        readings: in the order in which they happened. Stamps of odometry never decrease; scans
+            keep their stamps, by which a reference trajectory is looked up.
+        skipped: the skipped lines.
         duration_s: from the first reading to the last.
-        laser_count: scans among the readings.
+        laser_count: number of scans among the readings.
     """
 
     path: Path
@@ -66,26 +66,26 @@ class Recording:
 
 
 class OwnReading(Protocol):
-    """What a reader of the user's own yields; `clustermcl.Reading` is one."""
+    """A reading from a user's reader; `clustermcl.Reading` is one."""
 
     def as_message(self, stamp_ns: int, robot_from_laser: PoseTuple) -> Reading:
-        """The reading as a robot publishes it; the arguments replace what it does not know."""
+        """Convert to a message; the arguments are used where the reading lacks a value."""
 
 
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a run log, a ROS bag, a Wean Hall or CARMEN log, or what an installed reader can read.
+    """Read a run log, a ROS bag, a Wean Hall or CARMEN log, or a format of an installed reader.
 
-    The format shows in the content.
+    The format is recognised by the content.
 
     Args:
         path: the file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
-        settings: where the laser sits on the robot, if the recording does not say; which topics
-            and frames of a bag are meant, if there are several.
+        settings: the laser's mount, for a recording without it; topics and frames, for a bag
+            with several.
 
     Raises:
-        RecordingError: the file is missing, no recording, holds no scan, or leaves a choice. Bad
-            lines, and the end of a file that is cut off, are skipped and named instead; of a
-            bag, a line is a message that was read.
+        RecordingError: the file is missing, not a recording, has no scan, or is ambiguous.
+            Malformed lines and a truncated end are skipped and listed instead; for a bag, a
+            line is a message.
     """
     path = Path(path)
     mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
@@ -99,7 +99,7 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     if is_run_log(path):
         entries, skipped = playback(path)
     elif is_bag(path):
-        # Imported here: bags need scipy for turns, and a live robot's bridge is to start fast.
+        # Imported here, so that a live robot's bridge starts fast.
         from recordings.ros_bag import bag_entries  # noqa: PLC0415
 
         entries, skipped = bag_entries(path, settings)
@@ -134,7 +134,7 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
 
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
-    """What the lines say, in the order of the file, and the lines that say nothing."""
+    """Return the entries of a text recording in the order of its lines, and the skipped lines."""
     log, parser = LogFile(path), None
     entries: list[Entry] = []
     skipped: list[SkippedLine] = []
@@ -157,7 +157,7 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
 
 
 def _parser_for(words: Sequence[str]) -> LogParser | None:
-    """The format that a line is of, if it is of any."""
+    """Return the parser for the format of a line; None: unknown."""
     if is_carmen_line(words):
         return CarmenParser()
     return WeanParser() if is_wean_line(words) else None
@@ -201,10 +201,13 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
-    """Leave out lines whose time cannot be, and all that follows a second start of the clock.
+    """Remove entries with impossible stamps, and all after a jump of the clock to the past.
 
-    A stamp that is out of order with a neighbour is compared with the middle one of the five
-    stamps around it. Stamps in their order are never refused, however long the gaps.
+    A stamp that is out of order with a neighbour is compared with the median of the five stamps
+    around it. Stamps in ascending order are kept, however long the gaps.
+
+    Returns:
+        the kept entries, and the removed ones as skipped lines.
     """
     stamps = np.array([entry.stamp_ns for entry in entries], np.int64)
     lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
@@ -227,16 +230,15 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
 
 
 def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
-    """Entries in the order in which they happened, and the time of each.
+    """Merge the entries of both sensors by time.
 
-    A logger writes the messages of one sensor in the order of their arrival. Where stamps of one
-    sensor step back, they err, not the order: on the Intel Research Lab log, sorting odometry by
-    its stamps makes 660 m of a path of 508 m. So each sensor keeps its order, and only the two
-    sensors are merged by time.
+    A logger writes the messages of one sensor in the order of their arrival. Where stamps of a
+    sensor decrease, the stamps are wrong, not the order: sorting the odometry of the Intel
+    Research Lab log by its stamps turns a path of 508 m into 660 m. So each sensor keeps its order.
 
     Returns:
-        the entries, and times that never decrease within one sensor [ns]: the stamps, mended
-        where they step back.
+        the entries, and their times [ns]: the stamps, corrected so that they never decrease
+        within one sensor.
     """
     is_laser = np.array([isinstance(entry, LaserEntry) for entry in entries], bool)
     times = np.array([entry.stamp_ns for entry in entries], np.int64)
@@ -247,9 +249,9 @@ def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
 
 
 def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n,) times that never decrease; stamps that already do not come back unchanged.
+    """Return (n,) times that never decrease [ns]; stamps in ascending order are unchanged.
 
-    Each is half way between the latest of the stamps before and the earliest of those after.
+    Each time is the mean of the latest stamp up to it and the earliest stamp from it on.
     """
     if len(stamps) == 0:
         return stamps
@@ -259,13 +261,13 @@ def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(n,) whether a stamp is above the one after it or below the one before it."""
+    """Return (n,) whether a stamp is larger than the next one or smaller than the last one."""
     steps_back = np.diff(stamps) < 0
     return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
 
 
 def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n,) medians over the stamp and its two neighbours on both sides; the ends share theirs."""
+    """Return (n,) medians over each stamp and two neighbours on either side."""
     if len(stamps) < 5:
         return np.full(len(stamps), np.median(stamps) if len(stamps) else 0, np.int64)
     windows = np.lib.stride_tricks.sliding_window_view(stamps, 5)
@@ -274,24 +276,23 @@ def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
-    """From which range on a reading is no return, found in the recording itself.
+    """Estimate from which range on a reading means no return.
 
-    Recordings mark a lost beam by the longest range of their laser: 81.91, 81.83, 51.1 or 50 m.
-    No format has a field for it. The longest ranges, the uppermost hundredth, are taken for a
-    marker if
+    Recordings mark a missing return by the longest range of their laser: 81.91, 81.83, 51.1 or
+    50 m. No format has a field for it. Ranges above 99 % of the longest are taken as a marker if
 
-    * they are a thousandth of all ranges or more, and ten times as frequent as ranges a little
-      shorter (from 0.8 of the longest on),
-    * half of them or more are one and the same number, which measured walls are not,
-    * the longest is 8 m or more and twice the median of the others.
+    * they are at least 0.1 % of all ranges, and ten times as dense as those from 80 % of the
+      longest range on,
+    * at least half of them are the same number, unlike measured walls,
+    * the longest range is at least 8 m, and twice the median of the others.
 
-    Else every range is a measured one. A mistake costs the farthest hundredth of the beams.
+    Otherwise all ranges are measurements. A wrong decision costs the beams above 99 %.
 
     Args:
         scans: (B,) ranges of each scan [m].
 
     Returns:
-        the limit [m]: a little more than the longest range where there is no marker.
+        the limit [m]; without a marker, slightly more than the longest range.
     """
     ranges = np.concatenate([np.empty(0, np.float32), *scans])
     ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]

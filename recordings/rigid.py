@@ -1,4 +1,4 @@
-"""Single rigid transforms in space, as plain numbers, which are faster than small arrays."""
+"""Rigid transforms in space as plain numbers, which are faster than small arrays."""
 
 import math
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ class Rigid(NamedTuple):
     qw: float
 
     def of(self, inner: "Rigid") -> "Rigid":
-        """Compose: the pose in the outer frame of a frame whose pose in this one is given."""
+        """Return the pose in the outer frame of a frame whose pose in this frame is `inner`."""
         ax, ay, az, aw = self[3:]
         bx, by, bz, bw = inner[3:]
         x, y, z = self._turned(inner.x, inner.y, inner.z)
@@ -43,12 +43,12 @@ class Rigid(NamedTuple):
         return back._replace(x=x, y=y, z=z)
 
     def rotation(self) -> NDArray[np.float64]:
-        """The rotation as a (3, 3) matrix."""
+        """Return the rotation as a (3, 3) matrix."""
         axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         return np.array([self._turned(*axis) for axis in axes]).T
 
     def towards(self, end: "Rigid", share: float) -> "Rigid":
-        """Interpolate: `share` is 0 for this transform and 1 for `end`; rotations by slerp."""
+        """Interpolate, rotations by slerp; a share of 0 gives this transform, 1 gives `end`."""
         q0, q1 = self[3:], end[3:]
         cosine = sum(a * b for a, b in zip(q0, q1, strict=True))
         sign = math.copysign(1.0, cosine)
@@ -63,13 +63,13 @@ class Rigid(NamedTuple):
         return Rigid(*shift, *(part / length for part in turn))
 
     def planar(self) -> PoseTuple:
-        """Projection onto the plane: x [m], y [m], heading [rad]."""
+        """Return the projection onto the plane: x [m], y [m], heading [rad]."""
         qx, qy, qz, qw = self[3:]
         heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
         return self.x, self.y, heading
 
     def up(self) -> float:
-        """The z component of this frame's z axis in the outer frame: 1 upright, -1 upside down."""
+        """Return the z component of the z axis in the outer frame: 1 upright, -1 upside down."""
         return 1.0 - 2.0 * (self.qx * self.qx + self.qy * self.qy)
 
     def _turned(self, x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -86,7 +86,7 @@ IDENTITY = Rigid(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def flat(pose: PoseTuple) -> Rigid:
-    """A pose in the plane as a transform in space."""
+    """Convert a pose in the plane to a transform in space."""
     x, y, heading = pose
     return Rigid(x, y, 0.0, 0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0))
 

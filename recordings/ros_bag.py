@@ -1,7 +1,7 @@
-"""ROS bags as recordings: laser scans, with odometry and the laser's place from tf.
+"""ROS bags as recordings: laser scans, with odometry and the laser's mount from tf.
 
-As for AMCL, odometry is tf's, in the frame `odom`, and the robot's own frame is the one below it
-on the laser's way up. Where a bag leaves a choice, it is asked for by name and never guessed.
+As for AMCL, odometry comes from tf, in the frame `odom`. The robot's frame is the child of `odom`
+that leads to the laser. If a bag is ambiguous, an error requests a name; nothing is guessed.
 """
 
 import math
@@ -26,7 +26,7 @@ ODOM_FRAME = "odom"
 """ROS's name for the frame of odometry (REP 105), and AMCL's default."""
 
 _SAME = 1e-6
-"""A link that moves less [m], and turns less, does not move."""
+"""A link that moves less than this [m, and in its quaternion] is fixed."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +40,14 @@ class _Transform:
     fixed: bool
 
     def is_same(self, other: "_Transform") -> bool:
-        """Whether the child is at the same place in the other transform."""
+        """Return whether both transforms put the child at the same place."""
         moved = self.parent_from_child.inverse().of(other.parent_from_child)
         return max(map(abs, moved[:6])) < _SAME
 
 
 @dataclass
 class _Content:
-    """The messages of a bag that are used."""
+    """The messages of a bag that localization needs."""
 
     scans: list[BagMessage] = field(default_factory=list)
     poses: list[BagMessage] = field(default_factory=list)
@@ -55,20 +55,20 @@ class _Content:
     skipped: list[SkippedLine] = field(default_factory=list)
 
     def frames(self) -> list[str]:
-        """Frames of the lasers, in the order of their first scan."""
+        """Return the frames of the lasers, in the order of their first scan."""
         return list(dict.fromkeys(_frame_of(scan) for scan in self.scans))
 
 
 def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list[SkippedLine]]:
-    """What a bag says, in the order of its recording, and messages that say nothing.
+    """Return the entries of a bag in the order of recording, and the skipped messages.
 
     Args:
         path: the bag.
-        settings: topics and frames, where they are named.
+        settings: topics and frames; an empty name is chosen if the bag has only one.
 
     Raises:
-        RecordingError: the bag cannot be read, holds no scan, leaves a choice that is not made,
-            or lacks a transform.
+        RecordingError: the bag cannot be read, has no scan, has several candidates for an
+            unnamed topic or frame, or lacks a transform.
     """
     with BagFile(path, RecordingError) as bag:
         try:
@@ -82,7 +82,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 
 
 def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
-    """The topic that is named, or the only one of a type."""
+    """Return the named topic, or else the only topic of a type."""
     topics = bag.of_type(message_type)
     held = ", ".join(f"{topic} ({bag.counts[topic]} messages)" for topic in topics) or "none"
     if named in topics:
@@ -103,14 +103,14 @@ def _by_name(setting: str) -> str:
 
 
 def _odometry_topics(bag: BagFile, settings: BridgeSettings) -> list[str]:
-    """The topic that is named; else all, which are asked when tf holds no odometry."""
+    """Return the named topic, or all that may replace missing odometry of tf."""
     if settings.odom_topic:
         return [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
     return [] if settings.odom_frame else bag.of_type(ODOMETRY)
 
 
 def _tf_topics(bag: BagFile, scan_topic: str) -> list[str]:
-    """The tf of the robot whose scans are read: of the scan topic's namespace or one above."""
+    """Return the tf topics in the nearest namespace at or above that of the scan topic."""
     topics = bag.of_type(TF_MESSAGE)
     namespaces = {topic.rpartition("/")[0] for topic in topics}
     above = scan_topic.rpartition("/")[0]
@@ -153,7 +153,7 @@ def _entries(
 
 
 def _tree_of(content: _Content) -> TransformTree:
-    """All links; one that is sent again and again but does not move is fixed."""
+    """Return the tree of all links; a link that is published often but never moves is fixed."""
     by_link: dict[tuple[str, str], list[_Transform]] = {}
     for one in content.transforms:
         by_link.setdefault((one.parent, one.child), []).append(one)
@@ -174,13 +174,13 @@ def _refuse_two_parents(content: _Content, way: Sequence[str]) -> None:
 
 
 _Sorted = tuple[int, int, Entry]
-"""Time of recording, rank of the sensor, entry: equal times come in one order in every storage."""
+"""Time of recording, rank of the sensor (for equal times), entry."""
 
 
 def _odometry_of(
     content: _Content, tree: TransformTree, odom_topics: Sequence[str], settings: BridgeSettings
 ) -> tuple[str, list[_Sorted]]:
-    """The robot's frame, and odometry."""
+    """Return the robot's frame, and the odometry entries."""
     frames = content.frames()
     if settings.odom_topic:
         return _topic_odometry(content, settings)
@@ -215,7 +215,7 @@ def _topic_odometry(content: _Content, settings: BridgeSettings) -> tuple[str, l
 def _tf_odometry(
     content: _Content, tree: TransformTree, odom_frame: str, base: str
 ) -> list[_Sorted]:
-    """The robot's pose at each transform of the uppermost link that moves."""
+    """Return the robot's pose at each transform of the uppermost moving link."""
     way = tree.way_up(base, to=odom_frame)
     if way[-1] != odom_frame or len(way) == 1:
         raise ValueError(f"no transform from {odom_frame!r} to {base!r}; tf has {tree}")
@@ -260,7 +260,7 @@ def _laser_entries(
 def _is_mount_known(
     content: _Content, tree: TransformTree, base: str, frame: str, settings: BridgeSettings
 ) -> bool:
-    """Whether tf says where a laser is on the robot; False: only the settings do."""
+    """Return whether tf has the mount of a laser; False: the settings have it."""
     mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if frame == base or tree.knows(frame):
         _refuse_two_parents(content, tree.way_up(frame, to=base))
@@ -307,10 +307,10 @@ def _odometry_entry(message: BagMessage) -> OdometryEntry:
 
 
 def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:
-    """One transform of a tf message.
+    """Convert one transform of a tf message.
 
     Raises:
-        ValueError: its numbers are no transform.
+        ValueError: its numbers are not a transform.
     """
     parent, child = _frame(link.header.frame_id), _frame(link.child_frame_id)
     try:

@@ -1,6 +1,6 @@
-"""A run on disk: MCAP files that the coordinator and `clustermcl record` write.
+"""Run logs: MCAP files that the coordinator and `clustermcl record` write.
 
-Messages are JSON, those that only a replay reads MessagePack; docs/recordings.md lists all topics.
+Messages are JSON, or MessagePack if only a replay reads them. docs/recordings.md lists all topics.
 """
 
 import os
@@ -30,9 +30,9 @@ from recordings.foxglove import BASE, MAP, ODOM
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 
 PROFILE = "clustermcl"
-"""In the header of each file: no other MCAP file is read as a run log."""
+"""Profile in the header of each run log; MCAP files with another profile are refused."""
 SCAN, ODOMETRY, GRID, POSE, PLACES = "/scan", "/tf", "/map", "/pose", "/places"
-"""Topics that Foxglove draws; further lasers of a step have `/scan_1`, ..."""
+"""Topics that Foxglove draws; the second laser of a step is on `/scan_1`, and so on."""
 BELIEF, JOB_EVENTS, LINES = "/belief", "/events", "/log"
 SCHEMAS = {
     SCAN: "foxglove.LaserScan", ODOMETRY: "foxglove.FrameTransform", GRID: "foxglove.Grid",
@@ -40,28 +40,28 @@ SCHEMAS = {
 }  # fmt: skip
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
-"""Foxglove knows its messages by their names, but asks the schema which strings are bytes."""
+"""Foxglove needs it to tell base64 strings from text; it knows the other fields by name."""
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
-"""As JSON they fill the largest chunk that is read."""
+"""As JSON, a map of this size fills the largest chunk that is read."""
 MAX_MESSAGE_BYTES = 2**24
-"""Of a message that is no map: decoded, it needs about ten times its bytes."""
+"""Limit for a message other than a map; decoded, it needs about ten times as much."""
 MAX_PLAYBACK_BYTES = 2**31
-"""Of all messages of a run that is played back: some 30 hours."""
+"""Limit for all messages of a run that is played back: about 30 hours."""
 
 
 class RunLog:
-    """Writes one file; use it in a ``with`` block.
+    """Writer of one run log; use it in a ``with`` block.
 
     Messages reach the disk in chunks: with `flush`, or at `CHUNK_BYTES`. Only the owner may read
-    the file: it shows where the robot was.
+    the file, because it shows where the robot was.
 
     Args:
-        path: of the file.
-        mode: "w" replaces a file, "x" refuses one.
+        path: the file.
+        mode: "w" replaces an existing file, "x" refuses to.
 
     Raises:
-        OutputError: it cannot be written; so for all methods.
+        OutputError: the file cannot be written. All methods raise it.
     """
 
     def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
@@ -74,7 +74,7 @@ class RunLog:
 
     @classmethod
     def to(cls, path: Path) -> "RunLog":
-        """Begin a file that a person named."""
+        """Begin a file that a user named, after a check that it can be written."""
         check_output_file(path)
         return cls(path)
 
@@ -85,11 +85,11 @@ class RunLog:
         self.close()
 
     def wants_map(self, scan: Scan) -> bool:
-        """Whether the map of a step is not in the file yet."""
+        """Return whether the file lacks the map of a step."""
         return scan.map_digest != self._map_digest
 
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
-        """Write the map of the steps that follow; a larger one is made coarser."""
+        """Write the map of the following steps; one of more than `max_cells` is downsampled."""
         self._map_digest = grid_map.digest
         self.write(GRID, foxglove.grid(grid_map, at_ns, max_cells), at_ns)
 
@@ -114,7 +114,12 @@ class RunLog:
             self.write(f"{SCAN}_{number}", foxglove.laser_scan(scan, beams), at_ns)
 
     def on_belief(self, belief: Belief, at_ns: int | None = None) -> None:
-        """Write a belief, and what Foxglove draws of it; arguments as for `on_scan`."""
+        """Write a belief, and the messages by which Foxglove draws it.
+
+        Args:
+            belief: the belief.
+            at_ns: time of the recording; None: the belief's own stamp.
+        """
         stamp_ns = belief.stamp_ns
         at_ns = stamp_ns if at_ns is None else at_ns
         self.write(BELIEF, belief, at_ns)
@@ -129,10 +134,10 @@ class RunLog:
         """Append a message.
 
         Args:
-            topic: which has one type of messages.
-            message: what msgspec can encode.
+            topic: the topic; all its messages have one type.
+            message: any object that msgspec can encode.
             at_ns: time of the recording.
-            packed: as MessagePack, not as JSON.
+            packed: encode as MessagePack instead of JSON.
         """
         codec = msgspec.msgpack if packed else msgspec.json
         at_ns, data = max(at_ns, 0), codec.encode(message)
@@ -148,13 +153,13 @@ class RunLog:
         return self._writer.register_channel(topic, encoding, schema)
 
     def flush(self) -> None:
-        """End the chunk: of a process that is killed, what was written before stays."""
+        """Write the current chunk, so that its messages survive a kill of this process."""
         with self._named():
             self._writer.flush()  # type: ignore[no-untyped-call] # the library's
 
     @property
     def size(self) -> int:
-        """Bytes written, without those since the last `flush`."""
+        """Size of the file [bytes], without the messages since the last `flush`."""
         return self._file.tell()
 
     @property
@@ -167,7 +172,7 @@ class RunLog:
             self._writer.finish()  # type: ignore[no-untyped-call] # the library's
 
     def abandon(self) -> None:
-        """Close a file that cannot be written, as it is."""
+        """Close a file after a failed write, without its index."""
         with suppress(OSError):
             self._file.close()
 
@@ -196,24 +201,23 @@ T = TypeVar("T")
 
 
 class LogFile:
-    """Reads one file, message by message.
+    """Reader of one run log.
 
     Args:
-        path: of the file.
+        path: the file.
 
     Attributes:
-        cut: once all messages were read, why nothing could be read after them; empty: the file
-            is whole.
+        cut: why reading ended early, once all messages are read; empty: the file is whole.
     """
 
     def __init__(self, path: Path) -> None:
         self.path, self.cut = path, ""
 
     def messages(self) -> Iterator[LogMessage]:
-        """All messages in the order of their writing, up to the first damaged byte.
+        """Yield all messages in the order in which they were written, up to the first damaged byte.
 
         Raises:
-            RecordingError: the file is no run log, or cannot be opened.
+            RecordingError: the file is not a run log, or cannot be opened.
         """
         channels: dict[int, str] = {}
         try:
@@ -242,12 +246,12 @@ class LogFile:
 
 
 def is_run_log(path: Path) -> bool:
-    """Whether a file, or any file of a folder, is a run log."""
+    """Return whether a file, or any file of a folder, is a run log."""
     return any(_has_our_header(file) for file in log_files(path))
 
 
 def log_files(path: Path) -> list[Path]:
-    """The file, or the MCAP files of a folder by their names; a pipe would never end."""
+    """Return the file, or the MCAP files of a folder sorted by name; only regular files."""
     files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
     return [file for file in files if file.is_file()]
 
@@ -265,10 +269,10 @@ def _is_ours(record: object) -> bool:
 
 
 def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
-    """A JSON message as its type.
+    """Decode a JSON message.
 
     Raises:
-        RecordingError: it is something else.
+        RecordingError: the message is not of this type.
     """
     try:
         content = msgspec.json.decode(message.data, type=kind)
@@ -281,10 +285,10 @@ def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
 
 
 def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
-    """The scans and odometry of a run, to localize in them again.
+    """Return the scans and odometry of a run as entries, and the skipped parts.
 
     Raises:
-        RecordingError: a file is no run log, or a message is malformed.
+        RecordingError: a file is not a run log, or a message is malformed.
     """
     entries, skipped, size = list[Entry](), list[SkippedLine](), 0
     for file in log_files(path):
@@ -321,10 +325,10 @@ def _laser_entry(number: int, message: LogMessage, path: Path) -> LaserEntry:
 
 
 def last_map(path: Path) -> GridMap:
-    """The newest map of a run.
+    """Return the newest map of a run.
 
     Raises:
-        RecordingError: there is none, or it is malformed.
+        RecordingError: the run has no map, or the map is malformed.
     """
     for file in reversed(log_files(path)):
         grids = deque((one for one in LogFile(file).messages() if one.topic == GRID), maxlen=1)
@@ -334,10 +338,10 @@ def last_map(path: Path) -> GridMap:
 
 
 def map_in(message: LogMessage, path: Path) -> GridMap:
-    """The map of a message.
+    """Decode a message with a map.
 
     Raises:
-        RecordingError: it is none.
+        RecordingError: the message is malformed.
     """
     try:
         return decoded(message, foxglove.MapFields, path).grid_map()

@@ -1,6 +1,6 @@
-"""ROS's tree of frames, from `/tf` and `/tf_static`: where one frame is in another.
+"""The tree of ROS's frames, from `/tf` and `/tf_static`.
 
-It does not extrapolate: the error of a lookup says which link has no transform at that time yet.
+A lookup interpolates, but does not extrapolate: its error names the link that lacks a transform.
 """
 
 from bisect import bisect_left
@@ -10,7 +10,7 @@ from operator import itemgetter
 from recordings.rigid import IDENTITY, Rigid
 
 CACHE_NS = 10_000_000_000
-"""Duration for which a moving link is remembered, as in tf2 [ns]."""
+"""Age at which transforms of a moving link are dropped, as in tf2 [ns]."""
 LATE_NS = 1_000_000_000
 """A transform that is older than its link's newest by this much is dropped [ns]."""
 RESTART_AFTER = 20
@@ -22,21 +22,21 @@ _stamp = itemgetter(0)
 
 
 class Kept(Enum):
-    """What became of a transform."""
+    """Result of adding a transform."""
 
     YES = auto()
     NO = auto()
-    """It is late, or one frame too many."""
+    """The transform is late, or there are too many frames."""
     CLOCK_SET_BACK = auto()
-    """The last of many late ones: all that moved before is forgotten, and it is kept."""
+    """Kept after many late ones; all moving links were cleared first."""
 
 
 class TransformMissingError(ValueError):
-    """Frames are not connected, or not at that time.
+    """Two frames are not connected, or not at the requested time.
 
     Attributes:
-        cause: the same in fixed words.
-        may_come: a later message may bring it.
+        cause: the problem without names and numbers, for counters.
+        may_come: whether a later message may provide the transform.
     """
 
     def __init__(self, problem: str, *, cause: str, may_come: bool) -> None:
@@ -48,9 +48,10 @@ class TransformTree:
     """All links between frames.
 
     Args:
-        cache_ns: a link that moves is remembered for this long, and a late transform of it is
-            left out; None: of a recording, of which all is kept in whatever order it comes.
-        slack_ns: its first and last transform hold this much longer.
+        cache_ns: age at which transforms of a moving link are dropped; late ones are refused.
+            None: for a recording, keep all, in any order.
+        slack_ns: time before the first and after the last transform of a link for which these
+            still hold.
     """
 
     def __init__(self, cache_ns: int | None = CACHE_NS, slack_ns: int = 0) -> None:
@@ -60,7 +61,7 @@ class TransformTree:
     def add(
         self, stamp_ns: int, parent: str, child: str, parent_from_child: Rigid, *, fixed: bool
     ) -> Kept:
-        """Take a transform; a child that is given another parent moves to it."""
+        """Add a transform; a child with another parent than before is moved to it."""
         link = self._links.get(child)
         if link is None or link.parent != parent or link.fixed != fixed:
             if link is None and len(self._links) >= _MOST_FRAMES:
@@ -76,25 +77,26 @@ class TransformTree:
         return Kept.CLOCK_SET_BACK
 
     def forget_moving(self) -> None:
-        """Forget all links that move: what comes is of another time."""
+        """Drop all moving links, after a jump of the clock."""
         self._links = {child: link for child, link in self._links.items() if link.fixed}
 
     def keep_newest(self) -> None:
-        """Forget all but the newest transform of each link: there is a gap in time."""
+        """Drop all but the newest transform of each link, after a gap in time."""
         for link in self._links.values():
             link.keep_newest()
 
     def knows(self, frame: str) -> bool:
-        """Whether any transform names the frame."""
+        """Return whether the frame is in the tree."""
         return frame in self._links or any(one.parent == frame for one in self._links.values())
 
     def moves(self, child: str) -> bool:
-        """Whether a frame moves in its parent."""
+        """Return whether the link from a frame to its parent is moving."""
         return not self._links[child].fixed
 
     def newest_ns(self, outer: str, inner: str) -> int | None:
-        """The newest time that all links between two frames know; None: they are not connected,
-        or do not move.
+        """Return the newest time [ns] at which all moving links between two frames are known.
+
+        None: the frames are not connected, or no link between them moves.
         """
         try:
             ways = self._ways(outer, inner)
@@ -104,17 +106,17 @@ class TransformTree:
         return min((link.newest_ns for link in links if not link.fixed), default=None)
 
     def lookup(self, outer: str, inner: str, stamp_ns: int) -> Rigid:
-        """Where `inner` is in `outer` at a time.
+        """Return the pose of frame `inner` in frame `outer` at a time.
 
         Raises:
-            TransformMissingError: nothing connects them, or not at that time.
+            TransformMissingError: the frames are not connected, or not at that time.
         """
         outer_way, inner_way = self._ways(outer, inner)
         of_inner, of_outer = self._up(inner_way, stamp_ns), self._up(outer_way, stamp_ns)
         return of_outer.inverse().of(of_inner) if outer_way else of_inner
 
     def _ways(self, outer: str, inner: str) -> tuple[list[str], list[str]]:
-        """The frames from each of two up to, but without, the one above both."""
+        """Return the frames from `outer`, and from `inner`, up to below their common ancestor."""
         inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
         common = next((frame for frame in inner_way if frame in outer_way), None)
         if common is None:
@@ -131,7 +133,7 @@ class TransformTree:
         return (", ".join(links[:_MAX_NAMED]) + more) or "no transform"
 
     def way_up(self, frame: str, to: str | None = None) -> list[str]:
-        """The frame, its parent, its parent's parent and so on, to a frame or the top.
+        """Return the frame and its ancestors, up to the frame `to` or the root.
 
         Raises:
             TransformMissingError: a frame is its own ancestor.
@@ -145,7 +147,7 @@ class TransformTree:
         return way
 
     def _up(self, way: list[str], stamp_ns: int) -> Rigid:
-        """Where the first frame of a way is in the parent of the last."""
+        """Return the pose of the first frame of a way in the parent of the last."""
         found = IDENTITY
         for child in way:
             link = self._links[child]
@@ -161,7 +163,7 @@ class TransformTree:
 
 
 class _Link:
-    """A frame in its parent, over time."""
+    """The transforms from a frame to its parent over time."""
 
     def __init__(self, parent: str, *, fixed: bool, cache_ns: int | None) -> None:
         self.parent, self.fixed, self.late_in_a_row = parent, fixed, 0

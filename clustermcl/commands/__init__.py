@@ -1,1 +1,1 @@
-"""The commands and their options; each imports what it needs only when called: `pose` is fast."""
+"""The commands and their options. Each imports its module when called, so that `pose` is fast."""

@@ -1,4 +1,4 @@
-"""The commands that change a running system, and print the result."""
+"""The commands that change a running system."""
 
 import math
 from typing import Annotated
@@ -42,7 +42,7 @@ def set_pose(
         typer.Option(help="Time of the pose by the robot's clock; odometry since is added [ns]."),
     ] = None,
 ) -> None:
-    """Give the robot's pose; the heading in degrees."""
+    """Set the robot's pose; the heading is in degrees."""
     if covariance is not None and (position_sigma_m, heading_sigma_deg) != (None, None):
         problem = "--covariance replaces both sigmas: leave them out"
         raise SettingsError(key="--covariance", problem=problem)
@@ -69,7 +69,7 @@ def set_pose(
 def _symmetric(
     xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """All nine entries, with the heading in radians."""
+    """Return all nine entries, with the heading in radians."""
     rad = math.pi / 180.0
     xh, yh, hh = xh * rad, yh * rad, hh * rad * rad
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
@@ -86,7 +86,7 @@ def relocalize(
         str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
     ] = "",
 ) -> None:
-    """Forget all places and search everywhere or in a region."""
+    """Drop all places and search everywhere or in a region."""
     if near is not None and region:
         problem = "--near and --region each say where to search: give one"
         raise SettingsError(key="--near", problem=problem)
@@ -102,7 +102,7 @@ def relocalize(
 
 @client_command
 def update(settings: Settings) -> None:
-    """Make a step of the next scan although the robot stands."""
+    """Make a step from the next scan, even if the robot stands still."""
     with connected(settings) as client:
         client.update()
     _report(settings, "makes a step of its next scan")

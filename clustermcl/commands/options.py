@@ -1,4 +1,4 @@
-"""The options that several commands have."""
+"""Options of several commands, and helpers of the commands."""
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
@@ -69,7 +69,7 @@ Output = Annotated[
 
 
 def meant(robot: str | None, router: str | None) -> list[str]:
-    """The options for robot and router as assignments of settings."""
+    """Return the options for robot and router as assignments of settings."""
     named = {"robot.name": robot, "zenoh.router": router}
     return [f"{setting}={value}" for setting, value in named.items() if value]
 
@@ -98,14 +98,14 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
 
 
 def connected(settings: Settings) -> "Client":
-    """The client, whose import takes longer than that of all commands."""
+    """Return a client; its import takes longer than that of all commands."""
     from clustermcl.client import Client  # noqa: PLC0415 - see above
 
     return Client(settings)
 
 
 def print_answer(answer: JsonObject | Iterable[str]) -> None:
-    """Print an object as JSON, and lines as they are."""
+    """Print an object as JSON, or lines of text."""
     text = dumped(answer) if isinstance(answer, dict) else "\n".join(answer)
     print(text, flush=True)  # noqa: T201 - the command's answer
 
@@ -114,12 +114,12 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
     """Refuse options that have no effect unless another one is given.
 
     Args:
-        needed: the other option, for the error.
-        is_there: whether it was given.
+        needed: name of the other option, for the error.
+        is_there: whether the other option was given.
         options: values by their Python names; falsy: not given.
 
     Raises:
-        SettingsError: one of them was given without it.
+        SettingsError: an option was given without the other one.
     """
     for name, value in options.items():
         if value and not is_there:
@@ -134,10 +134,10 @@ def of_bag(
     odom_frame: str,
     base_frame: str,
 ) -> list[str]:
-    """The options for topics and frames of a bag as assignments of settings.
+    """Return the options for topics and frames of a bag as assignments of settings.
 
     Raises:
-        SettingsError: one is given, but the recording is not a bag.
+        SettingsError: an option was given, but the recording is not a bag.
     """
     named = {
         "scan_topic": scan_topic,
@@ -151,7 +151,7 @@ def of_bag(
 
 
 def _may_be_bag(recording: str | Path | None) -> bool:
-    """Whether it is a bag; true for a missing file, which is refused later."""
+    """Return whether a recording is a bag; true for a missing file, which is refused later."""
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
     from recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
 
@@ -167,12 +167,12 @@ def settings_with_nav2(
     """Load settings: assignments override the file, the file overrides nav2's parameters.
 
     Args:
-        nav2_params: of the robot; None: defaults.
+        nav2_params: the robot's `nav2_params.yaml`; None: none.
         settings_file: TOML, or None.
         assignments: ``section.key=value``.
 
     Returns:
-        The settings, and a line for each parameter that has no or another effect here.
+        The settings, and a line for each parameter whose effect here is different or missing.
 
     Raises:
         InputFileError: a file is unreadable or malformed.

@@ -27,7 +27,7 @@ from process_runtime.settings_file import load_settings
 
 EXIT_DIFFERENT = 1
 MOST_RUNS, MOST_JOBS = 10_000, 256
-"""A larger number is a typing error."""
+"""Limits against typing errors."""
 MOST_STEPS = 100_000
 """Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 
