@@ -26,9 +26,8 @@ from coordinator.events import (
 )
 from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Started
+from coordinator.recorder.records import Started, freeze
 from coordinator.recorder.ring import Ring, files_in
-from coordinator.recorder.snapshot import freeze
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.found_places import FoundPlaces

@@ -2,20 +2,28 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from msgspec import field
+
 from coordinator.jobs import HAND_OVER_NS, Jobs, Move, balanced
 from coordinator.order_delivery import OrderDelivery
+from coordinator.part import Part
 from coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, Report, SearchReport, TrackJob, WorkOrder
 
 
-class Placement:
+class Placement(Part):
     """Spreads jobs over live workers, and takes them from those that are gone or too slow."""
 
-    def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
-        self.jobs = Jobs()
-        self.delivery = OrderDelivery(sender, settings, snapshot_every_steps)
-        self._stragglers, self._silent_shards = StragglerPolicy(), SilentShards()
+    delivery: OrderDelivery
+    jobs: Jobs = field(default_factory=Jobs)
+    stragglers: StragglerPolicy = field(default_factory=StragglerPolicy)
+    silent_shards: SilentShards = field(default_factory=SilentShards)
+
+    @classmethod
+    def of(cls, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> "Placement":
+        """Return a placement without workers and jobs."""
+        return cls(OrderDelivery(sender, settings, snapshot_every_steps))
 
     @property
     def workers(self) -> dict[str, tuple[str, ...]]:
@@ -35,7 +43,7 @@ class Placement:
     def left(self, worker: str) -> None:
         """Take that a worker is gone: its jobs go to others, from their last snapshots."""
         self.delivery.left(worker)
-        self._stragglers.forget(worker)
+        self.stragglers.forget(worker)
         self.jobs.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
@@ -57,15 +65,15 @@ class Placement:
 
     def waits_for(self, job_id: str) -> bool:
         job = self.jobs.get(job_id)
-        return job is None or job.worker is None or self._stragglers.waits_for(job.worker)
+        return job is None or job.worker is None or self.stragglers.waits_for(job.worker)
 
     def reported(self, report: Report, *, in_time: bool) -> None:
         self.jobs.reported(report, in_time=in_time)
         job = self.jobs.get(report.job_id)
         if job is not None and job.worker is not None:
-            self._stragglers.heard(job.worker, in_time=in_time)
+            self.stragglers.heard(job.worker, in_time=in_time)
         if isinstance(report, SearchReport):
-            self._silent_shards.reported(report.job_id, report.step)
+            self.silent_shards.reported(report.job_id, report.step)
 
     def step_decided(
         self,
@@ -90,7 +98,7 @@ class Placement:
         }
         reported = {job.worker for job in owed.values() if job.worker}
         blamed = late - self.jobs.searching()
-        for worker in self._stragglers.step_decided(reported, blamed, now_ns, patient=patient):
+        for worker in self.stragglers.step_decided(reported, blamed, now_ns, patient=patient):
             self.jobs.take_from(worker)
 
     # --- orders
@@ -103,7 +111,7 @@ class Placement:
         self._give_up_silent_shards(newest_step, now_ns)
         ready = self.delivery.ready(now_ns)
         able = [name for name in ready if self._may_work(name, now_ns)] or ready
-        trusted = self._stragglers.trusted(able) or able
+        trusted = self.stragglers.trusted(able) or able
         moves = balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
         self.jobs.carry_out(moves, term, now_ns)
         self.jobs.carry_out(self._trials(able, trusted), term, now_ns)
@@ -119,9 +127,9 @@ class Placement:
 
     def _give_up_silent_shards(self, newest_step: int, now_ns: int) -> None:
         shards = self.jobs.shards()
-        for job_id in self._silent_shards.given_up(shards, newest_step, now_ns):
+        for job_id in self.silent_shards.given_up(shards, newest_step, now_ns):
             worker, shards[job_id].worker = shards[job_id].worker, None
-            if worker is not None and self._stragglers.give_up(worker, now_ns):
+            if worker is not None and self.stragglers.give_up(worker, now_ns):
                 self.jobs.take_from(worker)  # with its other shards
 
     def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> list[Move]:
@@ -130,7 +138,7 @@ class Placement:
         if not others:
             return []
         jobs = self.jobs.by_worker()
-        tried = {origin(name) for name in jobs if name and not self._stragglers.is_proven(name)}
+        tried = {origin(name) for name in jobs if name and not self.stragglers.is_proven(name)}
         waiting = [name for one, name in sorted(others.items()) if one not in tried]
         most = max(trusted, key=lambda name: len(jobs.get(name, ())))
         spare = sorted(filter(self.jobs.may_be_tried, jobs.get(most, ())))[1:]
@@ -138,7 +146,7 @@ class Placement:
 
     def _may_work(self, worker: str, now_ns: int) -> bool:
         answers = self.delivery.has_answered(worker)
-        return self._stragglers.may_work(worker, now_ns, answers=answers)
+        return self.stragglers.may_work(worker, now_ns, answers=answers)
 
     # --- from one coordinator to the next
 

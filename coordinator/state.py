@@ -3,12 +3,12 @@
 Everything here that decides can be handed on to another coordinator, and be taken over from one.
 """
 
-from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 from statistics import median
 
 import numpy as np
+from msgspec import field
 from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Cluster
@@ -128,45 +128,63 @@ class EventLog(Part):
 ASK_MAP_AGAIN_NS = 2_000_000_000
 
 
-class CoordinatorState:
-    """The parts of a coordinator's knowledge, and what moves between them."""
+class CoordinatorState(Part):
+    """The belief, the jobs, the open steps and the commands of one robot."""
 
-    def __init__(
-        self,
+    filter_settings: FilterSettings
+    """Those of the start."""
+    settings: CoordinatorSettings
+    bridge: BridgeSettings
+    """Those of the start."""
+    ensemble: Ensemble
+    placement: Placement
+    collector: StepCollector
+    pose: PoseTracker
+    live: LiveSettings = AS_STARTED
+    """The settings that hold at the applied step, in place of those of the start."""
+    event_log: EventLog = field(default_factory=EventLog)
+    commands: Commands = field(default_factory=Commands)
+    outcome: Outcome | None = None
+    """Of the last step or command."""
+    counters: dict[str, int] = {}
+    """Number of events by cause."""
+    steps_applied: int = 0
+    reports_missing: int = 0
+    overload: OverloadDetector = field(default_factory=OverloadDetector)
+    map_digest: str = ""
+    """Digest of the map in which the robot is localized; empty before the first scan."""
+    map_changes: MapChangeDetector = field(default_factory=MapChangeDetector)
+    ground: FreeGround | None = None
+    """Free ground of the last map that has arrived."""
+    map_asked_ns: int | None = None
+    """When the map was requested last [ns]."""
+    founded: bool = False
+    """Whether the belief has had clusters, or a command has been carried out."""
+    changed: bool = True
+    """Whether the state has to be published before anything that follows from it."""
+
+    @classmethod
+    def of(
+        cls,
         sender: str,
         filter_settings: FilterSettings,
         settings: CoordinatorSettings,
         bridge: BridgeSettings,
-    ) -> None:
-        self._seed = filter_settings.seed
-        self._filter_settings, self._bridge, self._live = filter_settings, bridge, AS_STARTED
-        self.ensemble = Ensemble.of(filter_settings)
-        self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
-        self.collector = StepCollector(settings)
-        self.pose = PoseTracker.of(sender, settings, filter_settings.motion, bridge)
-        self.event_log = EventLog()
-        self._is_folder_named = bool(settings.state_folder)
-        self._keeps_pose_on_new_map = settings.keep_pose_on_new_map
-        self.commands = Commands()
-        self.outcome: Outcome | None = None
-        self.counters: Counter[str] = Counter()
-        self.steps_applied = self.reports_missing = 0
-        self.overload = OverloadDetector()
-        self._map_digest, self._map_changes = "", MapChangeDetector()
-        self._ground: FreeGround | None = None
-        self._map_asked_ns: int | None = None
-        self._founded = False
-        self._changed = True
+    ) -> "CoordinatorState":
+        """Return the state of a coordinator that knows nothing."""
+        return cls(
+            filter_settings,
+            settings,
+            bridge,
+            Ensemble.of(filter_settings),
+            Placement.of(sender, filter_settings, settings.snapshot_every_steps),
+            StepCollector(settings),
+            PoseTracker.of(sender, settings, filter_settings.motion, bridge),
+        )
 
-    @property
-    def map_digest(self) -> str:
-        """Of the map in which the robot is looked for; empty before the first scan."""
-        return self._map_digest
-
-    @property
-    def founded(self) -> bool:
-        """Whether the belief has had clusters, or a person has spoken."""
-        return self._founded
+    def count(self, cause: str, times: int = 1) -> None:
+        """Count events of a cause."""
+        self.counters[cause] = self.counters.get(cause, 0) + times
 
     @property
     def newest_step(self) -> int:
@@ -174,40 +192,26 @@ class CoordinatorState:
         known = (self.collector.newest_scan, self.collector.applied)
         return max((scan.step for scan in known if scan is not None), default=-1)
 
-    @property
-    def live(self) -> LiveSettings:
-        """The settings that hold at the applied step, in place of those of the start."""
-        return self._live
-
-    @live.setter
-    def live(self, live: LiveSettings) -> None:
-        if live != self._live:
-            self._live = live
-            settings = filter_with(self._filter_settings, live)
+    def _use(self, live: LiveSettings) -> None:
+        """Continue with the settings of a scan."""
+        if live != self.live:
+            self.live = live
+            settings = filter_with(self.filter_settings, live)
             self.ensemble.use(settings)
-            self.pose.use(settings.motion, section_with(self._bridge, live))
+            self.pose.use(settings.motion, section_with(self.bridge, live))
 
     @property
     def newest_settings(self) -> LiveSettings:
         """Those of the newest scan that has arrived."""
         newest = self.collector.newest_scan
-        return newest.settings if newest is not None else self._live
-
-    @property
-    def changed(self) -> bool:
-        """Whether the state has to be published before anything that follows from it."""
-        return self._changed
-
-    def publish_again(self) -> None:
-        """Publish the state, though only the term has changed."""
-        self._changed = True
+        return newest.settings if newest is not None else self.live
 
     def place_counts(self, was_live: bool) -> bool:
         """Whether the robot's place in an earlier life may be its place now.
 
         A recording or a simulation begins where it begins, unless a person names a folder for it.
         """
-        return (was_live and self.pose.live) or self._is_folder_named
+        return (was_live and self.pose.live) or bool(self.settings.state_folder)
 
     # --- what happens
 
@@ -216,42 +220,42 @@ class CoordinatorState:
 
         Where the bridge has another map for certain, that one counts from this scan on.
         """
-        self._map_digest = self._map_digest or scan.map_digest
-        if self._map_changes.is_another(scan, self._map_digest):
+        self.map_digest = self.map_digest or scan.map_digest
+        if self.map_changes.is_another(scan, self.map_digest):
             self._change_map(scan)
-        if scan.map_digest != self._map_digest:
-            self.counters["scan of another map"] += 1
-        return scan.map_digest == self._map_digest
+        if scan.map_digest != self.map_digest:
+            self.count("scan of another map")
+        return scan.map_digest == self.map_digest
 
     @property
     def _free_ground(self) -> FreeGround | None:
-        known = self._ground
-        return known if known and known.map_digest == self._map_digest else None
+        known = self.ground
+        return known if known and known.map_digest == self.map_digest else None
 
     def wants_map(self, now_ns: int) -> bool:
         """Return whether to request the map now: given poses are checked with it."""
-        asked_ns = self._map_asked_ns
-        if not self._map_digest or self._free_ground is not None:
+        asked_ns = self.map_asked_ns
+        if not self.map_digest or self._free_ground is not None:
             return False
         if asked_ns is not None and now_ns - asked_ns < ASK_MAP_AGAIN_NS:
             return False
-        self._map_asked_ns = now_ns
+        self.map_asked_ns = now_ns
         return True
 
     def on_map_arrived(self, ground: FreeGround) -> bool:
         """The bridge answered; whether a pose that waited for it has been believed."""
-        self._ground = ground
+        self.ground = ground
         applied = self.collector.applied
         return applied is not None and self._carry_out_waiting(applied)
 
     def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
         """Add a worker, which gets no orders for a while."""
         self.placement.joined(worker, silent_until_ns)
-        self._changed = True
+        self.changed = True
 
     def on_worker_left(self, worker: str) -> None:
         self.placement.left(worker)
-        self._changed = True
+        self.changed = True
 
     def on_report(self, report: Report, worker: str, *, is_told_late: bool = False) -> None:
         """A worker's job took a step; of a job that another worker has, it has nothing to say.
@@ -263,23 +267,23 @@ class CoordinatorState:
         """
         jobs = self.placement.jobs
         if jobs.is_of_another(report.job_id, report.epoch, worker):
-            self.counters["report of another worker's job"] += 1
+            self.count("report of another worker's job")
             return
         if not jobs.is_current(report.job_id, report.epoch):
-            self.counters["report of an old epoch"] += 1
+            self.count("report of an old epoch")
             return
         if not self.collector.has_room_for(report, is_told_late=is_told_late):
-            self.counters["report far ahead, or beside too many"] += 1
+            self.count("report far ahead, or beside too many")
             return
         in_time = self.collector.on_report(report)
         self.placement.reported(report, in_time=in_time)
         if not in_time:
-            self.counters["report late"] += 1
+            self.count("report late")
 
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
         self.collector.begin_after(first_step - 1)
         self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
-        self._changed = True
+        self.changed = True
 
     @property
     def awaits_reports(self) -> bool:
@@ -301,7 +305,7 @@ class CoordinatorState:
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
-        self.live = ready.scan.settings
+        self._use(ready.scan.settings)
         self._notice_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
@@ -320,9 +324,9 @@ class CoordinatorState:
         history, ground = self.pose.history, self._free_ground
         given = self.commands.carry_out_waiting(self.ensemble, applied, history, ground)
         if isinstance(given, str):
-            self.counters["pose off the map refused"] += 1
+            self.count("pose off the map refused")
         elif given is not None:
-            self._founded = True
+            self.founded = True
             self._follow(given, applied)
             return True
         return False
@@ -341,26 +345,26 @@ class CoordinatorState:
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Do what is commanded; False if it waits for the first step, or is refused."""
         applied = self.collector.applied
-        history, self._changed = self.pose.history, True
+        history, self.changed = self.pose.history, True
         ground = self._free_ground
         outcome = self.commands.carry_out(command, self.ensemble, applied, history, ground)
         if outcome is None or applied is None:
             return False
-        self._founded = True
+        self.founded = True
         self._follow(outcome, applied)
         return True
 
     def count_anew(self, scan: Scan) -> None:
         """Search for the robot: the bridge was restarted, and steps and odometry begin again."""
-        self.counters["steps counted anew"] += 1
+        self.count("steps counted anew")
         self._begin_anew(scan, "steps restarted")
 
     def _change_map(self, scan: Scan) -> None:
         """The bridge has another map: no place in the old one means anything in it."""
-        self.counters["map changed"] += 1
-        self._map_digest = scan.map_digest
+        self.count("map changed")
+        self.map_digest = scan.map_digest
         applied = self.collector.applied
-        if not (self._keeps_pose_on_new_map and applied and len(self.ensemble.clusters)):
+        if not (self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)):
             self._begin_anew(scan, "new map")
             return
         places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
@@ -388,8 +392,8 @@ class CoordinatorState:
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
         """Hand out the jobs of an outcome."""
-        self.outcome, self._changed = outcome, True
-        self._founded |= len(self.ensemble.clusters) > 0
+        self.outcome, self.changed = outcome, True
+        self.founded |= len(self.ensemble.clusters) > 0
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
         self.placement.jobs.end(outcome.end)
         self.placement.jobs.begin(outcome.begin)
@@ -400,10 +404,10 @@ class CoordinatorState:
 
     def hand_on(self, now_ns: int) -> CheckpointState:
         """Return the state without particles that workers hold; from now on it is unchanged."""
-        self._changed = False
+        self.changed = False
         return CheckpointState(
             version=STATE_VERSION,
-            map_digest=self._map_digest,
+            map_digest=self.map_digest,
             ensemble=self.ensemble,
             jobs=self.placement.jobs_to_hand_on(),
             collector=self.collector,
@@ -429,21 +433,21 @@ class CoordinatorState:
         try:
             state = state_in(checkpoint)
         except ValueError:
-            self.counters["checkpoint that cannot be read"] += 1
+            self.count("checkpoint that cannot be read")
             return None
         applied = state.collector.applied
         newest = self.collector.newest_scan
         if not state.ensemble.searches:
             self.commands.resume(state.commands)
             return None
-        if self._map_digest not in ("", state.map_digest):
-            self.counters["checkpoint of another map"] += 1
+        if self.map_digest not in ("", state.map_digest):
+            self.count("checkpoint of another map")
             return None
         if newest and applied and newest.step < applied.step and newest.stamp_ns > applied.stamp_ns:
-            self.counters["checkpoint of another count of steps"] += 1
+            self.count("checkpoint of another count of steps")
             return None
         self._restore(state, checkpoint.term, now_ns)
-        self._founded = checkpoint.founded or len(self.ensemble.clusters) > 0
+        self.founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
         first = state.ensemble.search.first_step
@@ -451,7 +455,7 @@ class CoordinatorState:
         return first
 
     def _restore(self, state: CheckpointState, term: int, now_ns: int) -> None:
-        self._map_digest = state.map_digest
+        self.map_digest = state.map_digest
         settings, self.ensemble = self.ensemble.settings, state.ensemble
         self.ensemble.use(settings)
         rebuilt = partial(self._rebuilt, state)
@@ -460,11 +464,12 @@ class CoordinatorState:
         self.collector.resume(state.collector)
         self.commands.resume(state.commands)
         self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
-        self.counters.update(state.counters)
-        self._changed = True
+        for cause, times in state.counters.items():
+            self.count(cause, times)
+        self.changed = True
         applied = state.collector.applied
         if applied is not None:
-            self.live = applied.settings
+            self._use(applied.settings)
             self.pose.resume(
                 applied.stamp_ns,
                 applied.odom_from_robot,
@@ -514,7 +519,7 @@ class CoordinatorState:
             probability,
             mean,
             covariance,
-            seed=self._seed,
+            seed=self.filter_settings.seed,
             purpose=Purpose.REBUILT,
             entity=cluster,
             step=step,

@@ -8,6 +8,8 @@ A single scan far above all others is discarded. If it were followed, every real
 old. Coordinator and workers must detect a restart at the same scan, so both use this module.
 """
 
+import msgspec
+
 from protocol.steps import Scan
 
 NEEDED = 3
@@ -23,16 +25,17 @@ def is_huge_jump(scan: Scan, newest: Scan | None) -> bool:
     return newest is not None and scan.step > newest.step + HUGE_JUMP
 
 
-class StepResetDetector:
+class StepResetDetector(msgspec.Struct):
     """Watches the scans that do not continue the count: past steps, and steps after a huge jump."""
 
-    def __init__(self) -> None:
-        self._last: tuple[int, int] | None = None
-        self._in_a_row = self._newer_in_a_row = 0
+    last: tuple[int, int] | None = None
+    """Step and stamp [ns] of the last such scan; None: a scan has continued the count since."""
+    in_a_row: int = 0
+    newer_in_a_row: int = 0
 
     def reset(self) -> None:
         """Begin again, because a scan continued the current count."""
-        self._last, self._in_a_row, self._newer_in_a_row = None, 0, 0
+        self.last, self.in_a_row, self.newer_in_a_row = None, 0, 0
 
     def on_other_scan(self, scan: Scan, newest: Scan | None) -> bool:
         """Handle a scan that does not continue the count; return whether a new one has begun.
@@ -44,9 +47,9 @@ class StepResetDetector:
         if newest is None or newest.step <= scan.step <= newest.step + HUGE_JUMP:
             self.reset()
             return False
-        last, self._last = self._last, (scan.step, scan.stamp_ns)
+        last, self.last = self.last, (scan.step, scan.stamp_ns)
         follows = last is not None and last[0] < scan.step and last[1] < scan.stamp_ns
         is_newer = scan.stamp_ns > newest.stamp_ns
-        self._in_a_row = self._in_a_row + 1 if follows else 1
-        self._newer_in_a_row = (self._newer_in_a_row if follows else 0) + 1 if is_newer else 0
-        return self._newer_in_a_row >= NEEDED or self._in_a_row >= NEEDED_OF_OLDER
+        self.in_a_row = self.in_a_row + 1 if follows else 1
+        self.newer_in_a_row = (self.newer_in_a_row if follows else 0) + 1 if is_newer else 0
+        return self.newer_in_a_row >= NEEDED or self.in_a_row >= NEEDED_OF_OLDER

@@ -20,12 +20,12 @@ from coordinator.recorder.records import (
     Happened,
     Head,
     Started,
+    freeze,
     happened,
     happened_to,
     without_bulk,
 )
 from coordinator.recorder.ring import EVENTS, Ring
-from coordinator.recorder.snapshot import freeze
 from grid_maps.grid_map import GridMap
 from process_runtime.output_files import OutputError
 from recordings.foxglove import Json, grid, log_line

@@ -57,8 +57,8 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     bridge: BridgeSettings = BridgeSettings()
 
     def coordinator(self) -> Coordinator:
-        """The coordinator, as it was in its first moment."""
-        return Coordinator(**{name: getattr(self, name) for name in self.__struct_fields__})
+        """Return the coordinator as it was before its first event."""
+        return Coordinator.of(**{name: getattr(self, name) for name in self.__struct_fields__})
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,7 +76,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """Number of events that this coordinator processed before, recorded or not."""
     started: Started
     snapshot: bytes
-    """The coordinator's state, see `snapshot`; empty before the first event."""
+    """The coordinator, see `freeze`; empty before the first event."""
 
 
 class EventTold(msgspec.Struct, frozen=True, array_like=True):
@@ -126,6 +126,33 @@ def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
                 for one in told.events:
                     what = "began" if isinstance(one.event, Began) else "ended"
                     yield Happened(what, event_text(one.event))
+
+
+_COORDINATORS = msgspec.msgpack.Decoder(Coordinator)
+
+
+def freeze(coordinator: Coordinator) -> bytes:
+    """Encode a coordinator between two events, without particles and beams.
+
+    Other than a checkpoint, it contains open steps, deadlines and unanswered orders: a replay has
+    no workers to ask.
+    """
+    return msgspec.msgpack.encode(without_bulk(coordinator))
+
+
+def thaw(data: bytes) -> Coordinator:
+    """Return a coordinator that decides from here on as the frozen one did.
+
+    Args:
+        data: what `freeze` returned.
+
+    Raises:
+        ValueError: the bytes are no snapshot of this version.
+    """
+    try:
+        return _COORDINATORS.decode(data)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise ValueError(f"not a coordinator's snapshot: {error}") from None
 
 
 T = TypeVar("T")

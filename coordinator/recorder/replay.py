@@ -10,9 +10,8 @@ import msgspec
 
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
-from coordinator.recorder.records import EventTold, Happened, Head, happened, happened_to
+from coordinator.recorder.records import EventTold, Happened, Head, happened, happened_to, thaw
 from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
-from coordinator.recorder.snapshot import thaw
 from protocol.answers import Belief
 from protocol.codec import encode
 from protocol.errors import RecordingError
@@ -107,7 +106,7 @@ class _SeriesReplay:
             yield Happened("not recorded", f"{missing} events before {path.name}")
         try:
             started, snapshot = head.started, head.snapshot
-            self._coordinator = thaw(started, snapshot) if snapshot else started.coordinator()
+            self._coordinator = thaw(snapshot) if snapshot else started.coordinator()
         except ValueError as error:
             raise RecordingError(path, str(error)) from error
         self._events = head.first_event

@@ -42,7 +42,7 @@ def causes() -> set[str]:
     """Every cause, in fixed words, that a process counts what it dropped under."""
     found: set[str] = set()
     for source in sources():
-        found |= set(re.findall(r'counters\["([^"]+)"\]', source))
+        found |= set(re.findall(r'(?:counters\[|\.count\()"([^"]+)"[\])]', source))
         found |= set(re.findall(r'_causes\.warn\(\s*_log, "([^"]+)"', source))
         found |= set(re.findall(r'\._warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'Warn\(\s*"([^"]+)"', source))

@@ -74,7 +74,7 @@ def given_pose(command_id: str) -> SetPose:
 
 def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     """What a coordinator does that finds the checkpoint, and then lives for some steps."""
-    coordinator = Coordinator(
+    coordinator = Coordinator.of(
         "c", SETTINGS, CoordinatorSettings(), "test", 0, term=1, known=checkpoint
     )
     nothing = WorkerSnapshot(term=0)

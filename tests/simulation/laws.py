@@ -66,23 +66,14 @@ class Life:
     newest_odometry_ns: int = -1
     is_live: bool = False
 
-    def watch(self, state: CoordinatorState) -> None:
-        """See which checkpoint it carries on from, and what it counts."""
-        resume, apply = state.resume, state.apply
+    def watch(self, coordinator: Coordinator) -> None:
+        """See which checkpoint it continues from, and what it counts."""
+        state = coordinator.state
+        watched = WatchedState(**{name: getattr(state, name) for name in state.__struct_fields__})
+        watched.life = self
+        coordinator.state = watched
 
-        def resumed(checkpoint: Checkpoint, now_ns: int) -> int | None:
-            step = resume(checkpoint, now_ns)
-            if step is not None:
-                self._carries_on(checkpoint)
-            return step
-
-        def applied(ready: ReadyStep, now_ns: int) -> None:
-            self._decides(ready)
-            apply(ready, now_ns)
-
-        state.resume, state.apply = resumed, applied  # type: ignore[method-assign]
-
-    def _carries_on(self, checkpoint: Checkpoint) -> None:
+    def carries_on(self, checkpoint: Checkpoint) -> None:
         before = self.laws.published.get((checkpoint.term, checkpoint.serial))
         demand(before is not None, "what is carried on from was published")
         assert before is not None
@@ -107,7 +98,7 @@ class Life:
         counts = (n for n, one in enumerate(self.decided, 1) if one.step == step)
         return max(counts, default=0)
 
-    def _decides(self, ready: ReadyStep) -> None:
+    def decides(self, ready: ReadyStep) -> None:
         tracks = [report for report in ready.reports if isinstance(report, TrackReport)]
         ids = [report.job_id for report in tracks]
         demand(len(set(ids)) == len(ids), "no report counts twice in a step")
@@ -151,6 +142,20 @@ class Life:
         demand([*map(encode, said)] == [*map(encode, self.said)], "a replay says the same")
 
 
+class WatchedState(CoordinatorState, dict=True):
+    """Tells a `Life` what is continued from and what is decided."""
+
+    def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
+        step = super().resume(checkpoint, now_ns)
+        if step is not None:
+            self.life.carries_on(checkpoint)
+        return step
+
+    def apply(self, ready: ReadyStep, now_ns: int) -> None:
+        self.life.decides(ready)
+        super().apply(ready, now_ns)
+
+
 class Laws:
     """Told of everything that leaves a coordinator.
 
@@ -180,7 +185,7 @@ class Laws:
         """A coordinator begins to recover; `promptest_s` is the least delay of data to it."""
         is_live = started.usual_delay_ns is not None
         life = Life(self, name, started, promptest_s=promptest_s, is_live=is_live)
-        life.watch(coordinator._state)
+        life.watch(coordinator)
         self.lives.append(life)
         return life
 

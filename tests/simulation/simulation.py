@@ -133,10 +133,10 @@ class Simulation:
             return f"step {status.step} is believed, {newest} was driven"
         if set(status.workers) != set(self.workers):
             return f"workers {sorted(status.workers)} are known"
-        jobs = coordinator._state.placement.jobs
+        jobs = coordinator.state.placement.jobs
         if waiting := jobs.by_worker().get(None):
             return f"nobody has {sorted(waiting)}"
-        outcome = coordinator._state.outcome
+        outcome = coordinator.state.outcome
         if outcome is None or outcome.missing:
             return f"no report of {outcome and outcome.missing}"
         for name, worker in self.workers.items():

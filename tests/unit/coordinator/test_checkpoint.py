@@ -101,7 +101,7 @@ def test_what_is_not_a_whole_state_is_refused(state: CheckpointState, length: in
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
     broken = Checkpoint(sender="c", term=5, serial=1, step=9, founded=True, state=data)
-    made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=broken)
+    made = Coordinator.of("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=broken)
     made.handle(WorkerJoined("w"), 0)
     made.handle(WorkerToldState("w", NOTHING), 1)
     assert made.begun
@@ -115,7 +115,7 @@ def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -
     other = Checkpoint(
         sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, map_digest="old")
     )
-    made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
+    made = Coordinator.of("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
     made.handle(WorkerJoined("w"), 0)
     made.handle(ScanArrived(scan(40)), 1)
     made.handle(WorkerToldState("w", NOTHING), 2)
@@ -132,11 +132,11 @@ def test_who_carries_on_has_scans_weighed_elsewhere_also_if_nobody_did(
     known = Checkpoint(
         sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, jobs__placed=jobs)
     )
-    made = CoordinatorState("c", FilterSettings(), CoordinatorSettings(), BridgeSettings())
+    made = CoordinatorState.of("c", FilterSettings(), CoordinatorSettings(), BridgeSettings())
     assert made.resume(known, 1) == 10
     assert made.placement.jobs.placed["e0"].job == ElsewhereJob(first_step=10)
     never = FilterSettings(belief=literal_bayes())
-    other = CoordinatorState("c", never, CoordinatorSettings(), BridgeSettings())
+    other = CoordinatorState.of("c", never, CoordinatorSettings(), BridgeSettings())
     assert other.resume(known, 1) == 10
     assert ("e0" in other.placement.jobs.placed) == had
 

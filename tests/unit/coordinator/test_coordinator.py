@@ -64,7 +64,7 @@ class Story:
             search=SearchSettings(shards=1),
             belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
-        self.coordinator = Coordinator(
+        self.coordinator = Coordinator.of(
             "coordinator", settings, rules, "test", 0, known=known, kept=kept
         )
         self.has_map = True

@@ -21,7 +21,7 @@ def model() -> SensorModel:
 
 def state_of(tested: Living) -> CoordinatorState:
     assert tested.coordinator is not None
-    return tested.coordinator._state
+    return tested.coordinator.state
 
 
 def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:

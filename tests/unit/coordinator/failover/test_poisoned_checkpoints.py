@@ -130,7 +130,7 @@ def test_a_worker_cannot_claim_the_last_of_all_terms() -> None:
 
 def test_a_claimed_term_leaves_room_for_coordinators_above_it() -> None:
     claimed, clock_ns = OrderAnswer(sender="w", order=1, jobs=(), term=0), 0
-    term = Term(1_000)
+    term = Term.of(1_000)
     for _ in range(100):
         claimed = replace(claimed, term=MAX_RELAYED_AHEAD_US)
         check_term(claimed, clock_ns)

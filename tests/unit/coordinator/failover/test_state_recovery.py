@@ -27,7 +27,7 @@ def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> WorkerSnapshot:
 def asked(
     *workers: str, known: Checkpoint | None = None, kept: Checkpoint | None = None
 ) -> StateRecovery:
-    recovery = StateRecovery("c", known, kept, BEGAN_NS)
+    recovery = StateRecovery("c", BEGAN_NS, [known] if known else [], kept)
     for worker in workers:
         recovery.expect(worker)
     return recovery

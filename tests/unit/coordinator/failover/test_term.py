@@ -6,7 +6,7 @@ KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"
 
 
 def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None:
-    term = Term(5, KNOWN)
+    term = Term.of(5, KNOWN)
     raised = term.number
     assert raised > KNOWN.term
     assert not term.hear(raised), "that is its own"
@@ -16,14 +16,14 @@ def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None
 
 
 def test_the_epochs_of_one_term_are_over_where_the_next_one_begins() -> None:
-    term = Term(KNOWN.term + 3, None)
+    term = Term.of(KNOWN.term + 3, None)
     assert term.hear(KNOWN.term), "it began a moment before, and may have given jobs since"
     assert term.number >= KNOWN.term + APART_US
 
 
 def test_two_that_hear_of_the_same_term_are_raised_to_two() -> None:
     far_ahead = 3 * APART_US
-    terms = [Term(clock_us, None) for clock_us in (5, 6)]
+    terms = [Term.of(clock_us, None) for clock_us in (5, 6)]
     for _ in range(3):
         assert all(term.hear(far_ahead) for term in terms)
         raised = [term.number for term in terms]
@@ -34,8 +34,8 @@ def test_two_that_hear_of_the_same_term_are_raised_to_two() -> None:
 
 
 def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
-    term = Term(5, None)
-    term.begin()
+    term = Term.of(5, None)
+    term.begun = True
     assert not term.hear(5)
     assert term.outranked_by is None
     assert not term.hear(7), "it stays as it is"
@@ -46,8 +46,8 @@ def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
 def test_a_worker_deposes_nobody_and_a_term_rises_above_its_claim_when_no_coordinator_appears() -> (
     None
 ):
-    term = Term(5)
-    term.begin()
+    term = Term.of(5)
+    term.begun = True
     term.on_worker_term(9, now_ns=0)
     term.on_worker_term(8, now_ns=1)
     assert not term.rises_above_workers(UNSEEN_NS - 1)

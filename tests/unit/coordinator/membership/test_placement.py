@@ -13,7 +13,7 @@ def track(cluster: int, step: int = 0) -> TrackJob:
 
 
 def placement(*workers: str) -> Placement:
-    made = Placement("coordinator", FilterSettings(), snapshot_every_steps=10)
+    made = Placement.of("coordinator", FilterSettings(), snapshot_every_steps=10)
     for worker in workers:
         made.joined(worker)
     return made
