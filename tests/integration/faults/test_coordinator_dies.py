@@ -15,9 +15,7 @@ from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings, Settings
 from protocol import keys
 from protocol.answers import Belief
-from protocol.codec import decode, encode
 from protocol.steps import ScanHistory
-from protocol.work import Checkpoint
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System, system
@@ -136,33 +134,3 @@ def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() 
         wait_until(lambda: tested.beliefs[-1].term > highest)
         tested.wait_for_steps(10)
         assert_same(list(tested.beliefs), alone_of(tested))
-
-
-def test_one_that_has_stepped_down_lets_the_other_begin_before_it_looks_again() -> None:
-    with with_live_robot() as (tested, _robot):
-        tested.wait_until_it_tracks()
-        heard: list[bytes] = []
-        tested.session.declare_subscriber(
-            keys.CHECKPOINT, lambda sample: heard.append(sample.payload.to_bytes())
-        )
-        wait_until(lambda: bool(heard))
-        other = msgspec.structs.replace(decode(heard[-1], Checkpoint), sender="another")
-        other = msgspec.structs.replace(other, term=other.term + 1)
-        tested.session.put(keys.CHECKPOINT, encode(other))  # it has begun, but not for long
-        wait_until(lambda: "stepping down" in tested.log(COORDINATOR))
-        wait_until(lambda: tested.log(COORDINATOR).count("standing by") == 1)
-        wait_until(lambda: tested.beliefs[-1].term > other.term)
-        tested.wait_for_steps(10)
-        assert_same(list(tested.beliefs), alone_of(tested))
-
-
-def test_the_workers_go_on_while_no_coordinator_is_there() -> None:
-    with with_live_robot() as (tested, _robot):
-        tested.wait_until_it_tracks()
-        tested.hurt(COORDINATOR)
-        reports: list[str] = []
-        tested.session.declare_subscriber(
-            keys.ALL_REPORTS, lambda sample: reports.append(str(sample.key_expr))
-        )
-        wait_until(lambda: len(reports) > 20)
-        assert len(set(reports)) == 4, "of every worker"

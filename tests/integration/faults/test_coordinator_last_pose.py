@@ -1,11 +1,9 @@
 """A power cut: the state is on disk, and its place is one hypothesis of the next life."""
 
-import math
 from pathlib import Path
 
 import msgspec
 
-from clustermcl.stack import COORDINATOR
 from coordinator import state_file
 from coordinator.checkpoint import state_in
 from coordinator.recovery import LastPlace
@@ -13,7 +11,6 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settin
 from protocol.work import Checkpoint
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.waiting import wait_until
-from tests.unit.coordinator.states import checkpoint_at
 
 WORLD = "sim:cross_feature"
 
@@ -37,18 +34,6 @@ def cut_the_power(tested: System) -> None:
         tested.hurt(name)
 
 
-def first_place_of(tested: System) -> tuple[float, float]:
-    """The probability of the place that was offered, when the first search ended, and of all."""
-    wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
-    tested.wait_for_steps(1)
-    first = next(b for b in tested.beliefs if b.state != "searching")
-    assert not any(b.state == "localized" for b in tested.beliefs if b.step <= first.step)
-    assert all(b.missing == () for b in tested.beliefs)
-    oldest = max(first.hypotheses, key=lambda h: h.cluster)
-    here = math.fsum(h.probability for h in first.hypotheses)
-    return oldest.probability, here + first.elsewhere_probability
-
-
 def test_a_power_cut_leaves_the_state_and_its_place_is_one_hypothesis_of_the_next_life(
     tmp_path: Path,
 ) -> None:
@@ -70,25 +55,3 @@ def test_a_power_cut_leaves_the_state_and_its_place_is_one_hypothesis_of_the_nex
         first = next(b for b in tested.beliefs if b.state != "searching")
         assert first.step < step, "another life, with a search of its own"
         assert all(h.age_steps <= first.step for h in first.hypotheses)
-
-
-def test_it_is_one_hypothesis_and_not_the_truth(tmp_path: Path) -> None:
-    with system(kept_in(tmp_path), "--steps", "40") as tested:
-        wait_until(lambda: bool(tested.beliefs))
-        digest = state_in(kept(tmp_path)).map_digest
-    there = checkpoint_at((1.5, 1.5, 2.5), x_m=9.0)  # where the robot is not
-    state = msgspec.structs.replace(state_in(there), map_digest=digest)
-    there = msgspec.structs.replace(there, state=msgspec.msgpack.encode(state))
-    state_file.write(tmp_path, "robot", there, sync=True)
-    with system(kept_in(tmp_path), "--steps", "40") as tested:
-        offered, total = first_place_of(tested)
-        assert math.isclose(offered, 0.1, abs_tol=0.02)
-        assert math.isclose(total, 1.0)
-
-
-def test_a_broken_file_is_named_and_the_robot_searched_for(tmp_path: Path) -> None:
-    broken = state_file.file_of(tmp_path, "robot")
-    broken.write_bytes(b"{")
-    with system(kept_in(tmp_path), "--steps", "40") as tested:
-        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
-        assert f"{broken} is not carried on from" in tested.log(COORDINATOR)

@@ -1,13 +1,11 @@
 """docs/failures.md: a checkpoint that cannot be is left out, and the belief is kept."""
 
-import math
-
+import msgspec
 from msgspec.structs import replace
 
 from clustermcl.stack import COORDINATOR
-from coordinator.checkpoint import from_bytes, to_bytes
+from coordinator.checkpoint import state_in
 from protocol import keys
-from protocol.answers import Belief
 from protocol.codec import decode, encode
 from protocol.work import Checkpoint
 from tests.integration.faults.live_robot import with_live_robot
@@ -17,32 +15,27 @@ from tests.integration.faults.test_coordinator_dies import (
     assert_same,
 )
 from tests.integration.waiting import wait_until
+from tests.unit.coordinator.failover.test_poisoned_checkpoints import nan_covariance
 
 
 def heard(tested: System) -> Checkpoint:
-    """A checkpoint of the acting coordinator, of clusters that are tracked."""
+    """Return a checkpoint of the acting coordinator, with clusters that are tracked."""
     found: list[Checkpoint] = []
     subscriber = tested.session.declare_subscriber(
         keys.CHECKPOINT,
         lambda sample: found.append(decode(sample.payload.to_bytes(), Checkpoint)),
     )
-    wait_until(lambda: found and from_bytes(found[-1].state).ensemble.clusters)
+    wait_until(lambda: found and len(state_in(found[-1]).ensemble.clusters))
     subscriber.undeclare()
     return found[-1]
 
 
 def poisoned(checkpoint: Checkpoint) -> Checkpoint:
-    """The same with a NaN in it, and of a higher rank than all that there are."""
-    state = from_bytes(checkpoint.state)
-    first, *rest = state.ensemble.clusters
-    first = replace(first, covariance=(math.nan,) * 9)
-    ensemble = replace(state.ensemble, clusters=(first, *rest))
-    return replace(
-        checkpoint,
-        sender="a stranger",
-        serial=2**50,
-        state=to_bytes(replace(state, ensemble=ensemble)),
-    )
+    """Return the same with a NaN in it, and of a rank above all present ones."""
+    tree = msgspec.msgpack.decode(checkpoint.state)
+    nan_covariance(tree)
+    state = msgspec.msgpack.encode(tree)
+    return replace(checkpoint, sender="a stranger", serial=2**50, state=state)
 
 
 def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
@@ -63,20 +56,3 @@ def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
         assert status.counters["checkpoint that cannot be read"] >= 1
         assert status.steps_lost == 0
         assert_same(list(tested.beliefs), alone_of(tested))
-
-
-def test_the_highest_possible_term_is_refused_by_all() -> None:
-    with with_live_robot() as (tested, _robot):
-        tested.wait_until_it_tracks()
-        last = replace(heard(tested), term=2**53 - 1)
-        tested.session.put(keys.CHECKPOINT, encode(last))
-        wait_until(lambda: "term far ahead" in tested.log(COORDINATOR))
-        tested.hurt(COORDINATOR)
-        wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
-        tested.mend()
-        terms = {belief.term for belief in tested.beliefs}
-        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms)
-        tested.wait_for_steps(10)
-        assert max(belief.term for belief in tested.beliefs) < 2**52
-        believed: list[Belief] = list(tested.beliefs)
-        assert_same(believed, alone_of(tested))

@@ -120,12 +120,6 @@ def comes_back(
     ("module", "arguments", "token", "other"),
     [
         ("worker", ("--name", "w", "--count", "1"), "worker/w-0/alive", keys.COORDINATOR_ALIVE),
-        (
-            "sensor_bridge",
-            ("--source", "zenoh", "--map", "zenoh"),
-            keys.BRIDGE_ALIVE,
-            keys.COORDINATOR_ALIVE,
-        ),
         ("coordinator", (), keys.COORDINATOR_ALIVE, "worker/other/alive"),
     ],
 )
@@ -157,7 +151,7 @@ def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
 ) -> None:
     router = ("--set", f"zenoh.router={detour.settings.router}")
     arguments = ("--source", "zenoh", "--map", str(walled_map(tmp_path)))
-    start_process(python_module("sensor_bridge", *arguments, *router))
+    bridge = start_process(python_module("sensor_bridge", *arguments, *router))
     wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S))
     robot = Robot(here)
     robot.publish(laser_reading(1.0, ORIGIN))
@@ -166,6 +160,7 @@ def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
     with here.liveliness().declare_token(keys.COORDINATOR_ALIVE):
         comes_back([keys.BRIDGE_ALIVE], detour, here, nowhere)
     assert robot.steps() == before
+    assert STALE in bridge.err
 
 
 @pytest.mark.parametrize("has_leader", [True, False])

@@ -11,7 +11,8 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
-from tests.integration.faults.other_machine import OtherMachine, free_port, other_machine
+from tests.integration.faults.two_machines import Cable, second_machine
+from tests.integration.free_port import free_port
 from tests.integration.processes import python_script
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from zenoh_link.session import open_session
@@ -23,8 +24,8 @@ CLOSING_S = 12.0
 
 
 @pytest.fixture
-def machine() -> Iterator[OtherMachine]:
-    with other_machine() as made:
+def cable() -> Iterator[Cable]:
+    with second_machine() as made:
         yield made
 
 
@@ -37,13 +38,13 @@ def put_and_time_the_answer(session: zenoh.Session) -> float:
 
 
 def test_a_client_with_a_link_is_answered_while_other_links_die(
-    machine: OtherMachine, start_process: StartProcess
+    cable: Cable, start_process: StartProcess
 ) -> None:
-    settings = ZenohSettings(router=f"tcp/{machine.address_here}:{free_port(machine.address_here)}")
+    settings = ZenohSettings(router=f"tcp/{cable.here}:{free_port()}")
     words = ["--set", f"zenoh.router={settings.router}"]
     start_process(python_module("zenoh_link.router", *words)).wait_for("router listens at")
     listeners = python_script(LISTENERS, *words, "--count", str(LINKS))
-    start_process(machine.command(listeners)).wait_for("all listen")
+    start_process([*cable.over_there, *listeners]).wait_for("all listen")
     robot, stop = RobotSettings(), StopFlag()
     with (
         open_session(settings, robot, stop, wait_s=PATIENCE_S) as answers,
@@ -52,9 +53,9 @@ def test_a_client_with_a_link_is_answered_while_other_links_die(
         answers.declare_queryable("pose", lambda query: query.reply("pose", b"here"))
         put_and_time_the_answer(asks)
 
-        machine.pull_the_cable()
-        cut_s, longest_s = time.monotonic(), 0.0
-        while time.monotonic() < cut_s + CLOSING_S:
-            longest_s = max(longest_s, put_and_time_the_answer(asks))
-            stop.wait(0.05)  # as often as a laser speaks
+        with cable.cut(from_here=True, from_there=True):
+            cut_s, longest_s = time.monotonic(), 0.0
+            while time.monotonic() < cut_s + CLOSING_S:
+                longest_s = max(longest_s, put_and_time_the_answer(asks))
+                stop.wait(0.05)  # as often as a laser speaks
         assert longest_s < stretched_s(3.0)

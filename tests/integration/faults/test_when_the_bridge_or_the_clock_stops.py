@@ -1,6 +1,5 @@
 """docs/failures.md: the bridge or the robot's clock stops: the pose has an age and is stale."""
 
-import signal
 import time
 
 from msgspec.structs import replace
@@ -55,17 +54,6 @@ def test_a_bridge_that_is_killed_makes_the_pose_stale_until_the_next_one_publish
         wait_until(lambda: is_fresh(tested))
         tested.wait_for_steps(5)
         assert tested.clusters() == clusters
-
-
-def test_a_bridge_that_is_frozen_makes_the_pose_stale_until_it_goes_on() -> None:
-    with with_live_robot(STALE_SOON) as (tested, _):
-        tested.wait_until_it_tracks()
-        tested.hurt(BRIDGE, signal.SIGSTOP)
-        try:
-            assert_honest(poses_until_stale(tested))
-        finally:
-            tested.hurt(BRIDGE, signal.SIGCONT)
-        wait_until(lambda: is_fresh(tested))
 
 
 def test_a_clock_that_stands_makes_the_pose_stale_however_much_is_published() -> None:

@@ -1,5 +1,6 @@
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -52,13 +53,13 @@ def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one(
     assert_same(beliefs_of(stack, settings), alone)
 
 
-def test_a_tracking_worker_that_is_killed_changes_no_belief(
+def test_workers_that_are_killed_change_no_belief(
     start_stack: StartStack, alone: list[Outcome]
 ) -> None:
-    """kill -9 in the middle: its clusters go on elsewhere from their snapshots, bit for bit."""
+    """One is killed, then two, then all: their clusters continue from snapshots, bit for bit."""
     stack, settings = start_stack(SMALL, steps=STEPS)
 
-    def kill_one() -> None:
+    def kill(count: int) -> None:
         folder = Path(settings.zenoh.router.removeprefix("unixsock-stream/")).parent
         parents = [
             process
@@ -66,7 +67,10 @@ def test_a_tracking_worker_that_is_killed_changes_no_belief(
             if str(folder / "settings.toml") in process.cmdline() and "worker" in process.cmdline()
         ]
         (parent,) = parents
-        os.kill(parent.children()[0].pid, signal.SIGKILL)
+        for child in parent.children()[:count]:
+            os.kill(child.pid, signal.SIGKILL)
 
-    beliefs = beliefs_of(stack, settings, at_step={25: kill_one})
+    beliefs = beliefs_of(
+        stack, settings, at_step={15: partial(kill, 1), 27: partial(kill, 2), 41: partial(kill, 4)}
+    )
     assert_same(beliefs, alone)
