@@ -100,7 +100,6 @@ class Follower:
         self._waiting: deque[Scan] = deque()
         self._outcomes: Iterator[tuple[Scan, Outcome]] | None = None
         self._last: Outcome | None = None
-        self._stamp_ns = 0
 
     def use(self, model: SensorModel, message: MapMessage) -> None:
         """Use a map and its sensor model."""
@@ -128,7 +127,6 @@ class Follower:
                 waiting = iter(self._waiting.popleft, None)
                 self._outcomes = follow(waiting, self._model, self._settings)
             scan, self._last = next(self._outcomes)
-            self._stamp_ns = scan.stamp_ns
             yield scan, self._last
 
     def status(self, sender: str) -> Status:

@@ -80,19 +80,13 @@ class EvaluateOptions:
 class Task:
     """The specification of a run."""
 
+    options: EvaluateOptions
     case: Case
-    algorithm: str
     seed: int
     settings: Settings
     start_step: int = 0
     """First step of a recording, as if the robot had been switched on there."""
-    kidnap_after: int | None = None
-    """The simulated robot is kidnapped after this step."""
     is_drawn: bool = False
-    record: Path | None = None
-    """File for a bag of the run; None: none."""
-    tum: Path | None = None
-    """File for the most probable pose of each step; None: none."""
 
     def prepared(self) -> Run:
         """Return the run.
@@ -102,7 +96,7 @@ class Task:
         """
         return Run(
             self.case,
-            ALGORITHMS[self.algorithm],
+            ALGORITHMS[self.options.algorithm],
             self.seed,
             self.settings,
             start_step=self.start_step,
@@ -126,7 +120,8 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finishe
     run = task.prepared()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
-    with _recorder(task.record) as recorder, written_trajectory(task.tum) as on_pose:
+    options = task.options
+    with _recorder(options.record) as recorder, written_trajectory(options.tum) as on_pose:
         for number, (scan, outcome, truth) in enumerate(run.steps()):
             facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
             if recorder is not None:
@@ -138,7 +133,7 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finishe
                 on_pose(scan.stamp_ns, outcome.hypotheses[0].mean)
             if on_update is not None:
                 on_update()
-            if number == task.kidnap_after:
+            if number == options.kidnap_at:
                 run.course.kidnap()
     measures = measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
@@ -168,15 +163,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
     tasks = [
-        Task(
-            case=case,
-            algorithm=options.algorithm,
-            seed=seed,
-            settings=settings,
-            kidnap_after=options.kidnap_at,
-            record=options.record,
-            tum=options.tum,
-        )
+        Task(options=options, case=case, seed=seed, settings=settings)
         for seed in range(settings.seed, settings.seed + seeds)
     ]
     steps = _steps_count(tasks[0])  # raises input errors before any process is started
@@ -184,8 +171,11 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         starts = start_steps(steps, options.starts, case.updates or steps)
         tasks = [replace(task, start_step=start) for start in starts for task in tasks]
     for option, file in {"--record": options.record, "--tum": options.tum}.items():
+        if file is not None and len(tasks) > 1:
+            problem = f"{option}: of one run; leave out --seeds and --starts"
+            raise SettingsError(key=option, problem=problem)
         if file is not None:
-            _check_file_of_one_run(option, file, len(tasks))
+            check_output_file(file)
     if options.report_file is not None:
         tasks = [replace(task, is_drawn=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
     finished = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
@@ -235,13 +225,6 @@ def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
     return f"{of}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
 
 
-def _check_file_of_one_run(option: str, file: Path, runs: int) -> None:
-    if runs > 1:
-        problem = f"{option}: of one run; leave out --seeds and --starts"
-        raise SettingsError(key=option, problem=problem)
-    check_output_file(file)
-
-
 def case_of(options: EvaluateOptions) -> tuple[Case, int]:
     """Return the robot with the length of a run, and the number of seeds.
 
@@ -253,16 +236,12 @@ def case_of(options: EvaluateOptions) -> tuple[Case, int]:
     if simulated and options.starts is not None and options.seeds > 1:
         problem = "--seeds: every start of a simulated robot has a seed of its own; leave it out"
         raise SettingsError(key="--seeds", problem=problem)
-    steps = options.steps or _usual_steps(options, simulated=simulated)
-    seeds = options.starts if simulated and options.starts is not None else options.seeds
-    return Case(robot=robot, updates=steps, mirrored=options.mirrored), seeds
-
-
-def _usual_steps(options: EvaluateOptions, *, simulated: bool) -> int | None:
-    """Return the default number of steps of a run; None: to the recording's end."""
+    default = DEFAULT_STEPS if simulated else None  # None: to the recording's end
     if options.starts is not None:
-        return DEFAULT_STEPS_OF_A_START
-    return DEFAULT_STEPS if simulated else None
+        default = DEFAULT_STEPS_OF_A_START
+    seeds = options.starts if simulated and options.starts is not None else options.seeds
+    case = Case(robot=robot, updates=options.steps or default, mirrored=options.mirrored)
+    return case, seeds
 
 
 def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:

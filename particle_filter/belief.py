@@ -74,12 +74,3 @@ def mixed(log_belief: NDArray[np.float64], transition_probability: float) -> Log
     kept = math.log1p(-transition_probability) if transition_probability < 1.0 else -math.inf
     spread: LogProbabilities = normalised_logs(np.logaddexp(log_belief + kept, uniform)) + log_mass
     return spread
-
-
-def normalised_entropy(probabilities: NDArray[np.float64]) -> float:
-    """Entropy of probabilities over that of equal ones: 1 for no preference, 0 for certainty."""
-    if len(probabilities) < 2:
-        return 0.0
-    share = probabilities / np.sum(probabilities)
-    positive = share[share > 0.0]
-    return float(-np.sum(positive * np.log(positive)) / math.log(len(share)))

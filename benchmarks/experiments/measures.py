@@ -16,12 +16,12 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import entropy
 
 from coordinator.belief.outcome import Outcome
 from evaluation import measures as common
 from evaluation.measures import StepFacts, mean
 from evaluation.pose_error import pose_error
-from particle_filter.belief import normalised_entropy
 from protocol.message import PoseTuple
 
 Counts = NDArray[np.float64]
@@ -300,7 +300,9 @@ def since(update: int | None, begin: int | None) -> int | None:
 def entropy_of_copies(update: Update) -> float:
     """Return the entropy of the copies over that of equal ones; 0 if no copy is tracked."""
     probabilities = np.array([p or 0.0 for p in update.copies])
-    return normalised_entropy(probabilities) if probabilities.sum() > 0.0 else 0.0
+    if len(probabilities) < 2 or not probabilities.any():
+        return 0.0
+    return float(entropy(probabilities)) / math.log(len(probabilities))
 
 
 def leader_changes(updates: Sequence[Update]) -> int:

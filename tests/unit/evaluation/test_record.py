@@ -46,8 +46,9 @@ class Recorded:
                 yield scan, outcome
 
         monkeypatch.setitem(evaluate.ALGORITHMS, "cluster-mcl", overheard)
+        options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
         case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
-        run_task(Task(case=case, algorithm="cluster-mcl", seed=3, settings=SMALL, record=self.file))
+        run_task(Task(options=options, case=case, seed=3, settings=SMALL))
 
 
 @pytest.fixture(scope="module")

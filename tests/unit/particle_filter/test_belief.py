@@ -87,12 +87,6 @@ def test_no_transition_is_eq_14_to_the_letter() -> None:
     assert belief.mixed(before, 0.0) is before
 
 
-def test_entropy_is_one_for_no_preference_and_zero_for_certainty() -> None:
-    assert belief.normalised_entropy(np.full(4, 0.25)) == pytest.approx(1.0)
-    assert belief.normalised_entropy(np.array([1.0, 0.0, 0.0])) == 0.0
-    assert belief.normalised_entropy(np.array([1.0])) == 0.0
-
-
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         belief.normalised_logs(np.full(3, -np.inf))

@@ -56,6 +56,7 @@ def test_the_entropy_of_two_copies() -> None:
     assert entropy_of_copies(uneven) == pytest.approx(three_to_one)
     assert entropy_of_copies(facts(1, at(1.0))) == 0.0
     assert entropy_of_copies(facts(1, at(1.0, NOWHERE))) == 0.0
+    assert entropy_of_copies(update_of(1, 0, outcome("localized"), COPIES[:1])) == 0.0
 
 
 def test_changes_of_the_leader_pass_over_updates_without_one() -> None:

@@ -44,7 +44,7 @@ def task(algorithm: Algorithm, cache: Path, *more: str, **changed: Any) -> Task:
 
 
 def beliefs(algorithm: Algorithm, cache: Path, *more: str) -> list[Outcome]:
-    return list(Run(task(algorithm, cache, *more, updates=15)).outcomes())
+    return list(Run(task(algorithm, cache, *more, updates=8)).outcomes())
 
 
 def kidnapped(algorithm: Algorithm, cache: Path) -> RunMeasures:
