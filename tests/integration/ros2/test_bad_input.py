@@ -70,7 +70,7 @@ EXPECTED = {
 }
 
 
-def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
+def test_each_kind_of_bad_input_is_counted_and_logged_once(
     open_robot: OpenRobot,
     open_robot_session: OpenSession,
     open_system: OpenSystem,
@@ -111,7 +111,7 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
     assert system.commands == []
 
 
-def test_a_call_that_is_none_gets_no_answer_and_the_next_one_does(
+def test_a_malformed_service_call_gets_no_answer_and_the_next_one_does(
     open_robot: OpenRobot, open_robot_session: OpenSession, start_bridge: StartBridge
 ) -> None:
     robot, stranger = open_robot(), open_robot_session()

@@ -103,7 +103,7 @@ class Graph:
 
 
 @pytest.mark.usefixtures("router")
-def test_another_session_sees_the_node_and_all_that_nav2_looks_for(
+def test_another_session_sees_the_node_with_the_topics_and_services_of_amcl(
     open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     graph, robot = Graph(open_robot_session()), open_robot()
@@ -120,7 +120,7 @@ def test_another_session_sees_the_node_and_all_that_nav2_looks_for(
 
 
 @pytest.mark.usefixtures("router")
-def test_a_bridge_that_is_killed_is_gone_at_once(
+def test_tokens_of_a_killed_bridge_disappear_at_once(
     open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     graph, robot = Graph(open_robot_session()), open_robot()
@@ -135,7 +135,7 @@ def test_a_bridge_that_is_killed_is_gone_at_once(
     wait_until(lambda: graph.endpoints() == ENDPOINTS)
 
 
-def test_after_a_router_restart_the_node_and_what_is_latched_are_back(
+def test_after_a_router_restart_the_node_and_its_latched_messages_are_back(
     start_router: Callable[[], RunningProcess],
     open_robot_session: OpenSession,
     open_robot: OpenRobot,
@@ -201,7 +201,7 @@ def is_map_to_odom(message: Any) -> bool:
 
 
 @pytest.mark.usefixtures("router")
-def test_domain_namespace_and_humble_are_parts_of_what_is_seen(
+def test_tokens_and_keys_have_the_domain_the_namespace_and_humbles_hash(
     open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     settings = Ros2Settings(domain_id=7, namespace="/robot1", tf_topic="tf")
@@ -231,7 +231,7 @@ def test_a_second_node_of_the_name_is_refused(
 
 
 @pytest.mark.usefixtures("router")
-def test_until_a_robot_is_seen_the_bridge_waits_to_learn_its_release(
+def test_the_bridge_waits_for_a_node_to_detect_the_ros_release(
     open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     bridge = start_bridge(expect="waiting for a node of ROS domain 0")

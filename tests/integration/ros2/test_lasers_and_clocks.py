@@ -37,7 +37,7 @@ def ends_in_robot(reading: LaserReading) -> np.ndarray:
     )
 
 
-def test_two_lasers_and_one_upside_down_keep_their_places_and_the_way_their_beams_run(
+def test_two_lasers_one_of_them_upside_down_keep_mounts_and_beam_order(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()

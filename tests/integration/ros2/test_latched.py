@@ -54,7 +54,7 @@ def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     assert len(system.maps) == 2
 
 
-def test_the_first_map_stays_if_so_set(
+def test_with_first_map_only_the_bridge_keeps_the_first_map(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()

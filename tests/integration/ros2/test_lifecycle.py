@@ -51,7 +51,7 @@ class Manager:
         return success
 
 
-def test_the_manager_brings_it_up_pauses_resumes_and_resets_it(
+def test_the_lifecycle_manager_starts_pauses_resumes_and_resets_the_node(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
@@ -109,7 +109,7 @@ def test_the_manager_brings_it_up_pauses_resumes_and_resets_it(
     assert manager.events[1].goal_state.label == "inactive"
 
 
-def test_the_graph_of_states_is_answered(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
+def test_the_transition_graph_is_served(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
     robot = open_robot()
     robot.put_mounts()
     start_bridge(ACTIVE)
@@ -124,7 +124,7 @@ def test_the_graph_of_states_is_answered(open_robot: OpenRobot, start_bridge: St
     ]
 
 
-def test_the_bond_goes_on_whatever_the_system_does(
+def test_the_bond_continues_without_a_system_and_under_a_flood(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot = open_robot()
@@ -170,7 +170,7 @@ def test_a_pose_given_before_activation_is_used_then(
     assert command["map_from_robot"] == pytest.approx([3.0, 1.0, 0.5])
 
 
-def test_a_bridge_that_is_killed_goes_on_where_it_was_and_the_manager_sees_one_bond(
+def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
@@ -206,7 +206,7 @@ def test_a_bridge_that_is_killed_goes_on_where_it_was_and_the_manager_sees_one_b
 
 
 @pytest.mark.parametrize("is_late", [False, True])
-def test_a_bridge_that_was_stopped_or_comes_too_late_begins_unconfigured(
+def test_a_stopped_or_late_bridge_starts_unconfigured(
     open_robot: OpenRobot, start_bridge: StartBridge, tmp_path: Path, *, is_late: bool
 ) -> None:
     robot = open_robot()
@@ -226,7 +226,7 @@ def test_a_bridge_that_was_stopped_or_comes_too_late_begins_unconfigured(
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"state":99,"bond":"","held":null}', "[" * 5000])
-def test_a_broken_file_of_a_killed_bridge_is_named_and_not_used(
+def test_a_damaged_restart_file_is_reported_and_not_used(
     open_robot: OpenRobot, start_bridge: StartBridge, tmp_path: Path, content: str
 ) -> None:
     open_robot().put_mounts()

@@ -61,7 +61,7 @@ def kill(tested: System, name: str) -> None:
 
 
 @pytest.mark.timeout(400)
-def test_what_is_set_holds_from_the_next_step_on_everywhere_and_after_every_take_over() -> None:
+def test_live_parameters_apply_from_the_next_step_and_survive_every_take_over() -> None:
     with robot_and_system() as (tested, robot), tested.client as client:
         drive = Drive(robot, tested)
         with drive.driving():

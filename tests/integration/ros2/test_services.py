@@ -40,7 +40,7 @@ def test_commands_reach_the_system(
     wait_until(lambda: len(system.commands) == 4)
 
 
-def test_whether_it_is_localized_can_be_asked(
+def test_the_service_is_localized_answers_the_state(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
@@ -93,9 +93,7 @@ def parameter(name: str, number: int, **value: Any) -> Any:
     return new("rcl_interfaces/msg/Parameter", name=name, value=told)
 
 
-def test_parameters_can_be_asked_for_and_set(
-    open_robot: OpenRobot, start_bridge: StartBridge
-) -> None:
+def test_parameters_can_be_read_and_set(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
     robot = open_robot()
     robot.put_mounts()
     start_bridge(Ros2Settings(autostart=True, transform_tolerance_s=0.5))

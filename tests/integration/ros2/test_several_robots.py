@@ -21,7 +21,7 @@ def settings_of(name: str) -> Ros2Settings:
     )
 
 
-def test_two_robots_on_one_router_keep_apart(
+def test_two_robots_on_one_router_do_not_mix(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     names = ("robot1", "robot2")

@@ -24,7 +24,7 @@ NAV2 = "amcl:\n  ros__parameters:\n    pf_err: 0.01\n    update_min_d: 0.3\n"
 
 
 @pytest.mark.usefixtures("router")
-def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
+def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
     zenoh_settings: ZenohSettings,
     open_robot: OpenRobot,
     open_robot_session: OpenSession,
@@ -72,7 +72,7 @@ def command(*words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path: Path) -> None:
+def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path: Path) -> None:
     nav2_params = tmp_path / "nav2_params.yaml"
     nav2_params.write_text(NAV2)
     shown = command("settings", "--from-nav2", str(nav2_params))
@@ -96,7 +96,7 @@ def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path:
         ),
     ],
 )
-def test_what_cannot_be_is_said_in_one_line(words: list[str], problem: str) -> None:
+def test_invalid_ros_settings_are_one_line_of_error(words: list[str], problem: str) -> None:
     ended = command(*words)
     assert ended.returncode == 2
     assert ended.stderr.startswith("clustermcl: ")

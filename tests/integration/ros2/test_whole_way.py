@@ -235,7 +235,7 @@ def stamp_of(message: Any) -> int:
 
 
 @pytest.mark.timeout(300)
-def test_a_robot_of_ros_is_localized_as_one_of_ours() -> None:
+def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
     with (
         robot_and_system() as (tested, robot),
         open_session(

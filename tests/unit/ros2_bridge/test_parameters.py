@@ -121,9 +121,7 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
         "amcl:\n  ros__parameters: {max_beams: 90}\n/**:\n  ros__parameters: {max_beams: 10}\n",
     ],
 )
-def test_the_node_is_found_in_its_namespace_and_its_own_values_count(
-    tmp_path: Path, text: str
-) -> None:
+def test_a_node_is_found_in_any_namespace_and_its_own_values_win(tmp_path: Path, text: str) -> None:
     assert read_nav2_params(write(tmp_path, text)).values["sensor.max_beams"] == 90
 
 
@@ -136,7 +134,7 @@ def test_the_node_is_found_in_its_namespace_and_its_own_values_count(
         ("/**/amcl:\n  ros__parameters: {}\n", ""),
     ],
 )
-def test_the_namespace_of_the_root_key_is_the_nodes_and_so_is_its_tf(
+def test_a_namespace_in_the_file_applies_to_the_node_and_its_tf_topics(
     tmp_path: Path, text: str, namespace: str
 ) -> None:
     read = read_nav2_params(write(tmp_path, text))

@@ -145,7 +145,7 @@ def on_an_edge(points: NDArray[np.float64], mount: Rigid) -> int:
     "form",
     [{"kind": "f8"}, {"big": True}, {"kind": "f8", "big": True, "padding": 0}, {"rows": 2}],
 )
-def test_all_forms_of_points_are_read(form: dict[str, Any]) -> None:
+def test_points_in_any_valid_layout_are_read(form: dict[str, Any]) -> None:
     points = [(2.0, 0.5, 0.5), (-3.0, 1.5, 0.25)]
     np.testing.assert_array_equal(
         reading_of(points, **form).ranges.array(), reading_of(points).ranges.array()
@@ -170,7 +170,7 @@ def test_ranges_are_bounded_by_the_settings() -> None:
         ("fields", [], "without x as float32 or float64"),
     ],
 )
-def test_a_cloud_that_is_none_is_refused(field: str, value: object, problem: str) -> None:
+def test_a_malformed_point_cloud_is_refused(field: str, value: object, problem: str) -> None:
     broken = cloud([(1.0, 0.0, 0.5)] * 3)
     setattr(broken, field, value)
     with pytest.raises(ValueError, match=problem):
@@ -181,7 +181,7 @@ def test_a_cloud_that_is_none_is_refused(field: str, value: object, problem: str
     sizes=st.tuples(*[st.integers(0, 2**32 - 1) | st.integers(0, 40)] * 4),
     offset=st.integers(0, 2**32 - 1) | st.integers(0, 40),
 )
-def test_numbers_that_do_not_fit_together_raise_nothing_else(
+def test_random_point_cloud_layouts_raise_only_value_errors(
     sizes: tuple[int, int, int, int], offset: int
 ) -> None:
     broken = cloud([(1.0, 0.0, 0.5)] * 3)

@@ -29,12 +29,12 @@ def told(publish: Publish, *beliefs: Belief) -> list[int | None]:
         ("localized", [None, 1, None, 2, None, None, None]),
     ],
 )
-def test_each_rule_publishes_its_place(publish: Publish, clusters: list[int | None]) -> None:
+def test_each_publish_rule_chooses_its_place(publish: Publish, clusters: list[int | None]) -> None:
     beliefs = (RATHER_2, SURE_OF_1, RATHER_2, SURE_OF_2, RATHER_2, NOWHERE, RATHER_2)
     assert told(publish, *beliefs) == clusters
 
 
-def test_a_held_place_that_is_merged_is_followed() -> None:
+def test_the_held_place_follows_its_cluster_into_a_merge() -> None:
     merged = belief(2, (2, 0.6, B), (3, 0.4, C))
     assert told("held", SURE_OF_1, merged) == [1, 3]
 

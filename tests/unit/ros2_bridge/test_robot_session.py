@@ -17,5 +17,7 @@ from ros2_bridge.robot_session import is_of_this_machine
         ("tls/localhost:7447", False),
     ],
 )
-def test_a_peer_is_on_its_routers_machine_and_without_tls(router: str, *, expected: bool) -> None:
+def test_only_local_endpoints_without_tls_make_the_session_a_peer(
+    router: str, *, expected: bool
+) -> None:
     assert is_of_this_machine(router) is expected

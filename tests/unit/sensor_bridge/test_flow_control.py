@@ -58,7 +58,7 @@ def test_in_lockstep_a_step_without_a_belief_is_repeated() -> None:
     assert not flow.is_resend_due(RESEND_AFTER_NS + 1)
 
 
-def test_few_steps_are_undecided_at_a_time() -> None:
+def test_back_pressure_begins_at_the_limit_of_undecided_steps() -> None:
     assert not undecided(MAX_UNDECIDED - 1).is_full(SECOND // 2)
     flow = undecided(MAX_UNDECIDED)
     assert flow.is_full(SECOND // 2)
@@ -72,13 +72,13 @@ def test_a_belief_decides_all_earlier_steps_too() -> None:
     assert not flow.is_full(2)
 
 
-def test_without_a_coordinator_steps_go_on() -> None:
+def test_without_a_coordinator_there_is_no_back_pressure() -> None:
     assert not undecided(9, believed_ns=None).is_full(1), "there was none yet"
     assert undecided(9).is_full(OUTAGE_NS - 1)
     assert not undecided(9).is_full(OUTAGE_NS), "there is none any more"
 
 
-def test_scans_that_are_held_back_are_counted_and_leave_no_number_out() -> None:
+def test_scans_held_back_are_counted_and_step_numbers_have_no_gap() -> None:
     maker, made = a_maker(), list[Scan | None]()
     for number, reading in enumerate(driving(0.0, 1.0, 2.0, 2.1, 3.0)):
         maker.hold(number in (1, 2))

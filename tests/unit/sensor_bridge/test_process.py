@@ -14,6 +14,6 @@ def test_the_bridge_reads_a_recording() -> None:
         source_of("nowhere.log", BridgeSettings())
 
 
-def test_the_bridge_leaves_a_simulation_to_the_simulator() -> None:
+def test_the_bridge_refuses_a_simulated_source() -> None:
     with pytest.raises(SettingsError, match=r"sim:cross.*robot_simulator"):
         source_of("sim:cross", BridgeSettings())

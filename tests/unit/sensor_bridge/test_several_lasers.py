@@ -45,7 +45,7 @@ def made_of(*readings: Reading, maker: StepMaker | None = None) -> list[Scan]:
     return list(steps_from(readings, maker or StepMaker(BridgeSettings(), "digest", "bridge")))
 
 
-def test_a_step_has_what_the_other_laser_saw_a_moment_before() -> None:
+def test_a_step_includes_the_newest_scan_of_the_other_laser() -> None:
     steps = made_of(*drive())
     driven_m = np.diff([step.odom_from_robot[0] for step in steps])
     assert np.all(driven_m >= 0.2), "together they make no more steps than one does"
@@ -73,7 +73,7 @@ def test_no_scan_is_used_twice() -> None:
     assert len(set(used)) == len(used)
 
 
-def test_a_scan_of_long_ago_joins_no_step() -> None:
+def test_an_old_scan_of_another_laser_joins_no_step() -> None:
     readings = [one for one in drive() if not is_rear(one) or one.stamp_ns < 1_000_000_000]
     late = [step for step in made_of(*readings) if step.odom_from_robot[0] > 1.5]
     assert late
@@ -124,7 +124,7 @@ def a_maker() -> StepMaker:
     return StepMaker(BridgeSettings(), "digest", "bridge")
 
 
-def test_lasers_that_bring_their_odometry_need_none_besides_when_the_first_falls_silent() -> None:
+def test_with_odometry_in_each_scan_another_laser_takes_over_from_a_silent_one() -> None:
     def scan(name: str, at_s: float) -> Reading:
         reading = laser(name, at_s, FRONT)
         return msgspec.structs.replace(reading, odom_from_robot=(at_s, 0.0, 0.0))
@@ -145,7 +145,7 @@ def test_too_many_lasers_are_counted() -> None:
 # --- what a laser says of itself ----------------------------------------------------------------
 
 
-def test_what_is_nearer_than_the_least_range_is_no_return() -> None:
+def test_ranges_below_the_lasers_minimum_are_no_returns() -> None:
     reading = laser_reading(0.0, (0.0, 0.0, 0.0), [0.05, 0.1, 2.0, math.inf, math.nan])
     reading = msgspec.structs.replace(reading, range_min_m=0.1)
     assert made_of(reading)[0].ranges.array().tolist()[:4] == [0.0, pytest.approx(0.1), 2, math.inf]
@@ -161,7 +161,7 @@ def points(beams: LaserBeams) -> np.ndarray:
     return points_in_robot(ranges, angles, np.array(beams.robot_from_laser))
 
 
-def test_a_laser_on_its_head_sees_mirrored() -> None:
+def test_beams_of_an_upside_down_laser_are_mirrored() -> None:
     reading = LaserReading(
         sender="robot", stamp_ns=0, ranges=ArrayBlob.of(np.array([1.0, 2.0, 3.0]), "float32"),
         angle_min_rad=0.2, angle_step_rad=0.5, range_max_m=10.0, robot_from_laser=(0.5, 0.0, 0.1),

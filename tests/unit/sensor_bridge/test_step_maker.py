@@ -38,13 +38,13 @@ def test_the_first_scan_is_a_step_and_the_next_after_enough_driving() -> None:
     assert [step.odom_from_robot[0] for step in steps] == [0.0, 0.2, 0.41]
 
 
-def test_or_after_enough_turning_the_short_way_round() -> None:
+def test_the_turn_of_the_gate_is_measured_the_short_way_round() -> None:
     headings = (3.0, 3.1, -3.1, -3.0)  # 3.0 to -3.1 is 0.183 rad across the half turn
     steps = made_of(*(laser_reading(i, (0, 0, h)) for i, h in enumerate(headings)))
     assert [step.odom_from_robot[2] for step in steps] == [3.0, -3.0]
 
 
-def test_settings_that_are_live_hold_from_the_next_step_on_and_travel_in_it() -> None:
+def test_live_settings_apply_from_the_next_step_which_carries_them() -> None:
     maker, live = a_maker(), LiveSettings(gate_distance_m=0.05, max_beams=9)
     steps = []
     for number, reading in enumerate(driving(0.0, 0.05, 0.1, 0.11, 0.16, 0.3, 0.37)):
@@ -83,7 +83,7 @@ def test_one_step_is_forced_and_the_next_is_measured_from_there() -> None:
     assert [maker.on_reading(other) is not None for other in others] == [False, False, True]
 
 
-def test_a_step_carries_what_its_scan_said() -> None:
+def test_a_step_has_the_fields_of_its_scan() -> None:
     reading = laser_reading(2.0, (1.0, 2.0, 0.5))
     [step] = made_of(reading, maker=a_maker(lockstep=True, live=True))
     assert (step.map_digest, step.sender) == ("digest", "bridge")
@@ -92,12 +92,12 @@ def test_a_step_carries_what_its_scan_said() -> None:
         assert getattr(step, field) == getattr(reading, field)
 
 
-def test_only_the_last_step_says_so() -> None:
+def test_only_the_last_step_is_marked_as_last() -> None:
     assert [step.last for step in made_of(*driving(0, 1, 2))] == [False, False, True]
     assert made_of() == []
 
 
-def test_ranges_are_handed_on_as_float32() -> None:
+def test_ranges_of_a_step_are_float32() -> None:
     double = ArrayBlob.of(np.array([1.0, 2.0]), "float64")
     [step] = made_of(msgspec.structs.replace(laser_reading(0.0, ORIGIN), ranges=double))
     assert step.ranges.dtype == "float32"
@@ -123,13 +123,13 @@ def test_a_scan_waits_for_the_odometry_after_it() -> None:
     assert step.odom_from_robot == pytest.approx((0.5, 0.0, 0.0))
 
 
-def test_the_last_scan_makes_do_with_the_odometry_before_it() -> None:
+def test_the_last_scan_uses_the_odometry_before_it() -> None:
     odometry = [odometry_reading(t, (t, 0.0, 0.0)) for t in (1.0, 2.0)]
     [step] = made_of(*odometry, laser_reading(2.2))
     assert step.odom_from_robot == pytest.approx((2.2, 0.0, 0.0))
 
 
-def test_a_scan_that_no_odometry_is_near_is_dropped() -> None:
+def test_a_scan_without_odometry_near_its_time_is_dropped() -> None:
     maker = a_maker()
     assert made_of(laser_reading(1.0), odometry_reading(9.0), maker=maker) == []
     assert maker.dropped == {"no_odometry": 1}
@@ -137,14 +137,14 @@ def test_a_scan_that_no_odometry_is_near_is_dropped() -> None:
     assert maker.dropped == {"no_odometry": 2}
 
 
-def test_no_more_than_a_few_scans_wait() -> None:
+def test_the_oldest_waiting_scan_is_dropped_when_too_many_wait() -> None:
     maker = a_maker()
     for i in range(MAX_WAITING_SCANS + 3):
         assert maker.on_reading(laser_reading(i / 10)) is None
     assert maker.dropped == {"no_odometry": 3}
 
 
-def test_of_several_steps_that_become_ready_at_once_none_is_lost() -> None:
+def test_several_steps_that_become_ready_at_once_are_all_made() -> None:
     readings: list[Reading] = [odometry_reading(0.0)]
     readings += [laser_reading(t) for t in (0.3, 0.6, 0.9)]
     steps = made_of(*readings, odometry_reading(1.0, (3.0, 0.0, 0.0)))
@@ -152,7 +152,7 @@ def test_of_several_steps_that_become_ready_at_once_none_is_lost() -> None:
     assert [step.step for step in steps] == [0, 1, 2]
 
 
-def test_the_newest_odometry_is_known() -> None:
+def test_odometry_is_that_of_the_newest_stamp() -> None:
     maker = a_maker()
     assert maker.odometry is None
     maker.on_reading(odometry_reading(1.0, (1.0, 0.0, 0.0)))
@@ -201,7 +201,7 @@ def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, caus
     assert [step.step for step in made_of(*driving(0.0), maker=maker)] == [0]
 
 
-def test_lost_beams_do_not_cost_the_scan() -> None:
+def test_a_scan_with_one_return_is_used() -> None:
     assert len(made_of(with_ranges([math.nan, math.inf, 0.0, 1.0]))) == 1
 
 
@@ -235,7 +235,7 @@ def test_a_jump_of_odometry_is_removed() -> None:
     assert maker.dropped == {"odometry_jumped": 1}
 
 
-def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
+def test_after_a_jump_of_odometry_motion_continues_from_the_old_pose() -> None:
     maker = a_maker()
     maker.on_reading(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
     maker.on_reading(odometry_reading(0.1, ORIGIN))
@@ -245,7 +245,7 @@ def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
     assert maker.odometry[1] == pytest.approx((50.0, 1.0, math.pi / 2))
 
 
-def test_one_wild_pose_leaves_no_trace() -> None:
+def test_a_single_outlier_pose_has_no_effect() -> None:
     maker = a_maker()
     for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
         maker.on_reading(odometry_reading(i / 10, (x, 0.0, 0.0)))
@@ -273,7 +273,7 @@ STRAYS = [
 
 
 @given(at=st.integers(2, 78), which=st.lists(st.sampled_from(STRAYS), max_size=2))
-def test_readings_far_off_in_time_or_place_leave_no_trace(at: int, which: list[Reading]) -> None:
+def test_up_to_two_outliers_in_time_or_place_have_no_effect(at: int, which: list[Reading]) -> None:
     quiet = quiet_drive()
     maker = a_maker()
     disturbed = made_of(*quiet[:at], *which, *quiet[at:], maker=maker)
@@ -294,7 +294,7 @@ def test_a_clock_that_was_set_ahead_is_followed_at_once_and_nothing_is_lost() ->
     assert maker.dropped == {}
 
 
-def test_readings_minutes_apart_are_no_strays() -> None:
+def test_readings_minutes_apart_are_no_outliers() -> None:
     readings = [laser_reading(i * 60.0, (i * 1.0, 0.0, 0.0)) for i in range(9)]
     assert len(made_of(*readings)) == 9
 
@@ -310,7 +310,9 @@ def test_readings_minutes_apart_are_no_strays() -> None:
         (60.0, (110.0, 0.0, 0.0), 1),
     ],
 )
-def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, jumps: int) -> None:
+def test_a_jump_is_a_motion_that_no_robot_can_make(
+    elapsed_s: float, pose: PoseTuple, jumps: int
+) -> None:
     maker = a_maker()
     maker.on_reading(odometry_reading(0.0))
     maker.on_reading(odometry_reading(elapsed_s, pose))

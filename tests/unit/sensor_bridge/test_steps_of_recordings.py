@@ -59,7 +59,7 @@ def share_on_walls(
         ("aces/log.clf.gz", "aces/map.yaml", "aces/groundtruth.tum", 263),
     ],
 )
-def test_scans_seen_from_the_reference_end_on_walls(
+def test_scans_at_the_reference_poses_end_on_walls(
     log: str, map_file: str, reference: str, steps: int
 ) -> None:
     recording = open_recording(recording_or_skip(log), BridgeSettings())
@@ -77,7 +77,7 @@ def test_scans_seen_from_the_reference_end_on_walls(
     assert np.mean(shares) > 0.8  # measured 0.87 to 0.99; with mirrored beams 0.2 to 0.6
 
 
-def test_odometry_of_the_lines_around_agrees_with_that_of_the_scan() -> None:
+def test_interpolated_odometry_agrees_with_the_odometry_of_the_scan() -> None:
     path = recording_or_skip("crob-jarvis/log.clf.gz")
     recording = open_recording(path, BridgeSettings())
     settings = BridgeSettings(gate_distance_m=0.0)  # all scans are steps
@@ -102,7 +102,7 @@ def useless(folder: Path) -> Recording:
     return recording_of(folder, *(flaser(t, ranges=["nan"] * 180) for t in range(3)))
 
 
-def test_a_recording_without_one_usable_scan_is_refused(tmp_path: Path) -> None:
+def test_a_recording_without_a_usable_scan_is_refused(tmp_path: Path) -> None:
     recording = useless(tmp_path)
     with pytest.raises(RecordingError, match=r"none of its 3 scans can be used \(no_returns: 3\)"):
         list(steps_of(recording, BridgeSettings(), "digest"))
