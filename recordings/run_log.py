@@ -40,12 +40,12 @@ SCHEMAS = {
 }  # fmt: skip
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
-"""Foxglove needs it to tell base64 strings from text; it knows the other fields by name."""
+"""Schema that marks the base64 strings; Foxglove knows the other fields by name."""
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
 """As JSON, a map of this size fills the largest chunk that is read."""
 MAX_MESSAGE_BYTES = 2**24
-"""Limit for a message other than a map; decoded, it needs about ten times as much."""
+"""Limit for a message other than a map; decoding needs ten times its size."""
 MAX_PLAYBACK_BYTES = 2**31
 """Limit for all messages of a run that is played back: about 30 hours."""
 

@@ -87,7 +87,7 @@ def test_the_page_is_served_and_may_load_nothing_from_elsewhere(port: int) -> No
 
 
 @pytest.mark.parametrize("path", ["/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js"])
-def test_nothing_else_is_served(port: int, path: str) -> None:
+def test_other_paths_are_not_served(port: int, path: str) -> None:
     assert got(port, path)[0] == 404
 
 
@@ -98,7 +98,7 @@ def test_a_foreign_page_is_refused(port: int) -> None:
         assert refused.value.response.status_code == 403
 
 
-def test_a_strangers_name_for_this_machine_is_refused(port: int) -> None:
+def test_a_foreign_host_name_for_this_machine_is_refused(port: int) -> None:
     assert got(port, "/", host=f"evil.example:{port}")[0] == 403
 
 
@@ -200,7 +200,7 @@ def test_half_a_certificate_is_refused_in_one_line(
     assert process.err.count("\n") == 1
 
 
-def test_a_file_that_is_no_certificate_is_refused_in_one_line(
+def test_an_invalid_certificate_is_refused_in_one_line(
     start_process: StartProcess, nobody: str, tmp_path: Path
 ) -> None:
     rubbish = tmp_path / "rubbish.pem"
@@ -223,7 +223,7 @@ def self_signed(folder: Path) -> tuple[Path, Path]:
     return certificate, key
 
 
-def test_a_port_that_is_taken_is_said_in_one_line(
+def test_a_port_in_use_is_reported_in_one_line(
     start_process: StartProcess, nobody: str, port: int
 ) -> None:
     second = python_module("live_view", "--set", nobody, "--listen", f"127.0.0.1:{port}")
@@ -233,7 +233,7 @@ def test_a_port_that_is_taken_is_said_in_one_line(
     assert process.err.count("\n") == 1
 
 
-def test_it_ends_on_a_signal_although_a_page_is_open(
+def test_the_process_ends_on_a_signal_despite_an_open_page(
     start_process: StartProcess, nobody: str
 ) -> None:
     port = free_port()

@@ -108,7 +108,7 @@ def test_particles_are_carried_forward_by_odometry(drawn: Page) -> None:
     assert carried == pytest.approx([5.0, 4.0, 3.0, 6.0], abs=0.01)
 
 
-def test_the_scan_is_drawn_at_the_cluster_that_is_pointed_at(stage: Stage, drawn: Page) -> None:
+def test_the_scan_is_drawn_at_the_cluster_under_the_pointer(stage: Stage, drawn: Page) -> None:
     stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))  # 2.5 m before the robot
     stage.picture.on_belief(belief(5, 1, 5))
     shows(stage, lambda: shown_step(drawn) == 5)
@@ -126,7 +126,7 @@ def is_scan(page: Page, where: tuple[float, float]) -> bool:
     return red > green + 80 and red > blue + 80
 
 
-def test_one_may_look_back_and_return(stage: Stage, drawn: Page) -> None:
+def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> None:
     stage.picture.on_events(events(3))
     stage.picture.on_status(status())
     play(stage, range(20))
@@ -398,7 +398,7 @@ def is_red(page: Page, element: str) -> bool:
     return is_so
 
 
-def test_that_no_worker_is_alive_stands_at_the_top(stage: Stage, drawn: Page) -> None:
+def test_a_missing_worker_is_shown_at_the_top(stage: Stage, drawn: Page) -> None:
     stage.picture.on_status(status())
     stage.picture.on_belief(belief(5, 1))
     shows(stage, lambda: drawn.text("worker-count") == "2")
@@ -408,7 +408,7 @@ def test_that_no_worker_is_alive_stands_at_the_top(stage: Stage, drawn: Page) ->
     assert drawn.text("banner-text").startswith("No worker is alive")
 
 
-def test_the_headline_counts_the_places_and_says_whose_pose_it_shows(
+def test_the_headline_shows_the_number_of_places_and_the_cluster_of_its_pose(
     stage: Stage, drawn: Page
 ) -> None:
     stage.picture.on_belief(many_places(1))
@@ -470,7 +470,7 @@ def marked(page: Page) -> list[str]:
     return rows
 
 
-def test_a_recorded_run_says_that_it_is_one(stage: Stage, drawn: Page) -> None:
+def test_a_recorded_run_is_marked_as_recorded(stage: Stage, drawn: Page) -> None:
     play(stage, range(3))
     stage.picture.on_link("finished")
     shows(stage, lambda: drawn.text("events") == "this recording holds no events")
@@ -495,7 +495,7 @@ def test_without_a_system_no_command_is_offered(stage: Stage, drawn: Page) -> No
     assert not drawn.is_visible("hint")
 
 
-def test_the_past_looks_like_the_past(stage: Stage, drawn: Page, pictures: Path) -> None:
+def test_a_past_step_is_tinted_and_shows_its_age(stage: Stage, drawn: Page, pictures: Path) -> None:
     play(stage, range(20))
     has_steps(stage, drawn, 20)
     tint = "return getComputedStyle(document.getElementById('stage'), '::after').content"
@@ -599,7 +599,9 @@ def test_a_picture_is_saved(stage: Stage, drawn: Page, tmp_path: Path) -> None:
         assert image.size[0] > 800
 
 
-def test_the_plot_says_what_was_probable_at_a_step(stage: Stage, drawn: Page) -> None:
+def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
+    stage: Stage, drawn: Page
+) -> None:
     from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
 
     play(stage, range(30))
@@ -610,7 +612,7 @@ def test_the_plot_says_what_was_probable_at_a_step(stage: Stage, drawn: Page) ->
     assert drawn.text("plot-at").endswith("c1 45 %, c2 45 %")
 
 
-def test_what_ends_together_is_one_line(stage: Stage, drawn: Page) -> None:
+def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
     ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
     searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
     told = [
@@ -625,7 +627,7 @@ def test_what_ends_together_is_one_line(stage: Stage, drawn: Page) -> None:
     assert "c0 and 3 more became too improbable" in clusters_line
 
 
-def test_driving_ends_when_the_page_goes(stage: Stage, drawn: Page) -> None:
+def test_manual_driving_ends_when_the_page_is_closed(stage: Stage, drawn: Page) -> None:
     stage.picture.on_status(status(processes=(simulator(),)))
     shows(stage, lambda: drawn.is_visible("drive"))
     press(drawn, "d")

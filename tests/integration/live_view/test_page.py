@@ -69,7 +69,7 @@ def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None
     wait_until(lambda: running.text("latency").startswith("scan to belief"))
 
 
-def test_the_map_is_drawn_where_it_lies(running: Page) -> None:
+def test_the_map_is_drawn_at_its_pose(running: Page) -> None:
     wait_until(lambda: running.run("return liveView.view.map !== null"))
     snapshot, drawn = running.snapshot(), world("cross").map
     assert drawn.map_from_grid[2] == 0.0
@@ -196,7 +196,7 @@ def test_particles_are_drawn_where_their_cluster_is(running: Page) -> None:
     wait_until(lambda: apart_m() < NEAR_M)
 
 
-def test_one_may_look_back_at_a_running_system(running: Page) -> None:
+def test_the_page_looks_back_while_the_system_runs(running: Page) -> None:
     wait_until(lambda: len(running.history()) > 5)
     first = running.history()[0][0]
     running.run(f"liveView.travel.goTo({first})")
@@ -211,14 +211,14 @@ def truth(page: Page) -> list[float]:
     return where
 
 
-def test_a_kidnapped_robot_is_somewhere_else(running: Page) -> None:
+def test_the_kidnap_button_moves_the_simulated_robot(running: Page) -> None:
     wait_until(lambda: truth(running))
     before = truth(running)
     press(running, "kk")
     wait_until(lambda: math.dist(truth(running)[:2], before[:2]) > 3.0)
 
 
-def test_a_person_drives_the_robot(running: Page) -> None:
+def test_arrow_keys_drive_the_robot(running: Page) -> None:
     press(running, "d")
     wait_until(lambda: running.text("hint").startswith("Drive with"))
     with running.holding("\ue014"):  # the right arrow: it turns on the spot, clockwise

@@ -50,7 +50,7 @@ def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_othe
             assert told["step"]["step"] == STEPS - 1
 
 
-def test_a_page_that_says_nothing_is_sent_a_few_steps_and_then_the_newest() -> None:
+def test_a_page_without_acknowledgements_gets_a_few_steps_and_then_the_newest() -> None:
     with Stage() as stage, opened(stage) as slow:
         wait_until(lambda: stage.room.browsers)
         for step in range(50):

@@ -173,7 +173,7 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
         (ended, {"state": "localized", "freshness": "the run has ended"}),
     ],
 )
-def test_a_glance_tells_state_places_probability_and_whether_it_is_alive(
+def test_state_places_probability_and_freshness_are_visible_without_scrolling(
     stage: Stage,
     steps: list[Step],
     driver: Any,

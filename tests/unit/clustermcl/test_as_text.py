@@ -41,7 +41,7 @@ def test_a_pose_is_printed_with_the_reasons_to_doubt_it() -> None:
     ]
 
 
-def test_a_robot_that_is_probably_not_on_the_map_is_said_to_be_so() -> None:
+def test_all_texts_say_that_the_robot_is_probably_off_the_map() -> None:
     lost = msgspec.structs.replace(ANSWER, elsewhere_probability=0.9, off_map_probability=0.85)
     words = "probably not on this map (0.85)"
     assert list(pose_lines(lost))[-1] == words
@@ -69,7 +69,7 @@ def test_a_belief_that_no_worker_has_weighed_is_dead_reckoning() -> None:
     assert belief_line(unweighed).startswith("step 7: ambiguous, dead reckoning; ")
 
 
-def test_before_the_first_scan_there_is_no_pose() -> None:
+def test_before_the_first_scan_the_text_has_no_pose() -> None:
     none = msgspec.structs.replace(
         ANSWER, state="searching", freshness="none", map_from_robot=None, covariance=None
     )

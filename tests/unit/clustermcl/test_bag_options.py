@@ -38,7 +38,7 @@ def test_topics_and_frames_named_on_the_command_line_are_settings(
 
 
 @pytest.mark.parametrize("command", [["evaluate"], ["demo", "--recording"]])
-def test_a_bag_with_its_map_needs_no_other_and_asks_which_laser(
+def test_a_bag_with_two_scan_topics_needs_a_scan_topic_but_no_map_file(
     tmp_path: Path, command: list[str]
 ) -> None:
     sent = [grid(1, [[0, 100]]), scan(2), scan(3, topic="/rear/scan")]

@@ -3,7 +3,7 @@ from protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import belief, place
 
 
-def test_a_story_shows_the_places_and_when_one_won() -> None:
+def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
     summary = DemoSummary()
     summary.on_belief(belief(0, "searching"))
     for step in (1, 2):

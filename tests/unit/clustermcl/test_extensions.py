@@ -117,13 +117,13 @@ def test_an_installed_model_is_found_by_its_entry_point(
 
 
 @pytest.mark.parametrize("wrong", ["os:system", "os.system", "../model.py", "", "a" * 10_000])
-def test_a_name_loads_nothing_that_is_not_installed(wrong: str) -> None:
+def test_only_installed_extensions_are_loaded(wrong: str) -> None:
     for kind in ("sensor", "motion"):
         with pytest.raises(SettingsError, match="an installed one"):
             ClusterMCL(world("hall").map, settings={f"{kind}.model": wrong})
 
 
-def test_an_own_reader_is_asked_first_and_its_errors_name_the_file(tmp_path: Path) -> None:
+def test_a_users_reader_is_tried_first_and_its_errors_name_the_file(tmp_path: Path) -> None:
     file = tmp_path / "run.own"
 
     def reader(path: Path) -> Iterator[Reading] | None:

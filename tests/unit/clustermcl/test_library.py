@@ -128,7 +128,7 @@ def test_every_format_is_read_whole(tmp_path: Path) -> None:
         assert read == [msgspec.structs.replace(one, sender="library") for one in expected], name
 
 
-def test_arrays_make_beliefs_and_a_robot_that_stands_makes_none() -> None:
+def test_readings_of_arrays_give_beliefs_and_a_standing_robot_gives_none() -> None:
     hall = world("hall")
     mcl = ClusterMCL(hall.map, robot_from_laser=(0.1, 0.0, 0.0), seed=1, settings={
         "cluster.particles": 300, "search.poses": 4_000,
@@ -191,7 +191,7 @@ def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> N
 
 
 @pytest.mark.parametrize("after", [1, 4, 17])
-def test_a_saved_state_goes_on_bit_for_bit(
+def test_a_loaded_state_continues_with_the_same_beliefs_bit_for_bit(
     after: int, readings: list[Reading], tmp_path: Path
 ) -> None:
     """Also while a search runs: after 1 and 4 steps."""
@@ -228,9 +228,7 @@ def saved(readings: list[Reading], tmp_path_factory: pytest.TempPathFactory) -> 
     return file.read_bytes()
 
 
-def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(
-    saved: bytes, tmp_path: Path
-) -> None:
+def test_an_incompatible_state_is_refused_and_changes_nothing(saved: bytes, tmp_path: Path) -> None:
     file = tmp_path / "robot.state"
     mcl = ClusterMCL(world("hall").map, settings=SMALL)
     with pytest.raises(ValueError, match="before the first step"):
@@ -286,7 +284,7 @@ def test_a_hostile_state_is_refused_in_a_sentence(saved: bytes, tmp_path: Path) 
     mcl.load(file)
 
 
-def test_another_map_is_searched_from_the_next_scan(readings: list[Reading]) -> None:
+def test_after_a_map_change_the_search_starts_with_the_next_scan(readings: list[Reading]) -> None:
     cross, plain = world("cross_feature").map, world("cross").map
     mcl = ClusterMCL(cross, settings=SMALL)
     before = believed(mcl, readings[:150])[-1]

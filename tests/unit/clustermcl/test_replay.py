@@ -98,7 +98,7 @@ def test_a_belief_that_differs_has_exit_code_1(
     assert result.stdout.splitlines()[-1].endswith("are NOT the recorded ones")
 
 
-def test_folders_that_are_no_recording_are_refused_in_one_line(
+def test_folders_without_a_recording_are_refused_in_one_line(
     recording: Path, tmp_path: Path
 ) -> None:
     assert "there is no such folder" in complaint(tmp_path / "nowhere")
@@ -152,7 +152,7 @@ def test_truncated_headers_alone_mean_nothing_recorded(tmp_path: Path) -> None:
     assert "cut off within their beginning" in complaint(tmp_path)
 
 
-def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
+def test_a_named_pipe_in_the_folder_is_ignored(recording: Path) -> None:
     pipe = recording / f"{8:017d}-000000.mcap"
     os.mkfifo(pipe)
     try:
@@ -161,7 +161,7 @@ def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
         pipe.unlink()
 
 
-def test_where_the_coordinator_fails_is_one_line(tmp_path: Path) -> None:
+def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> None:
     """A bug that was recorded, or a forged file."""
     path = tmp_path / f"{7:017d}-000000.mcap"
     write_file(path, head(), EventTold(1, WorkerReturned("never seen")))

@@ -19,7 +19,7 @@ def short_base() -> Iterator[Path]:
         yield Path(path)
 
 
-def test_a_refusal_quotes_the_process_that_refused() -> None:
+def test_a_startup_error_quotes_the_message_of_its_process() -> None:
     words = "sensor_bridge: map.yaml: no such file"
     refused = ChildExit("sensor_bridge", 2, restart_in_s=None, last_words=words)
     assert str(ProcessEndedError(refused)) == words
@@ -28,7 +28,7 @@ def test_a_refusal_quotes_the_process_that_refused() -> None:
 @pytest.mark.parametrize(
     ("code", "how"), [(1, "exit code 1"), (-9, "SIGKILL"), (-11, "SIGSEGV"), (0, "exit code 0")]
 )
-def test_any_other_end_names_the_process_and_the_exit_code(code: int, how: str) -> None:
+def test_any_other_exit_names_the_process_and_its_exit_code(code: int, how: str) -> None:
     ended = ChildExit("worker", code, restart_in_s=0.1, last_words="KeyError: 'c3'")
     assert str(ProcessEndedError(ended)) == f"the worker process ended with {how}: KeyError: 'c3'"
 
@@ -39,7 +39,7 @@ def test_a_temporary_folder_is_removed() -> None:
     assert not folder.exists()
 
 
-def test_its_socket_has_a_usable_path_even_where_temporary_folders_lie_deep(
+def test_the_socket_path_fits_even_if_the_temporary_folder_has_a_long_path(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     deep = tmp_path / ("d" * 100)
@@ -49,7 +49,7 @@ def test_its_socket_has_a_usable_path_even_where_temporary_folders_lie_deep(
         check_endpoint(meeting_in(folder, Settings()).zenoh.router)
 
 
-def test_meeting_in_a_folder_changes_nothing_but_the_endpoint() -> None:
+def test_a_router_in_a_folder_changes_only_the_endpoint() -> None:
     settings = Settings(seed=5, robot=RobotSettings(name="r2"))
     met = meeting_in(Path("/tmp/x"), settings)
     assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"

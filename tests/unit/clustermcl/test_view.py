@@ -16,12 +16,12 @@ from tests.unit.recordings.bags import scan, written
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8350", "127.0.0.1:0"])
-def test_a_demo_is_shown_on_this_machine_at_a_port_that_is_named(listen: str) -> None:
+def test_the_page_of_a_demo_needs_a_loopback_address_and_a_port(listen: str) -> None:
     with pytest.raises(SettingsError, match="this machine alone"):
         run_demo(DemoOptions(view_at=listen), Settings())
 
 
-def test_only_on_the_page_and_only_a_simulated_robot_can_be_driven() -> None:
+def test_manual_driving_needs_the_page_and_a_simulated_robot() -> None:
     with pytest.raises(SettingsError, match="give --view"):
         run_demo(DemoOptions(by_hand=True), Settings())
     driven = DemoOptions(by_hand=True, recording="robot.log", view_at="127.0.0.1:8350")
@@ -30,9 +30,7 @@ def test_only_on_the_page_and_only_a_simulated_robot_can_be_driven() -> None:
 
 
 @pytest.mark.parametrize("name", ["none", "robot.mcap", "."])
-def test_what_is_no_recorded_run_is_refused_with_what_to_do_instead(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_path_without_a_recorded_run_is_refused_with_a_remedy(tmp_path: Path, name: str) -> None:
     if name != "none":
         written(tmp_path, "mcap", [scan(2, [1.0])]).rename(tmp_path / "robot.mcap")
     page = PageOptions(address=parsed_address("127.0.0.1:0"))
@@ -46,6 +44,6 @@ def test_a_snapshot_is_a_picture_or_a_page(tmp_path: Path, name: str) -> None:
         save_snapshot(tmp_path / name, Settings())
 
 
-def test_where_a_snapshot_cannot_be_written_is_said_before_it_is_taken(tmp_path: Path) -> None:
+def test_an_unwritable_snapshot_file_is_refused_before_connecting(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="folder does not exist"):
         save_snapshot(tmp_path / "none" / "now.png", Settings())

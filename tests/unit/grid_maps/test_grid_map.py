@@ -68,13 +68,13 @@ def test_a_map_that_gives_poses_another_meaning_has_another_digest(other: GridMa
         (np.full((2, 2), UNKNOWN, np.int8), "no free cell"),
     ],
 )
-def test_what_is_no_grid_to_localize_in_is_refused(cells: Cells, problem: str) -> None:
+def test_an_invalid_grid_is_refused(cells: Cells, problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
         a_map(cells)
 
 
 @pytest.mark.parametrize("cell_m", [0.0, -0.1, np.nan, np.inf])
-def test_a_cell_needs_a_size(cell_m: float) -> None:
+def test_an_invalid_cell_size_is_refused(cell_m: float) -> None:
     with pytest.raises(ValueError, match="cell_m"):
         a_map(cell_m=cell_m)
 

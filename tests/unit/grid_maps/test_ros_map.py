@@ -146,7 +146,7 @@ def test_header_and_image_may_be_compressed(
     assert load_map(packed).cells.tolist() == OF_PGM
 
 
-def test_pillows_limit_of_size_does_not_count(
+def test_the_size_limit_of_pillow_does_not_apply(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 2)  # of 179 million, so that the test is short
@@ -200,7 +200,7 @@ def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
         ("a: !!python/object:os.system x", "map.yaml:1: not YAML: could not determine"),
     ],
 )
-def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+def test_a_header_that_is_not_a_mapping_is_refused(tmp_path: Path, text: str, problem: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapFileError) as caught:
         load_map(tmp_path / "map.yaml")
@@ -220,7 +220,7 @@ def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str, probl
         (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
     ],
 )
-def test_an_image_that_is_no_map_is_refused(tmp_path: Path, image: bytes, problem: str) -> None:
+def test_an_image_that_is_not_a_map_is_refused(tmp_path: Path, image: bytes, problem: str) -> None:
     path = write_map(tmp_path, image)
     with pytest.raises(MapFileError, match=problem) as caught:
         load_map(path)
@@ -256,7 +256,9 @@ def test_a_cut_archive_is_refused(tmp_path: Path) -> None:
         ("ros-maps/warehouse", (1674, 1006), 1280.1),
     ],
 )
-def test_maps_of_others_load(name: str, shape: tuple[int, int], free_m2: float) -> None:
+def test_published_maps_of_other_projects_are_read(
+    name: str, shape: tuple[int, int], free_m2: float
+) -> None:
     grid_map: GridMap = load_map(recording_or_skip(f"{name}.yaml"))
     assert grid_map.cells.shape == shape
     assert grid_map.free_area_m2 == pytest.approx(free_m2, abs=0.1)

@@ -19,12 +19,12 @@ THERE = Admission(Address("0.0.0.0", 8350), token="secret")
         ("0.0.0.0:0", "0.0.0.0", 0),
     ],
 )
-def test_an_address_is_read(text: str, host: str, port: int) -> None:
+def test_addresses_are_parsed(text: str, host: str, port: int) -> None:
     assert parsed_address(text) == Address(host, port)
 
 
 @pytest.mark.parametrize("text", ["", "x:y", "x:70000", "http://x", "a/b", "u@h:1", "[::1"])
-def test_what_is_no_address_is_refused(text: str) -> None:
+def test_malformed_addresses_are_refused(text: str) -> None:
     with pytest.raises(SettingsError, match="--listen"):
         parsed_address(text)
 
@@ -33,29 +33,29 @@ def test_what_is_no_address_is_refused(text: str) -> None:
     ("host", "loopback"),
     [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("r.x", False)],
 )
-def test_loopback_is_known(host: str, loopback: bool) -> None:
+def test_loopback_addresses_are_recognised(host: str, loopback: bool) -> None:
     assert Address(host, 1).is_loopback is loopback
 
 
-def test_a_page_of_this_machine_may_listen() -> None:
+def test_a_page_of_this_machine_may_open_the_socket() -> None:
     for name in ("127.0.0.1:8350", "localhost:8350"):
         headers = {"host": name, "origin": f"http://{name}"}
         assert HERE.problem("/live", headers, socket=True) == ""
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "", "http://127.0.0.1:1"])
-def test_a_foreign_page_may_not_listen(origin: str) -> None:
+def test_a_foreign_page_may_not_open_the_socket(origin: str) -> None:
     headers = {"host": "127.0.0.1:8350", "origin": origin}
     assert "may not connect" in HERE.problem("/live", headers, socket=True)
 
 
-def test_a_strangers_name_that_points_here_is_refused() -> None:
+def test_a_foreign_host_name_for_loopback_is_refused() -> None:
     headers = {"host": "evil.example:8350", "origin": "http://evil.example:8350"}
     for socket in (False, True):
         assert "this page is served at" in HERE.problem("/", headers, socket=socket)
 
 
-def test_away_from_loopback_the_token_is_wanted() -> None:
+def test_other_addresses_need_the_token() -> None:
     headers = {"host": "robot.example:8350"}
     assert "token" in THERE.problem("/", headers, socket=False)
     assert "token" in THERE.problem("/?token=guess", headers, socket=False)
@@ -63,7 +63,7 @@ def test_away_from_loopback_the_token_is_wanted() -> None:
     assert THERE.link == "http://0.0.0.0:8350/?token=secret"
 
 
-def test_the_page_brings_the_token_as_a_cookie() -> None:
+def test_the_cookie_replaces_the_token() -> None:
     name, _, rest = THERE.cookie.partition("=")
     assert "HttpOnly" in rest
     assert "SameSite=Strict" in rest
@@ -73,12 +73,12 @@ def test_the_page_brings_the_token_as_a_cookie() -> None:
     assert "token" in THERE.problem("/live", wrong, socket=True)
 
 
-def test_a_foreign_page_may_not_listen_even_with_the_cookie() -> None:
+def test_a_foreign_page_may_not_open_the_socket_even_with_the_cookie() -> None:
     cookie = THERE.cookie.partition(";")[0]
     headers = {"host": "r:8350", "origin": "http://evil.example", "cookie": cookie}
     assert "may not connect" in THERE.problem("/live", headers, socket=True)
 
 
-def test_on_loopback_no_cookie_is_set() -> None:
+def test_loopback_needs_neither_token_nor_cookie() -> None:
     assert HERE.cookie == ""
     assert HERE.link == "http://127.0.0.1:8350/"

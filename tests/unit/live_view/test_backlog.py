@@ -3,7 +3,7 @@
 from live_view.room import MESSAGES_AHEAD, Backlog
 
 
-def test_a_page_is_sent_everything_first() -> None:
+def test_a_new_page_gets_all_frames_first() -> None:
     assert Backlog({"map": b"m", "step": b"1"}).take() == [b"m", b"1"]
 
 
@@ -19,7 +19,7 @@ def test_nothing_is_sent_while_a_slow_page_draws() -> None:
     assert backlog.take() == [b"3"]
 
 
-def test_a_page_that_keeps_up_says_so_once_for_several() -> None:
+def test_a_fast_page_acknowledges_several_messages_at_once() -> None:
     backlog = Backlog({})
     sent = 0
     while sent < 100:  # it says nothing at all
@@ -39,7 +39,7 @@ def test_a_slow_page_gets_only_the_newest_of_each_topic() -> None:
     assert backlog.take() == [b"999", b"p"]
 
 
-def test_a_page_that_has_everything_is_sent_nothing() -> None:
+def test_nothing_is_sent_without_a_new_frame() -> None:
     backlog = Backlog({})
     assert backlog.take() == []
     backlog.offer({"step": b"1"})

@@ -7,7 +7,7 @@ from live_view.picture import SLOTS, ColourSlots
 
 
 @given(st.lists(st.sets(st.integers(0, 40), max_size=20), max_size=30))
-def test_no_two_clusters_share_a_number_and_none_changes_its_own(steps: list[set[int]]) -> None:
+def test_each_cluster_has_a_slot_of_its_own_that_never_changes(steps: list[set[int]]) -> None:
     slots, before, most = ColourSlots(), dict[int, int](), 0
     for alive in steps:
         now = slots.assign(sorted(alive))
@@ -19,7 +19,7 @@ def test_no_two_clusters_share_a_number_and_none_changes_its_own(steps: list[set
         before = now
 
 
-def test_a_candidate_does_not_look_like_the_one_that_has_just_ended() -> None:
+def test_a_new_cluster_gets_another_slot_than_the_last_ended_one() -> None:
     slots = ColourSlots()
     was = slots.assign([1, 2])[2]
     slots.assign([1])

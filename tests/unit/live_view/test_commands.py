@@ -19,7 +19,7 @@ from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 
 
-def test_what_the_page_sends_is_understood() -> None:
+def test_requests_of_the_page_are_parsed() -> None:
     assert parsed_request('{"type": "drawn"}') == Drawn()
     assert parsed_request('{"type": "drawn", "count": 3, "slow": true}') == Drawn(3, slow=True)
     assert parsed_request('{"type": "relocalize"}') == SearchAgain()
@@ -52,7 +52,7 @@ def test_what_the_page_sends_is_understood() -> None:
         b"\xff",
     ],
 )
-def test_anything_else_is_refused(text: str | bytes) -> None:
+def test_malformed_requests_are_refused(text: str | bytes) -> None:
     with pytest.raises(MalformedMessageError):
         parsed_request(text)
 

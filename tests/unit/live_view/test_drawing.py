@@ -52,7 +52,7 @@ def test_free_cells_walls_and_unknown_ground_have_different_colours() -> None:
     assert image.getpixel((5, 5)) == GREY
 
 
-def test_a_map_that_lies_turned_is_drawn_turned() -> None:
+def test_a_rotated_map_is_drawn_rotated() -> None:
     image = drawn_picture(room(turned=np.pi / 2), None)  # now 10 m wide, and to the left of x = -4
     assert image.size == (748, 1448)
     right_low, right_high = (700, 1400), (700, 48)
@@ -77,13 +77,13 @@ def test_the_true_pose_is_a_ring() -> None:
     assert max(pixel(image, 2.0 - 18 / 70, 5.0)) < 120
 
 
-def test_the_colours_are_the_pages() -> None:
+def test_the_palette_equals_that_of_the_page() -> None:
     script = static_files()["palette.js"].decode()
     assert tuple(re.findall(r'"(#[0-9A-F]{6})"', script)) == PALETTE
     assert len(PALETTE) == SLOTS
 
 
-def test_no_place_yet_is_no_problem() -> None:
+def test_a_step_without_places_can_be_drawn() -> None:
     assert drawn_picture(room(), step(places=[])).size == (1448, 748)
 
 

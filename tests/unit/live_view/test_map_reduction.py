@@ -30,12 +30,12 @@ def cells_of(made: MapMessage) -> NDArray[np.int8]:
     return cells.reshape(made.rows, made.cols)
 
 
-def test_a_map_that_is_small_enough_stays_as_it_is() -> None:
+def test_a_small_map_is_not_reduced() -> None:
     made = message(np.zeros((4, 3), np.int8))
     assert reduced(made) is made
 
 
-def test_of_a_block_of_cells_a_wall_wins_and_then_a_free_cell() -> None:
+def test_in_a_reduced_block_a_wall_wins_before_a_free_cell() -> None:
     cells = np.full((6, 8), -1, np.int8)
     cells[0:2, 0:2] = [[0, 0], [0, 1]]
     cells[2, 2] = 0
@@ -44,7 +44,7 @@ def test_of_a_block_of_cells_a_wall_wins_and_then_a_free_cell() -> None:
     assert cells_of(made).tolist() == [[1, -1, -1, -1], [-1, 0, -1, -1], [-1, -1, -1, -1]]
 
 
-def test_rows_and_columns_that_are_left_over_are_not_lost() -> None:
+def test_incomplete_blocks_at_the_rim_are_kept() -> None:
     cells = np.zeros((7, 5), np.int8)
     cells[6, 4] = 1
     made = reduced(message(cells))
@@ -53,7 +53,7 @@ def test_rows_and_columns_that_are_left_over_are_not_lost() -> None:
 
 
 @pytest.mark.parametrize("packed", [b"rubbish", zlib.compress(b"\0" * 30)])
-def test_bytes_that_are_no_such_map_are_refused(packed: bytes) -> None:
+def test_damaged_or_too_few_map_bytes_are_refused(packed: bytes) -> None:
     made = message(np.zeros((8, 8), np.int8))
     with pytest.raises(MalformedMessageError, match="map"):
         reduced(msgspec.structs.replace(made, zlib_cells=packed))

@@ -31,7 +31,7 @@ def test_particles_are_given_in_centimetres_and_milliradians() -> None:
     }  # fmt: skip
 
 
-def test_of_many_particles_those_that_weigh_more_are_drawn_more_often() -> None:
+def test_particles_are_drawn_in_proportion_to_their_weight() -> None:
     poses = np.zeros((3000, 3))
     poses[1000:, 0] = 1.0
     log_weights = np.where(poses[:, 0] > 0, np.log(0.25 / 2000), np.log(0.75 / 1000))
@@ -51,7 +51,7 @@ def test_only_reports_with_particles_are_decoded() -> None:
     assert not may_have_particles(encode(report(5, 3, particles=0)))
 
 
-def test_a_job_of_another_kind_is_no_clusters() -> None:
+def test_only_names_of_tracking_jobs_have_a_cluster_number() -> None:
     assert cluster_of(report(1, 12)) == 12
     for name in ("s3.1", "c", "c-1", "cx", "c" + "9" * 30):
         assert cluster_of(report(1, 12, job=name)) is None

@@ -68,13 +68,13 @@ def test_a_scan_that_its_belief_overtook_is_drawn_now_and_in_the_archive(picture
     assert picture.changes() == {}
 
 
-def test_a_true_pose_that_comes_late_is_drawn_all_the_same(picture: Picture) -> None:
+def test_a_late_true_pose_is_drawn_at_its_step(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
     assert picture.changes()["step"]["truth"] == (1.0, 1.0, 0.0)
 
 
-def test_a_true_pose_that_comes_late_stands_in_the_way_so_far(picture: Picture) -> None:
+def test_a_late_true_pose_is_added_to_the_trail(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
     assert rows(picture.everything()["history"]["rows"])[-1][2] == [1.0, 1.0, 0.0]
@@ -103,7 +103,7 @@ def test_steps_that_restart_also_restart_the_history(picture: Picture) -> None:
     assert [row[0] for row in rows(picture.changes()["history"]["rows"])] == [0]
 
 
-def test_a_page_is_given_the_newest_steps_and_asks_for_those_before() -> None:
+def test_a_page_gets_the_newest_rows_and_requests_earlier_ones() -> None:
     picture = Picture({})
     for step in range(NEWEST_ROWS + 5):
         picture.on_belief(belief(step, 1))
@@ -113,7 +113,7 @@ def test_a_page_is_given_the_newest_steps_and_asks_for_those_before() -> None:
     assert picture.rows_before(0) == []
 
 
-def test_a_step_of_the_past_is_shown_with_all_that_was_known_then(picture: Picture) -> None:
+def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
     picture.on_events(events(3))
     picture.on_scan(scan(5, [2.0]))
     picture.on_report(report(5, 1))
@@ -133,7 +133,7 @@ def test_a_step_of_the_past_is_shown_with_all_that_was_known_then(picture: Pictu
     assert [event["number"] for event in past["events"]] == [3]
 
 
-def test_a_step_that_is_not_kept_has_nothing_to_show(picture: Picture) -> None:
+def test_a_past_step_beyond_the_archive_has_no_frames(picture: Picture) -> None:
     picture.on_belief(belief(50, 1))
     assert picture.past(3) == {"events": []}
 
@@ -144,7 +144,7 @@ def test_steps_that_restart_clear_the_past(picture: Picture) -> None:
     assert json.loads(bytes(picture.past(50)["step"]))["step"] == 2
 
 
-def test_particles_come_with_their_cluster_and_go_with_it(picture: Picture) -> None:
+def test_particles_are_removed_with_their_cluster(picture: Picture) -> None:
     picture.on_report(report(5, 1, particles=20))
     picture.on_belief(belief(5, 1))
     cloud = picture.changes()["cloud 1"]
@@ -184,7 +184,7 @@ def test_the_events_of_a_new_term_replace_the_old_ones(picture: Picture) -> None
     assert [e["number"] for e in picture.changes()["events"]] == [0]
 
 
-def test_the_map_is_wanted_until_it_is_the_systems_own(picture: Picture) -> None:
+def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Picture) -> None:
     assert not picture.has_wanted_map
     picture.on_map(map_message("d1"))
     assert picture.has_wanted_map

@@ -65,7 +65,7 @@ def test_all_steps_are_shown(file: Path) -> None:
 
 
 @pytest.mark.parametrize("step", [1, STEPS - 1])
-def test_a_step_is_what_the_live_page_showed(file: Path, step: int) -> None:
+def test_a_recorded_step_shows_the_frames_of_the_live_page(file: Path, step: int) -> None:
     was = json.loads(msgspec.json.encode(live(step).everything()["step"]))
     shown = past(read(RecordedRun(file, None)), step)["step"]
     assert len(shown["scan"]) == 8  # two of the first laser's four beams, both of the second's
@@ -94,7 +94,7 @@ def test_a_given_map_is_drawn_in_place_of_that_in_the_log(file: Path) -> None:
     assert run.room.map[0] == "d1"
 
 
-def test_what_a_killed_recorder_has_written_is_shown(
+def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
     file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     cut = tmp_path / "cut.mcap"

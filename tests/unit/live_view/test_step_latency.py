@@ -5,7 +5,7 @@ from live_view.live_loop import LAST_STEPS, StepLatency
 MS = 1_000_000
 
 
-def test_a_step_took_from_its_scan_to_its_first_belief() -> None:
+def test_the_latency_of_a_step_ends_with_its_first_belief() -> None:
     latency = StepLatency()
     assert latency.frame() is None
     latency.on_scan(1, 0)

@@ -55,7 +55,7 @@ def bomb(said: int) -> bytes:
 
 
 @pytest.mark.parametrize("said", [GIGABYTES * 2**30, 1_000, 2**63 - 1])
-def test_a_chunk_that_stands_for_gigabytes_is_refused(tmp_path: Path, said: int) -> None:
+def test_a_chunk_that_unpacks_to_gigabytes_is_refused(tmp_path: Path, said: int) -> None:
     file = tmp_path / "bomb.mcap"
     file.write_bytes(bomb(said))
     assert file.stat().st_size < 400_000
@@ -98,7 +98,7 @@ class Chunk:
     uncompressed_size: int = MOST_BYTES
 
 
-def test_chunks_of_the_same_time_are_refused_where_they_are_too_much_together() -> None:
+def test_overlapping_chunks_are_refused_above_a_common_limit() -> None:
     """They are unpacked together, however long the file; others one after the other."""
     check_overlaps(Chunk(n, n + 1) for n in range(1_000))
     check_overlaps(Chunk(0, 10**9, 2**20) for _ in range(128))

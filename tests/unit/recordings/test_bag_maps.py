@@ -19,12 +19,12 @@ def test_a_bag_s_map_is_read_as_amcl_reads_it(tmp_path: Path, form: str) -> None
     assert grid_map.map_from_grid == pytest.approx((-1.0, 2.0, 0.5))
 
 
-def test_of_several_maps_on_a_topic_the_last_counts(tmp_path: Path) -> None:
+def test_the_last_map_on_a_topic_is_loaded(tmp_path: Path) -> None:
     path = written(tmp_path, "mcap", [grid(S, [[-1, 0]]), scan(2 * S), grid(3 * S, CELLS)])
     assert load_map(path).cells.shape == (2, 3)
 
 
-def test_a_costmap_is_not_taken_for_the_map_but_can_be_named(tmp_path: Path) -> None:
+def test_a_costmap_is_loaded_only_by_its_name(tmp_path: Path) -> None:
     costmap = grid(S, [[0, 0]], topic="/local_costmap/costmap")
     path = written(tmp_path, "mcap", [costmap])
     with pytest.raises(MapFileError, match=r"no map .* /local_costmap/costmap; name a map file"):
@@ -32,7 +32,7 @@ def test_a_costmap_is_not_taken_for_the_map_but_can_be_named(tmp_path: Path) -> 
     assert load_map(f"{path}#/local_costmap/costmap").cells.shape == (1, 2)
 
 
-def test_the_maps_of_two_robots_are_not_chosen_from(tmp_path: Path) -> None:
+def test_maps_of_two_robots_need_a_topic_name(tmp_path: Path) -> None:
     sent = [grid(S, CELLS, topic="/r1/map"), grid(S, [[0]], topic="/r2/map")]
     path = written(tmp_path, "mcap", sent)
     with pytest.raises(MapFileError, match="/r1/map, /r2/map"):
@@ -44,7 +44,7 @@ def test_the_maps_of_two_robots_are_not_chosen_from(tmp_path: Path) -> None:
     ("cells", "problem"),
     [(np.zeros((0, 0)), "0 cells for 0 x 0"), ([[100, -1]], "no free cell")],
 )
-def test_a_map_that_is_none_is_refused(
+def test_an_invalid_map_message_is_refused(
     tmp_path: Path, cells: list[list[int]], problem: str
 ) -> None:
     path = written(tmp_path, "mcap", [grid(S, cells)])
@@ -52,7 +52,7 @@ def test_a_map_that_is_none_is_refused(
         load_map(path)
 
 
-def test_a_bag_is_its_own_map_where_none_is_named(tmp_path: Path) -> None:
+def test_a_bag_is_its_own_map_file_unless_another_is_named(tmp_path: Path) -> None:
     path = str(written(tmp_path, "ros1", [grid(S, CELLS)]))
     assert map_file_of("", path) == path
     assert map_file_of("map.yaml", path) == "map.yaml"

@@ -28,7 +28,7 @@ def test_the_number_of_beams_gives_their_directions(
     assert math.degrees(first + step * (beams - 1)) == pytest.approx(last_deg)
 
 
-def test_the_parameter_counts_for_numbers_that_no_sick_gives() -> None:
+def test_the_resolution_parameter_applies_only_to_lasers_that_are_not_sicks() -> None:
     first, step = flaser_angles(683, step_deg=240.0 / 682)
     assert math.degrees(first) == pytest.approx(-120.0)
     assert math.degrees(first + step * 682) == pytest.approx(120.0)

@@ -75,13 +75,13 @@ def test_without_a_parameter_a_constant_laser_pose_is_the_mount(tmp_path: Path) 
     assert {scan.robot_from_laser for scan in scans} == {(0.2, 0.1, 0.0)}
 
 
-def test_without_either_the_settings_count(tmp_path: Path) -> None:
+def test_without_a_mount_in_the_log_that_of_the_settings_applies(tmp_path: Path) -> None:
     settings = BridgeSettings(laser_x_m=0.3, laser_y_m=-0.1, laser_heading_rad=0.2)
     recording = recording_of(tmp_path, flaser(1, ranges=RAMP), settings=settings)
     assert scans_of(recording)[0].robot_from_laser == (0.3, -0.1, 0.2)
 
 
-def test_a_robotlaser_line_says_all_itself(tmp_path: Path) -> None:
+def test_a_robotlaser_line_contains_mount_angles_and_range(tmp_path: Path) -> None:
     north = (1.0, 2.0, math.pi / 2)
     line = robot_laser(3.5, [1, 2, 3, 4, 35], laser=(1.0, 2.4, math.pi / 2), robot=north)
     [scan] = scans_of(recording_of(tmp_path, line, line.replace("1000000.0 ", "")))[:1]
@@ -91,7 +91,7 @@ def test_a_robotlaser_line_says_all_itself(tmp_path: Path) -> None:
     assert scan.stamp_ns == seconds(3.5)
 
 
-def test_raw_scans_have_no_pose_and_count_only_where_there_is_nothing_better(
+def test_raw_scans_are_used_only_if_there_are_no_others(
     tmp_path: Path,
 ) -> None:
     parameter = "PARAM robot_frontlaser_offset 0.1 nohost 0"
@@ -102,13 +102,13 @@ def test_raw_scans_have_no_pose_and_count_only_where_there_is_nothing_better(
     assert [scan.odom_from_robot for scan in scans_of(both)] == [(0.0, 0.0, 0.0)]
 
 
-def test_messages_that_are_no_readings_are_passed_over(tmp_path: Path) -> None:
+def test_other_messages_of_a_log_are_skipped_silently(tmp_path: Path) -> None:
     others = ["# remark", "", "SYNC start 1 host 1", "NMEAGGA 1 2 3", "RLASER 1 5 0 0 0 0 0 0"]
     recording = recording_of(tmp_path, *others, flaser(1, ranges=RAMP))
     assert (recording.skipped, recording.laser_count) == ((), 1)
 
 
-def test_where_all_stamps_are_one_the_loggers_count(tmp_path: Path) -> None:
+def test_the_loggers_stamps_replace_stamps_that_are_all_equal(tmp_path: Path) -> None:
     lines = [flaser("1.09e9", (t, 0, 0), RAMP, logged=t) for t in (1, 2, 3)]
     assert [scan.stamp_ns for scan in scans_of(recording_of(tmp_path, *lines))] == [
         seconds(1), seconds(2), seconds(3),
@@ -118,7 +118,7 @@ def test_where_all_stamps_are_one_the_loggers_count(tmp_path: Path) -> None:
 # --- no return ----------------------------------------------------------------------------------
 
 
-def test_a_long_range_that_stands_for_no_return_is_found(tmp_path: Path) -> None:
+def test_a_range_that_marks_missing_returns_is_detected(tmp_path: Path) -> None:
     marked = [*RAMP[:-2], 81.91, 81.83]
     recording = recording_of(tmp_path, *(flaser(t, ranges=marked) for t in range(5)))
     limit_m = scans_of(recording)[0].range_max_m
@@ -173,7 +173,7 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
         ("\x00\xff\x00", "unknown kind of line"),
     ],
 )
-def test_a_bad_line_in_the_middle_is_named_and_the_rest_is_used(
+def test_a_malformed_line_of_carmen_is_listed_and_the_rest_is_read(
     tmp_path: Path, bad: str, problem: str
 ) -> None:
     recording = recording_of(tmp_path, GOOD[0], bad, *GOOD[1:])
@@ -192,7 +192,9 @@ def test_a_bad_line_in_the_middle_is_named_and_the_rest_is_used(
         ("FLASER 3", "unknown kind of line 'FLASER'"),
     ],
 )
-def test_so_are_bad_lines_of_wean_hall(tmp_path: Path, bad: str, problem: str) -> None:
+def test_a_malformed_line_of_wean_hall_is_listed_and_the_rest_is_read(
+    tmp_path: Path, bad: str, problem: str
+) -> None:
     recording = recording_of(tmp_path, wean_scan(1), bad, wean_scan(2))
     assert recording.laser_count == 2
     assert problem in recording.skipped[0].problem
@@ -206,7 +208,7 @@ def test_a_packed_recording_is_read(tmp_path: Path, pack: Callable[[bytes], byte
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
-def test_of_a_cut_archive_what_was_read_is_used(
+def test_a_truncated_archive_is_read_up_to_its_end(
     tmp_path: Path, pack: Callable[[bytes], bytes]
 ) -> None:
     random = np.random.default_rng(1)
@@ -233,7 +235,9 @@ def test_of_a_cut_archive_what_was_read_is_used(
         (odom(1).encode() + b"\nFLASER 1 2\n", "no scan in it: 1 lines of odometry, 1 bad lines"),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
+def test_a_file_that_is_not_a_recording_is_refused(
+    tmp_path: Path, content: bytes, problem: str
+) -> None:
     path = tmp_path / "log"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=problem) as caught:
@@ -274,7 +278,7 @@ def test_a_sensor_keeps_its_order_where_stamps_step_back(tmp_path: Path) -> None
     assert [scan.stamp_ns for scan in scans_of(recording)] == [seconds(4.0), seconds(3.5)]
 
 
-def test_a_line_whose_time_cannot_be_is_left_out(tmp_path: Path) -> None:
+def test_a_line_with_an_impossible_stamp_is_skipped(tmp_path: Path) -> None:
     lines = [odom(t) for t in (1000, 1001, 0, 1002, 1003, 99999, 1004, 1005)]
     recording = recording_of(tmp_path, *lines, flaser(1006, ranges=RAMP))
     assert [line.line_number for line in recording.skipped] == [3, 6]
@@ -282,12 +286,12 @@ def test_a_line_whose_time_cannot_be_is_left_out(tmp_path: Path) -> None:
     assert recording.duration_s == 6.0
 
 
-def test_gaps_of_any_length_are_no_fault(tmp_path: Path) -> None:
+def test_gaps_of_any_length_are_accepted(tmp_path: Path) -> None:
     lines = [flaser(t, ranges=RAMP) for t in (0, 229, 230, 1000, 5000)]
     assert recording_of(tmp_path, *lines).skipped == ()
 
 
-def test_a_second_start_of_the_clock_ends_the_recording(tmp_path: Path) -> None:
+def test_a_clock_that_restarts_ends_the_recording(tmp_path: Path) -> None:
     once = [flaser(t, ranges=RAMP) for t in range(100, 110)]
     again = [flaser(t, ranges=RAMP) for t in range(5)]
     recording = recording_of(tmp_path, *once, *again)
@@ -330,7 +334,7 @@ def test_all_lines_of_real_recordings_are_read(
         assert 0.95 * marker_m < first.range_max_m < marker_m
 
 
-def test_the_path_of_intel_is_not_torn_by_its_stamps() -> None:
+def test_the_length_of_the_intel_path_is_kept_despite_wrong_stamps() -> None:
     recording = open_recording(recording_or_skip("intel/log.clf.gz"), BridgeSettings())
     places = np.array([reading.odom_from_robot[:2] for reading in odometry_of(recording)])
     path_m = np.hypot(*np.diff(places, axis=0).T).sum()

@@ -13,13 +13,13 @@ def test_mended_times_never_decrease(stamps: list[int]) -> None:
 
 
 @given(STAMPS)
-def test_times_in_order_come_back_unchanged(stamps: list[int]) -> None:
+def test_ascending_stamps_are_unchanged(stamps: list[int]) -> None:
     in_order = np.array(sorted(stamps), np.int64)
     np.testing.assert_array_equal(mended(in_order), in_order)
 
 
 @given(STAMPS.filter(len))
-def test_no_time_is_mended_by_more_than_the_largest_step_back(stamps: list[int]) -> None:
+def test_no_stamp_is_corrected_by_more_than_the_largest_step_back(stamps: list[int]) -> None:
     times = np.array(stamps, np.int64)
     largest_step_back = int((np.maximum.accumulate(times) - times).max())
     assert np.abs(mended(times) - times).max() <= largest_step_back

@@ -84,7 +84,7 @@ def test_a_bag_may_have_any_name(tmp_path: Path) -> None:
     assert recording.laser_count == 10
 
 
-def test_several_bags_in_a_folder_without_metadata_are_not_chosen_from(tmp_path: Path) -> None:
+def test_several_bags_in_a_folder_need_metadata(tmp_path: Path) -> None:
     folder = written(tmp_path, "mcap without metadata", [MOUNT, *drive()])
     file = next(folder.iterdir())
     shutil.copyfile(file, folder / "second.mcap")
@@ -92,7 +92,9 @@ def test_several_bags_in_a_folder_without_metadata_are_not_chosen_from(tmp_path:
         open_recording(folder, BridgeSettings())
 
 
-def test_without_the_extra_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rosbags_the_error_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = written(tmp_path, "mcap", drive())
     monkeypatch.setitem(sys.modules, "rosbags", None)
     with pytest.raises(RecordingError, match=r"pip install 'clustermcl\[ros2\]'"):
@@ -108,7 +110,7 @@ def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
 # --- what is chosen -----------------------------------------------------------------------------
 
 
-def test_of_two_lasers_one_must_be_named(tmp_path: Path) -> None:
+def test_two_scan_topics_need_a_name(tmp_path: Path) -> None:
     sent = [MOUNT, *drive(), scan(S, (4.0,), topic="/rear/scan")]
     problem = refusal(tmp_path, sent)
     assert "/rear/scan (1 messages), /scan (10 messages)" in problem
@@ -117,7 +119,7 @@ def test_of_two_lasers_one_must_be_named(tmp_path: Path) -> None:
     assert named.laser_count == 1
 
 
-def test_a_topic_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+def test_an_unknown_topic_is_refused_with_a_list_of_topics(tmp_path: Path) -> None:
     problem = refusal(tmp_path, [MOUNT, *drive()], scan_topic="/front")
     assert problem.startswith("no sensor_msgs/LaserScan on /front; the bag has /scan")
 
@@ -126,7 +128,7 @@ def test_a_bag_without_scans_names_its_topics(tmp_path: Path) -> None:
     assert refusal(tmp_path, [MOUNT]) == "no sensor_msgs/LaserScan in it; the bag has /tf_static"
 
 
-def test_two_lasers_on_one_topic_keep_their_own_places(tmp_path: Path) -> None:
+def test_two_lasers_on_one_topic_keep_their_own_mounts(tmp_path: Path) -> None:
     rear = fixed_tf("base_link", "rear", (-0.4, 0.0, 0.2), about_z(math.pi / 2))
     sent = [MOUNT, rear, *drive(), scan(2 * S, frame="rear")]
     mounts = {reading.robot_from_laser for reading in scans_of(opened(tmp_path, sent))}
@@ -135,7 +137,7 @@ def test_two_lasers_on_one_topic_keep_their_own_places(tmp_path: Path) -> None:
     )
 
 
-def test_scans_of_a_frame_without_a_place_are_left_out_and_named(tmp_path: Path) -> None:
+def test_scans_of_a_frame_without_a_mount_are_skipped_and_listed(tmp_path: Path) -> None:
     recording = opened(tmp_path, [MOUNT, *drive(), scan(2 * S, frame="lost")])
     assert recording.laser_count == 10
     assert "no transform from 'base_link' to the laser's frame 'lost'" in (
@@ -151,7 +153,7 @@ def test_a_missing_transform_is_named(tmp_path: Path) -> None:
     assert "tf has odom -> base_link" in problem
 
 
-def test_the_settings_say_where_a_laser_is_that_tf_does_not_know(tmp_path: Path) -> None:
+def test_the_settings_give_the_mount_of_a_laser_that_tf_lacks(tmp_path: Path) -> None:
     sent = [odometry(t * S, (t, 0, 0), 0.1 * t) for t in range(5)] + [scan(2 * S)]
     recording = opened(tmp_path, sent, laser_x_m=0.2)
     assert scans_of(recording)[0].robot_from_laser == (0.2, 0.0, 0.0)
@@ -159,7 +161,7 @@ def test_the_settings_say_where_a_laser_is_that_tf_does_not_know(tmp_path: Path)
     np.testing.assert_allclose(poses, [(t, 0.0, 0.1 * t) for t in range(5)], atol=1e-12)
 
 
-def test_tf_goes_before_a_topic_of_odometry_that_is_not_named(tmp_path: Path) -> None:
+def test_tf_is_preferred_to_an_unnamed_odometry_topic(tmp_path: Path) -> None:
     sent = [MOUNT, *drive(), odometry(3 * S, (99, 0, 0)), odometry(4 * S, (98, 0, 0))]
     places = [reading.odom_from_robot[0] for reading in odometry_of(opened(tmp_path, sent))]
     assert places == list(range(1, 11))
@@ -167,7 +169,7 @@ def test_tf_goes_before_a_topic_of_odometry_that_is_not_named(tmp_path: Path) ->
     assert [reading.odom_from_robot[0] for reading in odometry_of(named)] == [99, 98]
 
 
-def test_of_two_topics_of_odometry_one_must_be_named(tmp_path: Path) -> None:
+def test_two_odometry_topics_need_a_name(tmp_path: Path) -> None:
     two = [odometry(S, (0, 0, 0)), odometry(S, (0, 0, 0), topic="/visual")]
     problem = refusal(tmp_path, [MOUNT, scan(S), *two])
     assert "/odom, /visual" in problem
@@ -198,12 +200,12 @@ def test_the_tf_of_another_robot_is_not_used(tmp_path: Path) -> None:
 # --- frames -------------------------------------------------------------------------------------
 
 
-def test_the_robot_s_frame_is_the_one_on_the_laser_s_way_up(tmp_path: Path) -> None:
+def test_the_robots_frame_is_the_child_of_odom_above_the_laser(tmp_path: Path) -> None:
     beside = [tf(t * S, "odom", "navigation", (50 + t, 0, 0)) for t in range(4)]
     assert len(odometry_of(opened(tmp_path, [MOUNT, *beside, *drive()]))) == 10
 
 
-def test_a_named_frame_of_the_robot_moves_odometry_and_mount(tmp_path: Path) -> None:
+def test_a_named_base_frame_applies_to_odometry_and_mount(tmp_path: Path) -> None:
     axle = fixed_tf("base_link", "axle", (-1.0, 0.0, 0.0))
     recording = opened(tmp_path, [MOUNT, axle, *drive()], base_frame="axle")
     np.testing.assert_allclose(scans_of(recording)[0].robot_from_laser, (1.3, 0.1, 0.25))
@@ -220,7 +222,7 @@ def beam_ends(reading: LaserReading) -> list[tuple[float, float]]:
 
 
 @pytest.mark.parametrize("turn", [LEVEL, ROLLED_OVER, (0.0, 1.0, 0.0, 0.0), about_z(2.0)])
-def test_beams_end_where_tf_puts_them_also_of_a_laser_upside_down(
+def test_beam_end_points_agree_with_tf_also_for_a_laser_upside_down(
     tmp_path: Path, turn: tuple[float, float, float, float]
 ) -> None:
     mount = fixed_tf("base_link", "laser", (0.3, 0.1, 0.2), turn)
@@ -235,7 +237,7 @@ def test_beams_end_where_tf_puts_them_also_of_a_laser_upside_down(
     assert reading.angle_step_rad > 0.0
 
 
-def test_beams_that_run_clockwise_are_turned_round(tmp_path: Path) -> None:
+def test_clockwise_beams_are_reversed(tmp_path: Path) -> None:
     mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
     reading = only_scan(tmp_path, mount, scan(S, (1.0, 2.0, 4.0), step=-0.5))
     assert reading.ranges.array().tolist() == [4.0, 2.0, 1.0]
@@ -283,7 +285,7 @@ def test_a_frame_with_two_parents_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)])
-def test_a_transform_that_is_none_is_left_out_and_named(
+def test_an_invalid_transform_is_skipped_and_listed(
     tmp_path: Path, turn: tuple[float, float, float, float]
 ) -> None:
     recording = opened(tmp_path, [MOUNT, tf(S, "odom", "base_link", (0, 0, 0), turn), *drive()])
@@ -294,7 +296,7 @@ def test_a_transform_that_is_none_is_left_out_and_named(
 # --- ranges -------------------------------------------------------------------------------------
 
 
-def test_what_laser_scan_calls_no_return_is_none(tmp_path: Path) -> None:
+def test_ranges_outside_the_limits_of_the_scan_are_no_returns(tmp_path: Path) -> None:
     ranges = (0.05, 0.5, math.inf, math.nan, -math.inf, 9.0, 11.0, 0.1)
     mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
     reading = only_scan(tmp_path, mount, scan(S, ranges, step=0.1))
@@ -304,7 +306,7 @@ def test_what_laser_scan_calls_no_return_is_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("range_max", [math.inf, math.nan, 0.0])
-def test_a_largest_range_that_is_none_limits_nothing(tmp_path: Path, range_max: float) -> None:
+def test_an_invalid_maximum_range_is_ignored(tmp_path: Path, range_max: float) -> None:
     mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
     reading = only_scan(tmp_path, mount, scan(S, (24.0, 25.0), range_max=range_max))
     assert reading.range_max_m > 25.0
@@ -327,7 +329,9 @@ def is_beginning(part: Recording, whole: Recording) -> bool:
 
 
 @pytest.mark.parametrize("form", ["mcap bare", "mcap packed"])
-def test_a_cut_off_mcap_bag_gives_its_whole_chunks_or_one_line(tmp_path: Path, form: str) -> None:
+def test_a_truncated_mcap_bag_gives_its_complete_chunks_or_one_line(
+    tmp_path: Path, form: str
+) -> None:
     whole_path = written(tmp_path, form, [MOUNT, *drive(240, beams=5000)])
     whole = open_recording(whole_path, BridgeSettings())
     counts = []
@@ -352,7 +356,7 @@ def test_a_cut_off_mcap_bag_gives_its_whole_chunks_or_one_line(tmp_path: Path, f
     ("form", "tool"), [("ros1", "rosbag reindex"), ("sqlite3 bare", "sqlite3 FILE .recover")]
 )
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_another_bag_that_is_cut_off_is_refused_with_the_tool_that_mends_it(
+def test_other_truncated_bags_are_refused_with_a_repair_tool(
     tmp_path: Path, form: str, tool: str, share: float
 ) -> None:
     path = written(tmp_path, form, [MOUNT, *drive(60, beams=2000)])

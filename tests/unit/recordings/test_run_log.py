@@ -149,7 +149,7 @@ def test_the_layout_for_foxglove_draws_topics_of_the_file(run: Path) -> None:
         assert path.removeprefix(f"/belief.hypotheses[{number}].") in found
 
 
-def test_others_read_the_scan_the_places_and_the_map(run: Path) -> None:
+def test_the_mcap_library_reads_scan_places_and_map(run: Path) -> None:
     found = as_others_read(run)
     assert found["/scan"][3]["ranges"] == [2.0, 0.0, 0.0, 3.1]
     assert np.float32(found["/scan_1"][0]["ranges"][1]) == np.float32(1.0 / 3.0)
@@ -195,9 +195,7 @@ def test_only_its_owner_may_read_a_run(run: Path) -> None:
     assert run.stat().st_mode & 0o777 == 0o600
 
 
-def test_a_file_that_is_cut_anywhere_is_good_up_to_its_last_whole_chunk(
-    run: Path, tmp_path: Path
-) -> None:
+def test_a_truncated_file_is_read_up_to_its_last_complete_chunk(run: Path, tmp_path: Path) -> None:
     data, cut = run.read_bytes(), tmp_path / "cut.mcap"
     whole = list(LogFile(run).messages())
     read_last = 0
@@ -215,7 +213,7 @@ def test_a_file_that_is_cut_anywhere_is_good_up_to_its_last_whole_chunk(
     assert not log.cut
 
 
-def test_of_a_file_with_any_bytes_changed_nothing_wrong_is_read(run: Path, tmp_path: Path) -> None:
+def test_changed_bytes_of_a_file_are_never_read_as_messages(run: Path, tmp_path: Path) -> None:
     rng, data = random.Random(1), run.read_bytes()
     right, path = list(LogFile(run).messages()), tmp_path / "broken.mcap"
     for _ in range(300):
@@ -227,7 +225,7 @@ def test_of_a_file_with_any_bytes_changed_nothing_wrong_is_read(run: Path, tmp_p
 
 
 @pytest.mark.parametrize("data", [b"P5 800 600 255", b"MCLFLY2\n" + bytes(100)])
-def test_what_is_no_run_log_is_refused(tmp_path: Path, data: bytes) -> None:
+def test_a_file_that_is_not_a_run_log_is_refused(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(data)
     assert not is_run_log(path)
@@ -293,7 +291,7 @@ def test_endless_topics_messages_and_runs_are_refused(
     ("topic", "content"),
     [(GRID, {}), (GRID, {"nonsense": 1}), ("/scan", {"ranges": []}), ("/tf", {"timestamp": 1})],
 )
-def test_messages_of_another_form_are_one_line(
+def test_malformed_messages_are_refused_in_one_line(
     tmp_path: Path, topic: str, content: dict[str, Any]
 ) -> None:
     path = tmp_path / "run.mcap"
@@ -306,7 +304,7 @@ def test_messages_of_another_form_are_one_line(
             load_map(path)
 
 
-def test_a_map_that_is_not_rectangular_is_one_line(run: Path, tmp_path: Path) -> None:
+def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_path: Path) -> None:
     message = next(one for one in LogFile(run).messages() if one.topic == GRID)
     grid = msgspec.json.decode(message.data)
     grid["column_count"] += 1
@@ -315,7 +313,7 @@ def test_a_map_that_is_not_rectangular_is_one_line(run: Path, tmp_path: Path) ->
         map_in(bent, tmp_path)
 
 
-def test_a_disk_that_is_full_is_one_line() -> None:
+def test_a_full_disk_is_reported_in_one_line() -> None:
     log = RunLog(Path("/dev/full"))
     log.write(BELIEF, belief(1, 4), 0)
     with pytest.raises(OutputError, match="No space left"):

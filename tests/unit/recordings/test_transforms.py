@@ -55,7 +55,7 @@ def test_a_link_that_moves_is_interpolated() -> None:
     assert driving().lookup("odom", "base", 10_500_000_000).planar() == pytest.approx((0.5, 0, 0))
 
 
-def test_ways_lead_up_down_and_across() -> None:
+def test_lookups_go_up_down_and_across_the_tree() -> None:
     frames = driving()
     frames.add(0, "base", "camera", flat((-0.2, 0.0, 0.0)), fixed=True)
     at_ns = 11 * SECOND
@@ -72,11 +72,11 @@ def test_a_missing_transform_may_still_arrive() -> None:
     assert str(late) == "tf from 'odom' to 'base' ends 0.350 s before that time"
 
 
-def test_what_was_before_the_first_transform_never_comes() -> None:
+def test_a_transform_before_the_first_one_will_not_arrive() -> None:
     assert not missing(driving(), "odom", "base", 9 * SECOND).may_come
 
 
-def test_frames_that_nothing_connects_are_named() -> None:
+def test_unconnected_frames_are_named_in_the_error() -> None:
     unknown = missing(driving(), "base", "laser2", 11 * SECOND)
     assert unknown.may_come
     known = "tf has odom -> base, base -> laser"
@@ -101,14 +101,14 @@ def test_the_newest_time_is_that_of_the_slowest_link() -> None:
     assert frames.newest_ns("odom", "nowhere") is None
 
 
-def test_no_more_is_remembered_than_the_cache_holds() -> None:
+def test_transforms_older_than_the_cache_are_dropped() -> None:
     frames = driving()
     frames.add(12 * SECOND + CACHE_NS, "odom", "base", IDENTITY, fixed=False)
     assert not missing(frames, "odom", "base", 11 * SECOND).may_come
     assert frames.lookup("odom", "base", 12 * SECOND).x == pytest.approx(2.0)
 
 
-def test_a_late_transform_is_left_out_and_many_mean_that_the_clock_was_set_back() -> None:
+def test_a_late_transform_is_refused_and_many_in_a_row_reset_the_tree() -> None:
     frames = driving()
     early = 12 * SECOND - LATE_NS - 100
     kept = [
@@ -120,7 +120,7 @@ def test_a_late_transform_is_left_out_and_many_mean_that_the_clock_was_set_back(
     assert frames.lookup("base", "laser", 0) == OVERHEAD  # what is fixed stays
 
 
-def test_of_a_recording_all_is_kept_in_any_order_and_its_ends_hold_a_little() -> None:
+def test_a_tree_of_a_recording_keeps_all_transforms_and_extends_its_ends() -> None:
     frames = TransformTree(cache_ns=None, slack_ns=SECOND // 4)
     for second in (100, 0, 50):
         frames.add(second * SECOND, "odom", "base", flat((second, 0.0, 0.0)), fixed=False)
@@ -130,7 +130,7 @@ def test_of_a_recording_all_is_kept_in_any_order_and_its_ends_hold_a_little() ->
     assert not missing(frames, "odom", "base", -SECOND // 4 - 1).may_come
 
 
-def test_across_a_jump_nothing_is_interpolated() -> None:
+def test_no_transform_is_interpolated_across_a_jump() -> None:
     frames = driving()
     frames.add(12 * SECOND + 1, "odom", "base", flat((50.0, 0.0, 0.0)), fixed=False)
     frames.keep_newest()
@@ -146,7 +146,7 @@ def test_a_child_may_get_another_parent() -> None:
 
 
 @given(outer=rigids(), inner=rigids())
-def test_transforms_chain_and_turn_back_as_rotations_do(outer: Rigid, inner: Rigid) -> None:
+def test_composition_and_inverse_agree_with_scipys_rotations(outer: Rigid, inner: Rigid) -> None:
     expected = Rotation.from_quat(outer[3:]) * Rotation.from_quat(inner[3:])
     chained = outer.of(inner)
     assert (expected.inv() * Rotation.from_quat(chained[3:])).magnitude() < 1e-9
@@ -157,7 +157,7 @@ def test_transforms_chain_and_turn_back_as_rotations_do(outer: Rigid, inner: Rig
 
 
 @given(start=rigids(), end=rigids(), share=st.floats(0.0, 1.0))
-def test_turns_in_between_are_those_of_slerp(start: Rigid, end: Rigid, share: float) -> None:
+def test_interpolation_agrees_with_scipys_slerp(start: Rigid, end: Rigid, share: float) -> None:
     ends = Rotation.from_quat([start[3:], end[3:]])
     if (ends[0].inv() * ends[1]).magnitude() > 3.1:  # which way round is a matter of rounding
         return
@@ -166,14 +166,16 @@ def test_turns_in_between_are_those_of_slerp(start: Rigid, end: Rigid, share: fl
 
 
 @given(outer=poses, inner=poses)
-def test_poses_in_the_plane_chain_as_in_the_filter(outer: PoseTuple, inner: PoseTuple) -> None:
+def test_planar_transforms_compose_like_poses_of_the_filter(
+    outer: PoseTuple, inner: PoseTuple
+) -> None:
     expected = compose(np.array(outer), np.array(inner))
     np.testing.assert_allclose(flat(outer).of(flat(inner)).planar(), expected, atol=1e-9)
     back = inverse(np.array(outer))
     np.testing.assert_allclose(flat(outer).inverse().planar(), back, atol=1e-9)
 
 
-def test_numbers_that_are_no_transform_are_refused() -> None:
+def test_numbers_that_are_not_a_transform_are_refused() -> None:
     good, bad = Rigid(0, 0, 0, 0, 0, 0, 1), Rigid(0, 0, 0, 0, 0, 0, 0)
     for shift, turn in (((math.nan, 0, 0), good), ((0, 0, 0), bad)):
         with pytest.raises(ValueError, match="not a transform"):

@@ -36,7 +36,7 @@ def test_a_pose_has_a_copy_in_each_room_and_copies_have_the_same_copies() -> Non
         np.testing.assert_allclose(copies_in_all_rooms(copy), copies, rtol=0, atol=1e-12)
 
 
-def test_a_written_map_is_read_as_it_was(tmp_path: Path) -> None:
+def test_writing_and_reading_a_map_preserves_it(tmp_path: Path) -> None:
     grid_map = eight_rooms().map
     read = load_map(str(write_map(grid_map, tmp_path, "rooms")))
     np.testing.assert_array_equal(read.cells, grid_map.cells)

@@ -70,7 +70,7 @@ def test_a_robot_follows_its_route_to_the_end() -> None:
     assert missed == []
 
 
-def test_free_ground_turned_and_moved_is_where_the_map_lies() -> None:
+def test_free_space_follows_the_pose_of_the_map() -> None:
     turned = GridMap(EMPTY_ROOM.cells, EMPTY_ROOM.cell_m, (10.0, -5.0, pi / 2))
     free_space = FreeSpace(turned)
     x, y = 10.0 - 2.1, -5.0 + 3.1  # the room's middle
@@ -115,7 +115,7 @@ def test_a_quarter_circle_ends_where_geometry_says() -> None:
     assert driven((0.0, 0.0, 0.0), Drive(pi / 2, pi / 2)) == pytest.approx((1.0, 1.0, pi / 2))
 
 
-def test_odometry_errs_by_the_root_of_the_way_and_by_its_scale() -> None:
+def test_odometry_errors_grow_with_the_root_of_the_distance_and_with_its_scale() -> None:
     """400 robots drive 9 m straight on; each component of the error is as large as configured."""
 
     def read(**errors: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:

@@ -66,13 +66,13 @@ def test_readings_come_in_the_order_of_their_stamps_at_20_and_10_hz() -> None:
     assert stamps[:4] == [7_000_000_000, 7_020_000_000, 7_050_000_000, 7_100_000_000]
 
 
-def test_odometry_begins_at_its_origin_and_the_laser_does_not_know_it() -> None:
+def test_odometry_starts_at_the_origin_and_scans_have_no_odometry() -> None:
     tick = first_ticks(1, seed=0)[0]
     assert tick.odometry[0].odom_from_robot == (0.0, 0.0, 0.0)
     assert tick.laser.odom_from_robot is None
 
 
-def test_the_truth_can_be_asked_for_any_time_since_the_start() -> None:
+def test_the_true_pose_is_known_at_any_past_time() -> None:
     simulation = Simulation(HALL, 1)
     ticks = list(islice(simulation, 200))
     for tick in ticks:
@@ -82,14 +82,14 @@ def test_the_truth_can_be_asked_for_any_time_since_the_start() -> None:
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 1_000_000_000, 5_000_000_000])
-def test_the_truth_of_other_times_is_refused(stamp_ns: int) -> None:
+def test_the_true_pose_of_other_times_is_refused(stamp_ns: int) -> None:
     simulation = Simulation(HALL, 1)
     list(islice(simulation, 10))
     with pytest.raises(ValueError, match="stamp"):
         simulation.truth_at(stamp_ns)
 
 
-def test_a_kidnapped_robot_is_far_away_and_its_odometry_noticed_nothing() -> None:
+def test_a_kidnapping_moves_the_robot_far_without_a_jump_of_odometry() -> None:
     simulation = Simulation(HALL, 2)
     before = list(islice(simulation, 100))[-1]
     x, y, _ = simulation.map_from_robot
@@ -135,7 +135,7 @@ def test_a_robot_driven_by_hand_hits_no_wall() -> None:
             assert free_space.clearance_m(*tick.map_from_robot[:2]) >= robot.RADIUS_M - 0.01
 
 
-def test_a_robot_that_is_let_go_wanders_on() -> None:
+def test_after_manual_driving_the_robot_wanders_again() -> None:
     simulation = Simulation(world("cross_feature"), 2)
     simulation.drive_by_hand(0.0, 0.0)
     stands = [tick.map_from_robot for tick in islice(simulation, 30)]
@@ -145,12 +145,12 @@ def test_a_robot_that_is_let_go_wanders_on() -> None:
     assert np.ptp(path[:, :2], axis=0).max() > 1.0
 
 
-def test_a_start_may_be_chosen() -> None:
+def test_a_given_start_pose_replaces_that_of_the_world() -> None:
     tick = next(Simulation(HALL, 0, start=(-8.0, -4.0, 0.5)))
     assert tick.map_from_robot == pytest.approx((-8.0, -4.0, 0.5), abs=0.05)
 
 
-def test_a_world_sees_as_far_as_it_says() -> None:
+def test_the_laser_has_the_range_of_the_world() -> None:
     tick = next(Simulation(HALL, 0))
     assert tick.laser.range_max_m == HALL.lidar_range_m
     assert len(ranges(tick)) == 181
@@ -158,7 +158,7 @@ def test_a_world_sees_as_far_as_it_says() -> None:
     assert tick.laser.angle_min_rad + 180 * tick.laser.angle_step_rad == pytest.approx(pi / 2)
 
 
-def test_beams_end_on_what_is_really_there() -> None:
+def test_beams_end_at_the_walls_of_the_true_map() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
     seen = lidar.scan((2.0, 1.0, pi / 2), NOBODY, RADIUS_M)
     assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
@@ -182,14 +182,14 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
     assert errors.std() == pytest.approx(0.05, abs=0.0018)
 
 
-def test_what_is_too_far_does_not_return() -> None:
+def test_obstacles_beyond_the_range_give_no_return() -> None:
     short_sighted = LidarModel(range_max_m=2.5, drop_out_share=0.0)
     seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0), NOBODY, RADIUS_M)
     assert np.isinf(seen).any()
     assert seen[np.isfinite(seen)].max() < 2.5
 
 
-def test_a_person_stands_in_the_way() -> None:
+def test_a_person_occludes_the_beams_behind() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
     person = np.array([[4.0, 1.0], [1.0, 1.0]])  # the second one is behind
     alone = lidar.scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
@@ -200,7 +200,7 @@ def test_a_person_stands_in_the_way() -> None:
     np.testing.assert_array_equal(hidden, np.arange(83, 98))
 
 
-def test_a_person_who_holds_the_laser_hides_nothing() -> None:
+def test_a_person_around_the_laser_occludes_no_beam() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
     alone = lidar.scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
     np.testing.assert_array_equal(
@@ -223,7 +223,7 @@ def test_people_walk_on_free_ground_and_not_into_the_robot() -> None:
     assert np.hypot(*np.diff(walked, axis=0).reshape(-1, 2).T).max() < 0.11
 
 
-def test_no_person_enters_without_room() -> None:
+def test_people_appear_only_near_free_space() -> None:
     people = People(2, FreeSpace(ROOM), np.random.default_rng(0))
     people.walk((100.0, 100.0, 0.0), 0.1)
     assert people.positions.shape == (0, 2)

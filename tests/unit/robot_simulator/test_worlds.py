@@ -137,7 +137,7 @@ def test_an_unknown_world_is_refused_with_all_that_are_known() -> None:
         world("moon")
 
 
-def test_a_map_is_a_world() -> None:
+def test_a_map_makes_a_world_that_equals_it() -> None:
     grid_map = GridMap(np.zeros((40, 40), np.int8), 0.1, (1.0, 2.0, 0.5))
     somewhere = world_from_map(grid_map)
     assert somewhere.map is somewhere.truth is grid_map
