@@ -44,8 +44,8 @@ class CauseCounter:
         self.total: Counter[str] = Counter()
         """Count of each cause since the start."""
         self._period_s = period_s
-        self._unsaid: Counter[str] = Counter()
-        self._said_at_s: dict[str, float] = {}
+        self._unreported: Counter[str] = Counter()
+        self._reported_at_s: dict[str, float] = {}
 
     def count(self, cause: str, now_s: float) -> int:
         """Count one fault; return how many to report in a log line now.
@@ -53,12 +53,12 @@ class CauseCounter:
         That is 0 if less than a period has passed since the last log line of this cause.
         """
         self.total[cause] += 1
-        self._unsaid[cause] += 1
-        said_at_s = self._said_at_s.get(cause)
-        if said_at_s is not None and now_s - said_at_s < self._period_s:
+        self._unreported[cause] += 1
+        reported_at_s = self._reported_at_s.get(cause)
+        if reported_at_s is not None and now_s - reported_at_s < self._period_s:
             return 0
-        self._said_at_s[cause] = now_s
-        return self._unsaid.pop(cause)
+        self._reported_at_s[cause] = now_s
+        return self._unreported.pop(cause)
 
     def warn(self, log: logging.Logger, cause: str, detail: object, now_s: float) -> None:
         """Count one and, once a period, log the cause with the newest detail.

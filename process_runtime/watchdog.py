@@ -61,8 +61,8 @@ class _Signs:
 class HangDetector:
     """Detects a process that stopped giving signs of life; times are `time.monotonic` [s].
 
-    A paused container stops both the process and its observer. So the silence is measured from
-    zero again after a gap between two calls of `hangs`.
+    A paused container stops both the process and its observer. So after a gap between two calls
+    of `hangs`, the silence is measured from the second one.
 
     Args:
         hung_after_s: longest silence after the first sign of life [s].
@@ -70,17 +70,17 @@ class HangDetector:
 
     def __init__(self, hung_after_s: float) -> None:
         self._hung_after_s = hung_after_s
-        self._heard_s = self._asked_s = float("inf")
+        self._sign_s = self._looked_s = float("inf")
         self._since_s = 0.0
 
-    def heard(self, at_s: float) -> None:
-        self._heard_s = at_s
+    def on_sign(self, at_s: float) -> None:
+        self._sign_s = at_s
 
     def hangs(self, now_s: float) -> bool:
-        gap_s, self._asked_s = now_s - self._asked_s, now_s
+        gap_s, self._looked_s = now_s - self._looked_s, now_s
         if gap_s > self._hung_after_s / _SIGNS_AN_INTERVAL:
             self._since_s = now_s
-        return now_s - max(self._heard_s, self._since_s) > self._hung_after_s
+        return now_s - max(self._sign_s, self._since_s) > self._hung_after_s
 
 
 class Listener:
@@ -107,7 +107,7 @@ class Listener:
     def is_hung(self, now_s: float) -> bool:
         with suppress(BlockingIOError):
             while self._socket.recv(64):
-                self._detector.heard(now_s)
+                self._detector.on_sign(now_s)
         return self._detector.hangs(now_s)
 
     def close(self) -> None:

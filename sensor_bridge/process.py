@@ -58,7 +58,6 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    """Run the bridge."""
     process_main(
         "sensor_bridge",
         run_bridge,

@@ -24,7 +24,7 @@ STAMP_STEPS_BACK = "stamp_steps_back"
 CLOCK_RESTARTED = "clock_restarted"
 NO_ODOMETRY = "no_odometry"
 ODOMETRY_JUMPED = "odometry_jumped"
-OUTLIER = "strayed_in_time_or_place"
+OUTLIER = "outlier_in_time_or_place"
 TOO_MANY_LASERS = "too_many_lasers"
 
 MAX_AHEAD_NS = 10_000_000_000
@@ -136,19 +136,19 @@ class OutlierFilter:
         """At most `CONFIRMED_BY` - 1."""
         self._last_pose: Reading | None = None
         self._first_laser: str | None = None
-        self._strayed_in_a_row = 0
+        self._outliers_in_a_row = 0
 
     def __call__(self, reading: Reading) -> list[Reading]:
         if isinstance(reading, OdometryReading):
             problem = odometry_problem(reading)
-            self._strayed_in_a_row = self._strayed_in_a_row if problem else 0
+            self._outliers_in_a_row = self._outliers_in_a_row if problem else 0
         else:
             problem = laser_problem(reading) or self._problem_of_laser(reading)
         if problem is not None:
             self._dropped[problem] += 1
             return []
         if isinstance(reading, OdometryReading) or self._is_first(reading):
-            return self._sifted(reading)
+            return self._checked(reading)
         return [reading]
 
     def released(self) -> list[Reading]:
@@ -168,19 +168,19 @@ class OutlierFilter:
         if reading.laser not in self._lasers and len(self._lasers) >= MAX_LASERS:
             return TOO_MANY_LASERS
         if self._is_first(reading):
-            self._strayed_in_a_row = 0
+            self._outliers_in_a_row = 0
             return None
         newest_ns = self._clock.newest_ns
         in_time = newest_ns is None or abs(reading.stamp_ns - newest_ns) <= MAX_STEP_BACK_NS
         if in_time and not _jumps(self._last_pose, reading):
             return None
-        self._strayed_in_a_row += 1
-        if self._strayed_in_a_row < RESTART_AFTER:
+        self._outliers_in_a_row += 1
+        if self._outliers_in_a_row < RESTART_AFTER:
             return OUTLIER
-        self._first_laser, self._strayed_in_a_row = reading.laser, 0
+        self._first_laser, self._outliers_in_a_row = reading.laser, 0
         return None
 
-    def _sifted(self, reading: Reading) -> list[Reading]:
+    def _checked(self, reading: Reading) -> list[Reading]:
         newest_ns = self._clock.newest_ns
         ahead = newest_ns is not None and reading.stamp_ns > newest_ns + MAX_AHEAD_NS
         has_pose = reading.odom_from_robot is not None

@@ -125,7 +125,7 @@ def _connect(
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'clustermcl router', or set zenoh.router",
                 ) from error
-            said = _say_once(refusal or f"waiting for a router at {settings.router}", said)
+            said = _log_once(refusal or f"waiting for a router at {settings.router}", said)
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
 
 
@@ -139,7 +139,7 @@ def _refusal(settings: ZenohSettings) -> str | None:
     return f"{settings.router}: {refused}" if refused else None
 
 
-def _say_once(words: str, said: str) -> str:
+def _log_once(words: str, said: str) -> str:
     if words != said:
         _log.info("%s", words)
     return words

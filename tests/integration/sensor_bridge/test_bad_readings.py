@@ -32,7 +32,7 @@ CAUSES = {
     "malformed OdometryReading: field", "reading refused: not finite",
     "reading refused: no returns", "reading refused: no beams",
     "reading refused: too many beams", "reading refused: bad geometry",
-    "reading refused: malformed", "reading refused: strayed in time or place",
+    "reading refused: malformed", "reading refused: outlier in time or place",
     "reading refused: stamp steps back",
 }  # fmt: skip
 """All that the robot below gives cause for."""
@@ -98,7 +98,7 @@ def test_rubbish_among_readings_changes_no_step(
     wait_until(lambda: (robot.dropped() or {}).keys() >= CAUSES)
     dropped = robot.dropped() or {}
     assert robot.steps() == steps_of_a_quiet_drive(load_map(map_file).digest)
-    assert dropped["reading refused: strayed in time or place"] >= 3
+    assert dropped["reading refused: outlier in time or place"] >= 3
     assert "reading refused: odometry jumped" not in dropped
     logged = [line for line in bridge.err.splitlines() if "reading refused: no returns" in line]
     assert 1 <= len(logged) <= 1 + (time.monotonic() - started_s) / 60.0, "once a minute"

@@ -6,7 +6,7 @@ def first_hang(signs: set[int], asked: range | list[int], hung_after_s: float = 
     detector = HangDetector(hung_after_s)
     for now_s in asked:
         if now_s in signs:
-            detector.heard(now_s)
+            detector.on_sign(now_s)
         if detector.hangs(now_s):
             return now_s
     return None

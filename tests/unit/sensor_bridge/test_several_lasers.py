@@ -117,7 +117,7 @@ def test_a_second_laser_with_a_wrong_clock_changes_no_step(
 
     quiet, maker = [one for one in drive() if not is_rear(one)], a_maker()
     assert made_of(*map(wrong, drive()), maker=maker) == made_of(*quiet)
-    assert maker.dropped == {"strayed_in_time_or_place": sum(map(is_rear, drive()))}
+    assert maker.dropped == {"outlier_in_time_or_place": sum(map(is_rear, drive()))}
 
 
 def a_maker() -> StepMaker:

@@ -249,7 +249,7 @@ def test_a_single_outlier_pose_has_no_effect() -> None:
     maker = a_maker()
     for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
         maker.on_reading(odometry_reading(i / 10, (x, 0.0, 0.0)))
-    assert maker.dropped == {"strayed_in_time_or_place": 1}
+    assert maker.dropped == {"outlier_in_time_or_place": 1}
     assert maker.odometry == (seconds(0.4), (0.4, 0.0, 0.0))
 
 
