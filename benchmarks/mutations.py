@@ -43,7 +43,7 @@ REASONS = Path(__file__).with_name("mutation_reasons.toml")
 LEFT_OUT = {"__init__", "arrays", "kernels", "settings"}
 """No decisions in them: types, the compiler's door, defaults that the experiments hold."""
 TESTS = ("particle_filter", "coordinator/belief", "oracle", "worker/test_job",
-         "coordinator/failover/test_handed_on_beliefs.py")  # fmt: skip
+         "coordinator/test_handed_on_beliefs.py")  # fmt: skip
 SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
 """They start processes and test the compiler's cache."""
 NEAR = 2

@@ -15,7 +15,7 @@ from tests.integration.faults.test_coordinator_dies import (
     assert_same,
 )
 from tests.integration.waiting import wait_until
-from tests.unit.coordinator.failover.test_poisoned_checkpoints import nan_covariance
+from tests.unit.coordinator.test_poisoned_checkpoints import nan_covariance
 
 
 def heard(tested: System) -> Checkpoint:

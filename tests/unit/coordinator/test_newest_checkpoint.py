@@ -56,14 +56,6 @@ def test_the_promptest_of_those_heard_tells_the_usual_delay(published: Published
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
-def test_one_of_a_lower_term_is_left_out(published: Published) -> None:
-    newest, later = NewestState(), published(age_s=0.25, term=2)
-    assert newest.on_state(later, now_ns=3 * SECOND)
-    assert not newest.on_state(published(age_s=0.25), now_ns=2 * SECOND)
-    assert newest.checkpoint is later
-    assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
-
-
 def test_one_that_is_said_again_is_a_sign_of_life_and_tells_no_delay(published: Published) -> None:
     newest, said = NewestState(), published(age_s=0.25)
     newest.on_state(said, now_ns=3 * SECOND)

@@ -1,7 +1,9 @@
 """One coordinator process from follower to leader and back."""
 
-from coordinator.events import CheckpointHeard, LinkChanged, TimePassed, TokenChanged
-from coordinator.instructions import AskState, PublishCheckpoint
+import pytest
+
+from coordinator.events import CheckpointHeard, Event, LinkChanged, TimePassed, TokenChanged
+from coordinator.instructions import AskState, FetchScans, PublishCheckpoint
 from coordinator.recorder.records import Started
 from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
 from particle_filter.settings import FilterSettings
@@ -10,6 +12,8 @@ from protocol.work import Checkpoint
 
 SECOND = 1_000_000_000
 SILENCE_S = 2.0
+GONE = TokenChanged(None, alive=False)
+LINK_DOWN, LINK_UP = LinkChanged(up=False), LinkChanged(up=True)
 
 
 def state(term: int, serial: int = 0) -> Checkpoint:
@@ -39,6 +43,25 @@ def test_a_follower_leads_when_the_leaders_token_vanishes_and_the_link_stays() -
     assert replica.is_leader_dead(SECOND + SETTLE_NS)
     replica.handle(LinkChanged(up=False), SECOND + SETTLE_NS)
     assert not replica.is_leader_dead(60 * SECOND), "it has lost its own link"
+
+
+@pytest.mark.parametrize(
+    ("events", "dead_ns"),
+    [
+        ([(CheckpointHeard(state(1)), SECOND)], 3 * SECOND),
+        ([(GONE, SECOND), (CheckpointHeard(state(1)), SECOND + 1)], 3 * SECOND + 1),
+        ([(GONE, SECOND), (LINK_DOWN, SECOND + 1), (LINK_UP, 100 * SECOND)], 102 * SECOND),
+    ],
+    ids=["it is silent", "its state arrives after its token is gone", "the own link was lost"],
+)
+def test_a_follower_leads_after_a_silence_of_the_leader(
+    events: list[tuple[Event | TokenChanged | LinkChanged, int]], dead_ns: int
+) -> None:
+    replica = Replica(SILENCE_S, 0)
+    for event, now_ns in events:
+        replica.handle(event, now_ns)
+    assert not replica.is_leader_dead(dead_ns - 1)
+    assert replica.is_leader_dead(dead_ns)
 
 
 def test_a_new_leader_asks_its_workers_and_rises_above_the_term_that_it_followed() -> None:
@@ -71,8 +94,9 @@ def test_a_leader_that_was_stopped_publishes_and_answers_nothing_until_it_has_li
     replica.handle(TimePassed(), 1)
     woken_ns = PAUSE_NS + 2
     assert not replica.may_answer(woken_ns)
-    decided = [PublishCheckpoint(state(100))]
-    assert replica.release([*decided], woken_ns + 1) == []
+    decided, fetch = [PublishCheckpoint(state(100))], FetchScans(1, 2)
+    released = replica.release([*decided, fetch], woken_ns + 1)
+    assert released == [fetch], "the bridge keeps scans for a limited time"
     later_ns = woken_ns
     while later_ns < woken_ns + LISTEN_NS:
         later_ns += SECOND // 2

@@ -53,13 +53,6 @@ def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None
     assert membership.left(2 * SECOND + GRACE_NS) == [WorkerLeft("b")]
 
 
-def test_who_appears_for_the_first_time_after_a_lost_link_joins() -> None:
-    membership = membership_of("a")
-    membership.link(False, SECOND)
-    membership.link(True, 2 * SECOND)
-    assert membership.token("c", True, 2 * SECOND) == [WorkerJoined("c")]
-
-
 def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
     membership = membership_of("a")
     membership.token("a", False, SECOND)
@@ -69,17 +62,3 @@ def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
     assert membership.left(60 * SECOND) == []
     membership.link(True, 61 * SECOND)
     assert membership.left(61 * SECOND + GRACE_NS) == [WorkerLeft("a")]
-
-
-def test_the_first_link_needs_no_grace() -> None:
-    membership = Membership()
-    membership.link(True, 0)
-    membership.token("a", True, 0)
-    membership.token("a", False, 1)
-    assert membership.left(1 + SETTLE_NS) == [WorkerLeft("a")]
-
-
-def test_a_token_of_somebody_unknown_that_vanishes_is_nothing() -> None:
-    membership = Membership()
-    assert membership.token("a", False, 0) == []
-    assert membership.left(SECOND) == []
