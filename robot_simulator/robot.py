@@ -12,6 +12,7 @@ from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
 RADIUS_M = 0.2
+_TOP_SPEED_M_S, _TOP_TURN_RATE_RAD_S = 0.6, 1.0
 _LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
 """Look-ahead distance of pure pursuit, and the distance at which a point counts as reached [m]."""
 _TURN_PER_ERROR = 2.5
@@ -44,8 +45,6 @@ class Robot:
         map_from_robot: (3,) start pose.
         route: (n, 2) points to visit first [m]; empty: it wanders at once.
         rng: chooses the goals.
-        top_speed_m_s: speed limit.
-        top_turn_rate_rad_s: turn rate limit.
     """
 
     def __init__(
@@ -54,13 +53,9 @@ class Robot:
         map_from_robot: PoseTuple,
         route: Points,
         rng: np.random.Generator,
-        *,
-        top_speed_m_s: float = 0.6,
-        top_turn_rate_rad_s: float = 1.0,
     ) -> None:
         self.map_from_robot = map_from_robot
         self._free_space, self._rng = free_space, rng
-        self._top_speed_m_s, self._top_turn_rate_rad_s = top_speed_m_s, top_turn_rate_rad_s
         self._speed_m_s, self._turn_rate_rad_s, self._blocked_s = 0.0, 0.0, 0.0
         self._path: list[tuple[float, float]] = _dense(
             np.vstack([map_from_robot[:2], route])
@@ -118,18 +113,18 @@ class Robot:
         if self._hand_left_s <= 0.0:
             return 0.0, 0.0
         self._hand_left_s -= seconds
-        limits = self._top_speed_m_s, self._top_turn_rate_rad_s
+        limits = _TOP_SPEED_M_S, _TOP_TURN_RATE_RAD_S
         speed, turn = (min(max(rate, -most), most) for rate, most in zip(hand, limits, strict=True))
         return speed, turn
 
     def _rates_along_path(self) -> tuple[float, float]:
         """Return speed and turn rate towards the next goal, slower near obstacles."""
         error = self._bearing_of_carrot()
-        limit = self._top_turn_rate_rad_s
+        limit = _TOP_TURN_RATE_RAD_S
         wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
         x, y, _ = self.map_from_robot
         margin_m = max(0.0, self._free_space.clearance_m(x, y) - RADIUS_M)
-        top_speed = min(self._top_speed_m_s, 0.1 + 2.0 * margin_m)
+        top_speed = min(_TOP_SPEED_M_S, 0.1 + 2.0 * margin_m)
         return top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD), wanted_turn
 
     def _bearing_of_carrot(self) -> float:
