@@ -1,8 +1,8 @@
-"""What the beams of a scan come to at one pose: counted by class, not summed.
+"""Count the beams of a scan at one pose by class.
 
-People stand before walls, so a short beam says nothing about the place. A wall that is not there
-does: no person can make a beam longer. And where the place is right, beams end *on* obstacles;
-elsewhere they end near some by chance.
+A short beam may end at a person, so it is no evidence about the place. A beam through a mapped
+wall is evidence, for no person makes a beam longer. At the right place beams end *on* obstacles;
+at wrong ones they end near obstacles by chance.
 """
 
 from math import ceil, cos, floor, sin, sqrt
@@ -16,17 +16,17 @@ from particle_filter.ray_casting import JumpField, cast_ray, flat
 from particle_filter.sensor_model import Beams, Grid
 
 SHARP_M = 0.1
-"""An end this near to an obstacle, plus half a cell of the map, lies on it."""
+"""An end lies on an obstacle within this distance plus half a cell of the map [m]."""
 NEAR_M = 0.3
-"""An end this near to one is near it."""
+"""An end is near an obstacle within this distance [m]."""
 CLOSE_M = 2.0
-"""Of obstacles closer than this: what ends just before one may have met a person there."""
+"""Beams just before an obstacle closer than this may end at a person [m]."""
 THROUGH_M = 0.45
-"""A beam that ends this far behind the first obstacle on its way went through it."""
+"""A beam went through an obstacle if it ends this far behind the first on its way [m]."""
 
 
 def beam_classes(map_from_robot: Pose, beams: Beams, grid: Grid, jumps: JumpField) -> BeamClasses:
-    """Class every beam of a scan.
+    """Return the number of beams of a scan in each class.
 
     Args:
         map_from_robot: (3,) the pose.
@@ -90,7 +90,7 @@ def _count(
         elif length * (1.0 - first) > behind:
             counts[2] += 1
         else:
-            # Between the middles of cells, as the likelihood field has it.
+            # Distances are between centres of cells, as in the likelihood field.
             col, row, least = floor(from_col + dx), floor(from_row + dy), np.inf
             for at_row in range(max(row - reach, 0), min(row + reach + 1, rows)):
                 for at_col in range(max(col - reach, 0), min(col + reach + 1, cols)):

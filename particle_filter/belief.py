@@ -1,7 +1,7 @@
 """The Bayes filter over clusters, in logarithms (eq. 12-17 and section 4 of the paper).
 
-Every function takes and returns (K,) natural logarithms of probabilities that sum to one;
-a probability of 1e-300 is -690 here and comes back.
+Beliefs are (K,) natural logarithms of probabilities that sum to one. So a probability of 1e-300,
+which is -690 here, keeps its value.
 """
 
 import math
@@ -17,7 +17,7 @@ def normalised_logs(log_values: NDArray[np.float64]) -> LogProbabilities:
     """Shift logarithms so that their exponentials sum to one.
 
     Raises:
-        ValueError: there are none, or none is finite: nothing could be normalised.
+        ValueError: none of the values is finite.
     """
     if not np.any(np.isfinite(log_values)):
         raise ValueError("no cluster has a finite probability")
@@ -31,8 +31,8 @@ def updated(
 ) -> LogProbabilities:
     """One Bayes update: prior times the average likelihood of the cluster's particles.
 
-    A missing report (NaN) is no information about that cluster: its probability stays, and the
-    others share what is left.
+    A missing report (NaN) gives no information about its cluster: its probability stays, and the
+    other clusters share the rest.
 
     Args:
         log_prior: (K,) belief before the scan.
@@ -51,21 +51,24 @@ def updated(
     log_mass = np.logaddexp.reduce(log_prior[reported])
     fresh = log_prior[reported] + log_average_likelihood[reported]
     if not np.any(np.isfinite(fresh)):
-        return log_prior  # the scan is impossible everywhere: it tells nothing apart
+        return log_prior  # the scan is impossible everywhere, so it distinguishes no clusters
     posterior = log_prior.copy()
     posterior[reported] = normalised_logs(fresh) + log_mass
     return normalised_logs(posterior)
 
 
 def mixed(log_belief: NDArray[np.float64], transition_probability: float) -> LogProbabilities:
-    """Let the robot be in another cluster than believed: B <- (1 - rho) B + rho / K.
+    """Spread a share rho of the belief over all clusters: B <- (1 - rho) B + rho / K.
 
-    A departure from eq. 14, where rho is 0: it bounds what Monte Carlo error of the average
-    likelihoods can do to places that look alike.
+    Eq. 14 has no such share. It limits how far Monte Carlo errors of the average likelihoods can
+    separate places that look alike.
 
     Args:
         log_belief: (K,) of the clusters; their sum, which may be under one, is kept.
-        transition_probability: rho.
+        transition_probability: rho, from 0 to 1.
+
+    Returns:
+        (K,) belief with the same sum.
     """
     if transition_probability == 0.0 or len(log_belief) == 0:
         return log_belief

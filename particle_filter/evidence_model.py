@@ -1,10 +1,10 @@
-"""What a scan's evidence is worth between places (docs/evidence.md).
+"""The weight of a scan's evidence between places (docs/evidence.md).
 
-The average likelihood of a cluster's particles errs, for the map is not the building. Such errors
-stay the same for about a metre of way, so scans taken within it tell it again, as if it were news;
-where no place explains the scan, because people stand around or furniture was moved, each
-place is wrong by about as much as all of them are, by chance more or less. So differences between
-places count by how much of a new view the scan is, and less the worse even the best one fits.
+The map differs from the building, so the average likelihood of a cluster's particles has errors.
+These errors stay the same for about a metre of driving, so scans within a metre repeat them. Where
+no place explains the scan, because of people or moved furniture, all places have large errors. So
+a difference between places counts more the newer the view is, and less the worse the best place
+fits.
 """
 
 import math
@@ -23,25 +23,25 @@ CONTENDED = 0.99
 """The most probable hypotheses with this share of the belief are the contenders."""
 
 SHORT_M = 2.0
-"""People stand anywhere up to here, so far as a beam would have gone."""
+"""Short beams are uniformly distributed over this length [m]."""
 _UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
-"""Of the fits at one place [nat^2], before any was seen, and at least."""
+"""Variance of the fits at one place [nat^2]: before the first scan, and at least."""
 _CHANCE, _LARGE_SHORTFALL = 3.0, 4.0
-"""Standard deviations that a fit may be low by chance; what exceeds them, in sum [nat]."""
+"""Standard deviations by which a fit may be low by chance; sum of larger shortfalls [nat]."""
 _LEARNED, _LEARNED_BELOW = 0.1, 0.2
-"""What a scan says of the usual fit, against all earlier ones; share of it while fits are low."""
+"""Weight of a scan in the mean of fits; factor of that weight while fits are low."""
 
 
 def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The most probable hypotheses that together hold `CONTENDED` of the belief.
+    """Return which hypotheses are contenders: the most probable with `CONTENDED` of the belief.
 
-    Equally probable ones are all contenders, or none of them is.
+    Of equally probable hypotheses, either all are contenders or none is.
 
     Args:
         log_belief: (K,) natural logarithms of probabilities, at least one of them finite.
 
     Returns:
-        (K,) never all false.
+        (K,) true for a contender; never all false.
     """
     probability = np.exp(log_belief - np.max(log_belief))
     ordered = np.sort(probability)
@@ -56,18 +56,18 @@ def tempered(
     share: NDArray[np.float64] | float,
     noise: float,
 ) -> NDArray[np.float64]:
-    """How much each hypothesis gains on the best-fitting contender, as it counts.
+    """Return the weighted gain of each hypothesis on the best-fitting contender.
 
-    Differences within the Monte Carlo error of averages over particles count next to nothing:
-    d |d| / (|d| + noise) for a difference of d, so that places that look alike stay alike. Far
-    from zero this is linear. So the reference must be a contender: against an improbable
-    hypothesis that fits far better, the noise between two probable ones would count in full.
+    A difference d counts as d |d| / (|d| + noise), so differences within the Monte Carlo error of
+    the averages hardly count, and places that look alike keep their odds. Far from zero the
+    function is linear. So the reference has to be a contender: relative to an improbable
+    hypothesis that fits far better, noise between two probable ones would count in full.
 
     Args:
-        log_evidence: (K,) log of each one's average likelihood; NaN, a missing report, stays.
-        contends: (K,) which may be the reference; one that has reported at least.
-        share: of a difference that counts, for all or (K,) for each. One, and a noise of zero, are
-            the paper's update.
+        log_evidence: (K,) log of the average likelihood; NaN, for a missing report, stays NaN.
+        contends: (K,) whether it may be the reference; at least one of these has a report.
+        share: weight of a difference, one for all or (K,). With a share of one and no noise this
+            is the paper's update.
         noise: Monte Carlo error of a difference [nat].
 
     Returns:
@@ -81,12 +81,12 @@ def tempered(
 
 
 def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> float:
-    """Share of a difference in log evidence that is not the map's error.
+    """Return the weight of a difference in log evidence, 0 to 1.
 
     Args:
         new_view: how much of a new view of the building the scan is, from 0 to 1.
         residual: how much worse the best particle fits than one could [nat/beam].
-        rules: the residual at which half counts.
+        rules: have the residual at which a difference counts half.
     """
     if math.isnan(residual) or math.isinf(rules.evidence_residual):
         return new_view
@@ -94,21 +94,21 @@ def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> 
 
 
 def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
-    """How much worse a particle fits than one could whose beams all end on obstacles [nat/beam]."""
+    """Return how much worse a particle fits than one with every beam on an obstacle [nat/beam]."""
     return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
 
 
 def through_beam_loss(settings: SensorSettings) -> float:
-    """How much likelier a beam that ends on an obstacle is than one that nothing explains [nat]."""
+    """Return the log-likelihood ratio of a beam on an obstacle and an unexplained beam [nat]."""
     return _log_hit(settings) - _log_unexplained(settings)
 
 
 def short_beam_gain(rate: float, settings: SensorSettings) -> float:
-    """How much likelier a short beam is where people stand than one that nothing explains [nat].
+    """Return the log-likelihood ratio of a beam that ends at a person and an unexplained one [nat].
 
     Args:
-        rate: share of the beams that people have cut short so far.
-        settings: what nothing explains is uniform up to the largest range.
+        rate: share of short beams in earlier scans.
+        settings: an unexplained beam is uniformly distributed up to their maximum range.
     """
     return max(math.log(rate / SHORT_M) - _log_unexplained(settings), 0.0) if rate > 0.0 else 0.0
 
@@ -134,23 +134,23 @@ class UsualFit(msgspec.Struct, frozen=True):
     """
 
     mean: Finite | None = None
-    """Of the scans' log-likelihoods [nat]; None: there was none."""
+    """Mean of the scans' log-likelihoods [nat]; None: before the first scan."""
     variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _UNKNOWN_VARIANCE
-    """Of the same [nat^2]."""
+    """Variance of the scans' log-likelihoods [nat^2]."""
     shortfall: Annotated[float, Meta(ge=0.0, le=sys.float_info.max)] = 0.0
-    """By how much the last scans together fitted worse than chance explains [nat]."""
+    """Sum over the last scans of how much worse they fitted than chance explains [nat]."""
 
     @property
     def has_fallen(self) -> bool:
-        """Whether a search is worth its price."""
+        """Whether scans fit so badly that a search begins."""
         return self.shortfall > _LARGE_SHORTFALL
 
     def after(self, log_likelihood: float, news: float) -> "UsualFit":
-        """Take a scan.
+        """Return the statistics after one more scan.
 
         Args:
-            log_likelihood: of the scan, where the robot is believed to be.
-            news: how much of an independent scan it is, from 0 to 1.
+            log_likelihood: of the scan at the believed place [nat].
+            news: how independent the scan is of earlier ones, from 0 to 1.
         """
         if self.mean is None:
             return UsualFit(log_likelihood)
@@ -167,6 +167,6 @@ class UsualFit(msgspec.Struct, frozen=True):
 
 
 def way(before_from_after: Pose) -> tuple[float, float]:
-    """How far a robot has driven [m] and turned [rad] on a motion of (3,)."""
+    """Return the distance [m] and the absolute turn [rad] of a motion (3,)."""
     x, y, turn = before_from_after.tolist()
     return math.hypot(x, y), abs(turn)

@@ -1,9 +1,9 @@
-"""Is the robot at any place of this map? What the classes of its beams say (docs/unknown.md).
+"""Evidence of beam classes and a decoy for the robot being on the map (docs/unknown.md).
 
-A wrong place may explain a scan better than all others do and explain it badly. Two rates tell:
-of the beams that end near an obstacle those that end on it, and of all that meet what is mapped
-those that pass through it. Both differ between maps, so there are two kinds of map, and two kinds
-of wrong place, and which of them this one is is learned on the way.
+The best place on the map may still explain a scan badly. Two rates distinguish right places from
+wrong ones: the share of beams near an obstacle that end on it, and the share of beams that pass
+through a mapped obstacle. Both rates differ between maps. So there are two kinds of map and two
+kinds of wrong place, and the filter learns their probabilities while the robot drives.
 """
 
 import math
@@ -23,22 +23,22 @@ class BeamClasses(NamedTuple):
     """Numbers of beams by class; beams without return are left out."""
 
     sharp: int
-    """End on an obstacle that the laser can see from there."""
+    """Number of beams that end on an obstacle that the laser can see from there."""
     blunt: int
-    """End near one, but not just before a close one."""
+    """Number that end near an obstacle, but not just before a close one."""
     through: int
-    """End behind one."""
+    """Number that end behind an obstacle."""
     other: int
-    """End in front of an obstacle, as at a person, or beyond cells that were not mapped."""
+    """Number that end in front of an obstacle, as at a person, or beyond unmapped cells."""
 
 
 class _Kind(NamedTuple):
     """Beta distributions of two rates, each as (yes, no)."""
 
     sharp: tuple[float, float]
-    """Of the beams that end near an obstacle, those that end on it."""
+    """Share of sharp beams among sharp and blunt ones."""
     through: tuple[float, float]
-    """Of those and the ones that pass through an obstacle, the latter."""
+    """Share of through beams among sharp, blunt and through ones."""
 
 
 _CLEAR, _CRUDE = _Kind((50.0, 0.8), (0.8, 30.0)), _Kind((30.0, 1.2), (4.0, 12.0))
@@ -47,15 +47,15 @@ _RESEMBLING, _FOREIGN = _Kind((9.0, 1.8), (2.0, 9.0)), _Kind((1.5, 1.0), (1.3, 1
 """Wrong places: in a building that is much like this one, and in one that is not."""
 _KINDS = (_CLEAR, _CRUDE, _RESEMBLING, _FOREIGN)
 _CRUDE_SHARE, _RESEMBLING_SHARE = 0.1, 0.5
-"""Before the first view."""
+"""Probabilities of a crude map and of a resembling wrong place before the first view."""
 _SHORT_SHARE, _SHORT_LEARNED = 0.2, 0.5
-"""Before anything was seen; what a view says of it, against all earlier ones."""
+"""Share of short beams before the first view; weight of a new view in that share."""
 _ODD_VIEW = 0.05
 """Share of the views of a right place that look like those of a wrong one."""
 _LEAST_SHARE = 1e-12
-"""Of a mixture, so that logarithms are finite."""
+"""Least share in a mixture, so that logarithms are finite."""
 _FORGOTTEN = 0.002
-"""What a view takes from what was learned of the map."""
+"""Share of what was learned of the map that each view makes the filter forget."""
 
 _DIFFERENCE = 1.0
 """Largest difference between the robot's fit and the decoy's that counts [nat/beam]."""
@@ -63,7 +63,7 @@ _DECOY_RIGHT, _DECOY_WRONG, _DECOY_ALIKE = (0.8, 0.45), (-0.25, 0.5), (0.0, 0.12
 """Mean and standard deviation of that difference [nat/beam]: at right places, at wrong ones, and at
 all places of a map that is its own mirror image."""
 _ALIKE_SHARE = 0.5
-"""Before the first view."""
+"""Probability of a map that is its own mirror image before the first view."""
 
 
 Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
@@ -87,8 +87,8 @@ def log_odds_by_decoy(
 ) -> tuple[float, MapQuality]:
     """Return the evidence of a decoy for the robot being at a tracked place.
 
-    The decoy's fit is what a robot reaches that is not on the map. If the map is its own mirror
-    image, both fits are alike, and the evidence is zero.
+    The decoy fits as well as a robot that is not on the map. If the map is its own mirror image,
+    robot and decoy fit equally well, and the evidence is zero.
 
     Args:
         quality: before this scan.
@@ -157,12 +157,12 @@ def log_odds_of_here(
 
 
 def probability_right(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
-    """(K,) that places are right, by the classes of a scan's beams alone and with even odds."""
+    """Return (K,) probabilities that places are right, by beam classes alone and from even odds."""
     return _right(quality, _relative(quality, classes))
 
 
 def _relative(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
-    """(K, 4) log-likelihoods of the counts by kind of place, relative to that of a wrong place."""
+    """Return (K, 4) log-likelihoods of the counts by kind of place, relative to a wrong place."""
     logs = np.array([_log_likelihoods(each) for each in classes])
     log_wrong = np.logaddexp(
         math.log(quality.resembling) + logs[:, 2], math.log1p(-quality.resembling) + logs[:, 3]
@@ -179,7 +179,7 @@ def _right(quality: MapQuality, relative: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:
-    """Log-likelihood of a mixture of two, and the share of the first afterwards."""
+    """Return the log-likelihood of a mixture of two, and the posterior share of the first."""
     share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     one, other = math.log(share) + log_one, math.log1p(-share) + log_other
     total = float(np.logaddexp(one, other))
@@ -187,7 +187,7 @@ def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, flo
 
 
 def _log_likelihoods(classes: BeamClasses) -> list[float]:
-    """Of the counts, for each kind of place; beams before obstacles are everywhere alike."""
+    """Return the log-likelihood of the counts for each kind of place; `other` does not count."""
     worth = _BEAMS / max(sum(classes), _BEAMS)
     sharp, blunt, through = (worth * count for count in classes[:3])
     return [

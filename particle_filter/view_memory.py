@@ -1,8 +1,8 @@
-"""How new a view of the building a scan is, counting all that was seen before near its pose.
+"""Memory of the robot's earlier views, which measures how new the view of a scan is.
 
-Errors of the map are the same whenever the robot comes back, so a scan from where it has looked
-before repeats what was said, however long ago that was and in whatever order. The memory is a
-coarse grid of weighted views; it has a fixed size, and blurs as odometry errs.
+Errors of the map are the same whenever the robot comes back to a place, so a scan from there
+repeats earlier evidence, however old. The memory holds a limited number of weighted views, whose
+poses become uncertain as odometry errs.
 """
 
 import msgspec
@@ -15,18 +15,18 @@ from particle_filter.poses import compose, inverse
 from particle_filter.settings import BeliefSettings, MotionSettings
 
 MAX_VIEWS = 256
-"""Views kept; those that hide least go first, of equal ones the oldest."""
+"""Maximum number of views; the least important are removed first, of equal ones the oldest."""
 JOINED = 0.2
-"""Views this near each other are kept as one; errors of the map correlate by 1/e at 1."""
+"""Distance below which two views become one; at 1, errors of the map correlate by 1/e."""
 FADED = 0.02
-"""A view that hides less than this of the same view is forgotten."""
+"""A view is forgotten if a scan from the same pose would repeat less than this share of it."""
 COLUMNS = 6
 MOST = 1e6
-"""Of any number kept; what is farther away is forgotten."""
+"""Largest number in the memory; views farther away [m] are forgotten."""
 
 
 class ViewMemory(msgspec.Struct, frozen=True):
-    """What a robot has seen."""
+    """The views of one robot."""
 
     views: bytes = b""
     """(V, 6) little-endian float32: x [m], y [m] and heading [rad] of a view, seen from where the
@@ -34,32 +34,32 @@ class ViewMemory(msgspec.Struct, frozen=True):
 
     @classmethod
     def of_this_scan(cls) -> "ViewMemory":
-        """A robot that has seen what it sees now, and nothing else."""
+        """Return the memory of a robot whose only view is that of the present scan."""
         return cls(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], "<f4").tobytes())
 
     @property
     def problem(self) -> str | None:
-        """Why no robot can have seen this; None where one can."""
+        """Why these bytes are no valid memory; None: they are."""
         count, rest = divmod(len(self.views), 4 * COLUMNS)
         if rest or count > MAX_VIEWS:
             return f"{len(self.views)} bytes of views"
         rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS)
         possible = (np.abs(rows) <= MOST) & (rows >= (-MOST, -MOST, -MOST, 0.0, 0.0, 0.0))
-        return None if possible.all() else "views that nobody can have had"
+        return None if possible.all() else "views out of range"
 
     def after(
         self, before_from_after: Pose, motion: MotionSettings, rules: BeliefSettings
     ) -> tuple[float, "ViewMemory"]:
-        """Take a scan.
+        """Return the weight of the next scan, and the memory with it.
 
-        Of earlier scans with weights w_s, whose errors correlate with this one's by k_s, it
-        repeats sum(w_s k_s); the rest is its own weight. On a straight drive that is 1 - k of the
-        scan before: the share of an exponentially correlated error that is new.
+        The errors of earlier scans, with weights w_s, correlate with those of this scan by k_s. So
+        this scan repeats sum(w_s k_s), and the rest is its weight. On a straight drive the weight
+        is 1 - k, with the k of the scan before.
 
         Args:
             before_from_after: (3,) the motion since the scan before, by odometry.
             motion: how far odometry errs.
-            rules: how far views are alike.
+            rules: have the distance and turn over which views correlate.
 
         Returns:
             The weight of the scan, 0 to 1, and the memory with it.
@@ -69,8 +69,8 @@ class ViewMemory(msgspec.Struct, frozen=True):
         rows = self._moved(before_from_after, motion)
         metres, radians = rules.view_distance_m, rules.view_turn_rad
         apart, turned = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2), np.abs(rows[:, 2])
-        # A correlation exp(-d) that is blurred by a Gaussian falls off over more, from less: its
-        # variance grows by that of the Gaussian, and its integral stays.
+        # A correlation exp(-d) that is blurred by a Gaussian is wider and lower: its variance
+        # grows by that of the Gaussian, and its integral stays.
         wide_m = np.sqrt(metres**2 + rows[:, 4] / 6.0)
         wide_rad = np.sqrt(radians**2 + rows[:, 5] / 2.0)
         own = rows[:, 3] * (metres / wide_m) ** 2 * (radians / wide_rad)
@@ -92,11 +92,11 @@ class ViewMemory(msgspec.Struct, frozen=True):
         return weight, ViewMemory(rows[kept].astype("<f4").tobytes())
 
     def _moved(self, before_from_after: Pose, motion: MotionSettings) -> NDArray[np.float64]:
-        """(V, 6) the views from where the robot is now, less certain by this motion's error."""
+        """Return (V, 6) views relative to the new pose, with the variance of this motion added."""
         rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS).astype(np.float64)
         noise = motion_covariance(before_from_after, motion)
         rows[:, :3] = compose(inverse(before_from_after), rows[:, :3])
-        # An error of the turn swings what is far away by as much as it is far.
+        # An error of the turn displaces a view in proportion to its distance.
         far = rows[:, 0] ** 2 + rows[:, 1] ** 2
         rows[:, 4] += noise[0, 0] + noise[1, 1] + far * noise[2, 2]
         rows[:, 5] += noise[2, 2]

@@ -1,4 +1,4 @@
-"""The tracked places, their probabilities, and those of none of them; together always one."""
+"""The tracked places and their probabilities, and those of elsewhere and off the map."""
 
 import math
 import sys
@@ -41,7 +41,7 @@ from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import ParticleCount, Place, TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
-"""After this motion most of a scan is new evidence on whether the robot is at any cluster."""
+"""Distance [m] and turn [rad] after which 63 % of a scan is new evidence on `nowhere`."""
 ALTERNATIVE = 0.1
 """A cluster with this share of the best one's probability is an alternative."""
 STILL_PROBABLE = 0.05
@@ -55,7 +55,7 @@ LEAST_LOG = -1e6
 
 
 def news_of(before_from_after: Pose) -> float:
-    """Share of a scan after such a motion (3,) that is news of whether the belief still holds."""
+    """Return the share of a scan, after a motion (3,), that is new evidence on `nowhere`."""
     moved_m, turned_rad = way(before_from_after)
     return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
@@ -87,13 +87,13 @@ class Cluster(msgspec.Struct, frozen=True):
 
     @property
     def probability(self) -> float:
-        """That the robot is there."""
+        """Probability that the robot is there."""
         return math.exp(self.log_probability)
 
 
 Candidate: TypeAlias = tuple[Place, BeganCause]
-"""A place that may become a cluster, and its origin. Its share is its weight relative to the
-belief, which sums to one before it enters."""
+"""A place that may become a cluster, and its origin. The share of the place is its weight relative
+to the belief, which sums to one before the place enters."""
 
 
 class ClusterSet(Part):
@@ -134,11 +134,11 @@ class ClusterSet(Part):
 
     @property
     def nowhere(self) -> float:
-        """The probability that the robot is at none of them."""
+        """The probability that the robot is elsewhere or off the map."""
         return self.elsewhere + self.off_map
 
     def all(self) -> tuple[Cluster, ...]:
-        """All of them, in the order in which they are summed."""
+        """Return the clusters in the order in which they are summed."""
         return tuple(self.clusters.values())
 
     @property
@@ -147,7 +147,7 @@ class ClusterSet(Part):
         return tuple(cluster.job_id for cluster in self.clusters.values())
 
     def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
-        """Note how many particles track a cluster, resampled to at `first_step` or later."""
+        """Set the number of particles of a cluster, to be drawn from `first_step` on."""
         self.clusters[cluster] = replace(
             self.clusters[cluster], particles=particles, particles_from=first_step
         )
@@ -292,13 +292,13 @@ class ClusterSet(Part):
     def _explained(
         self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]
     ) -> tuple[float, float]:
-        """What the classes of beams change in a scan's log-likelihood at the clusters [nat].
+        """Return how beam classes change a scan's log-likelihood at the clusters [nat].
 
         0 where they are not used: the update is Bayes' rule to the letter then.
 
         Returns:
-            What beams before obstacles gain, for people stand there; and what beams through
-            obstacles would lose if ends near another one behind it did not explain them.
+            The gain of beams before obstacles, which people explain; and the loss of beams through
+            obstacles, if nothing explained them.
         """
         if self.rules.off_map_probability == 0.0:
             return 0.0, 0.0
@@ -313,10 +313,9 @@ class ClusterSet(Part):
         )
 
     def _kidnapped(self, news: float) -> tuple[float, float, float]:
-        """Logs of the probabilities of all clusters together, of elsewhere, and of off the map.
+        """Return log probabilities of all clusters together, of elsewhere, and of off the map.
 
-        The robot may have been lifted since the last scan, so far as this is another, or have been
-        brought back to the map.
+        The robot may have been lifted or brought back to the map since the last scan.
         """
         hazard = self.rules.kidnapping_probability * news
         log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-2]))
@@ -331,7 +330,7 @@ class ClusterSet(Part):
         return log_here + math.log1p(-hazard), float(log_there), float(log_off)
 
     def _is_anywhere(self) -> None:
-        """Nothing is known."""
+        """Give all probability to elsewhere and off the map."""
         is_ever_lost = self.rules.kidnapping_probability > 0.0
         off = self.rules.off_map_probability if is_ever_lost else 0.0
         self.log_elsewhere, self.log_off_map = _log(1.0 - off), _log(off)
@@ -339,10 +338,10 @@ class ClusterSet(Part):
     def _evidence_weight(
         self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_], new_view: float
     ) -> NDArray[np.float64]:
-        """(K,) weight of the evidence between each cluster and the contenders.
+        """Return (K,) weights of the evidence between each cluster and the contenders.
 
-        It follows from the best fit among them and the cluster itself, for an improbable cluster
-        may be the one that explains the scan.
+        A weight follows from the best fit among the cluster and the contenders, because an
+        improbable cluster may explain the scan best.
         """
         ordered = [reports.get(job_id) for job_id in self.job_ids]
         fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
@@ -354,7 +353,7 @@ class ClusterSet(Part):
         return np.array([evidence_weight(new_view, each, self.rules) for each in residuals])
 
     def _fit_beside_people(self, report: TrackReport) -> float:
-        """The best particle's fit per beam, forgiving the usual number of short beams."""
+        """Return the best particle's fit [nat/beam], without loss for the usual short beams."""
         beams = sum(report.beam_classes)
         if self.rules.off_map_probability == 0.0 or beams == 0:
             return report.log_likelihood_per_beam
@@ -369,9 +368,9 @@ class ClusterSet(Part):
         """Move clusters without a report by odometry.
 
         Args:
-            job_ids: theirs.
+            job_ids: of these clusters.
             before_from_after: (3,) how the robot moved since the step before.
-            motion: how far odometry errs; they grow less certain by it.
+            motion: noise of the odometry, which is added to their covariances.
         """
         noise = motion_covariance(before_from_after, motion)
         for cluster in self.all():
@@ -463,7 +462,7 @@ class ClusterSet(Part):
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self, step: int, first_step: float = math.inf) -> list[float]:
-        """How probable those are whose places candidates could take, in the order of leaving.
+        """Return probabilities of the clusters that candidates may replace, least first.
 
         Free places come first, as clusters of probability 0. Clusters within their minimum
         lifetime yield only to later finds of their own search.
@@ -478,8 +477,8 @@ class ClusterSet(Part):
     def protect_alternatives(self, until: int) -> None:
         """Protect the probable clusters from replacement before this step.
 
-        One or two bad scans, as among people, make a robot look lost; the places found then must
-        not replace the right one.
+        One or two scans among people may give a false alarm. The places that a search finds then
+        must not replace the right one.
         """
         ordered = self.by_probability()
         for cluster in ordered:
@@ -488,11 +487,11 @@ class ClusterSet(Part):
                 self.clusters[cluster.cluster] = protected
 
     def apply_floor(self, step: int, first_step: int) -> None:
-        """Keep a least probability for clusters that were probable before candidates; see above.
+        """Raise earlier protected clusters to `STILL_PROBABLE` after candidates entered.
 
         Args:
             step: the last one.
-            first_step: of the search that found the candidates; who came by it is none of them.
+            first_step: of the search that found the candidates; its own clusters stay as they are.
         """
         for cluster in self.all():
             old = cluster.born_step < first_step and step < cluster.protected_until
@@ -502,7 +501,7 @@ class ClusterSet(Part):
         self._normalise()
 
     def drop_improbable(self, step: int) -> list[Ended]:
-        """Give up clusters under the threshold; the robot is elsewhere then, if it was there."""
+        """End clusters below the least probability; elsewhere gets theirs."""
         least = self.rules.least_probability
         leaving = [
             cluster
@@ -517,17 +516,17 @@ class ClusterSet(Part):
         return ended
 
     def take_from_elsewhere(self, share: float) -> None:
-        """So much of what was elsewhere is among the candidates now, or where clusters are."""
+        """Take this share from elsewhere: a search found it at candidates or at clusters."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
         self.log_elsewhere += rest
 
     def keep_off_map(
         self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
     ) -> None:
-        """Keep the odds of off the map against elsewhere for candidates; call it before `admit`.
+        """Raise off the map so that candidates keep elsewhere's odds against it, before `admit`.
 
-        Candidates were chosen because they fit well. A robot that is not on the map finds places
-        that fit well, too, so this says nothing against it. Off the map does not gain by it.
+        Candidates are chosen because they fit well. Such places also exist for a robot that is off
+        the map, so a good fit is no evidence against off the map, nor for it.
 
         Args:
             candidates: with weights relative to the belief.
@@ -545,7 +544,7 @@ class ClusterSet(Part):
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Put the parts of a cluster that has fallen apart in its place; they share what it had.
+        """Replace a cluster by its parts, which share its probability.
 
         Args:
             job_id: the cluster's.
@@ -572,13 +571,13 @@ class ClusterSet(Part):
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def clear(self, cause: EndedCause) -> list[Ended]:
-        """Forget all clusters: the robot may be anywhere."""
+        """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
         self.fit = UsualFit()
         return self._end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:
-        """Those that may be replaced, least probable first."""
+        """Return the clusters that may be replaced, least probable first."""
         return [
             cluster
             for cluster in reversed(self.by_probability())
@@ -586,7 +585,7 @@ class ClusterSet(Part):
         ]
 
     def _make_room(self, count: int, step: int, first_step: float) -> list[Cluster]:
-        """Take out as many as are too many; returns them."""
+        """Remove the clusters that exceed the maximum after `count` more; return them."""
         surplus = len(self.clusters) + count - self.rules.max_clusters
         leaving = self._leaving(step, first_step)[: max(surplus, 0)]
         for cluster in leaving:
@@ -594,13 +593,13 @@ class ClusterSet(Part):
         return leaving
 
     def _end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
-        """Take clusters out."""
+        """Remove clusters; return their events."""
         for cluster in leaving:
             del self.clusters[cluster.cluster]
         return [_ended(cluster, cause, *by) for cluster in leaving]
 
     def _log_probabilities(self) -> belief.LogProbabilities:
-        """(K + 2,) of the clusters, of elsewhere, and of off the map."""
+        """Return (K + 2,) log probabilities of the clusters, of elsewhere, and of off the map."""
         clusters = (cluster.log_probability for cluster in self.all())
         return np.array([*clusters, self.log_elsewhere, self.log_off_map])
 
@@ -621,10 +620,9 @@ def _log(probability: float) -> float:
 
 
 def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
-    """Each by a candidate of its own, the last ones.
+    """Return the events of replaced clusters, one candidate as the cause of each.
 
-    More leave than come where clusters were protected, so that there were too many before: the
-    last candidate pushed out those, too.
+    If there are fewer candidates than replaced clusters, the last one replaced the rest.
     """
     pushing = admitted[-len(leaving) :]
     return [

@@ -1,8 +1,8 @@
-"""The belief and the search for new places: takes steps, returns jobs.
+"""The belief of one robot and its search for new places.
 
-A plain object without clock, network or particles. The same object runs in the coordinator
-process and in `clustermcl evaluate`, so that both believe the same, bit for bit. All that it
-decides takes effect at a step number, never on arrival.
+The class has no clock, network or particles. It runs in the coordinator process and in
+`clustermcl evaluate`, so both have the same beliefs bit for bit. Each decision takes effect at a
+step number, so it does not depend on when a message arrives.
 """
 
 import math
@@ -63,7 +63,7 @@ class Ensemble(Part, kw_only=True):
     search: SearchCourse
     decoy: Decoy
     prior_pose: PriorPose | None = None
-    """A place that is possible from earlier knowledge, until the first search has ended."""
+    """A pose from an earlier run; it is used until the first search has ended."""
     seen: ViewMemory = ViewMemory()
     found: bool = False
     """Whether the robot was found since it was last searched for from nothing."""
@@ -74,7 +74,7 @@ class Ensemble(Part, kw_only=True):
 
     @classmethod
     def of(cls, settings: FilterSettings) -> "Ensemble":
-        """Return an ensemble that knows nothing."""
+        """Return an ensemble without clusters."""
         return cls(
             settings=settings,
             clusters=ClusterSet(settings.belief, settings.sensor),
@@ -91,18 +91,18 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def searches(self) -> int:
-        """How many have begun."""
+        """Number of searches begun."""
         return self.search.begun
 
     @property
     def expected(self) -> tuple[str, ...]:
-        """Jobs whose report on the next step is waited for."""
+        """The jobs that have to report on the next step."""
         searches = (*self.search.job_ids, *self.decoy.search_ids)
         return (*self.clusters.job_ids, *self.decoy.track_ids, *searches, *self._elsewhere)
 
     @property
     def unhurried(self) -> tuple[str, ...]:
-        """Those of them that may report later: searches while clusters are tracked."""
+        """The expected jobs that may report later: searches, while clusters are tracked."""
         return (*self.search.job_ids, *self.decoy.search_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
@@ -183,7 +183,7 @@ class Ensemble(Part, kw_only=True):
         self.search.postpone(step)
 
     def set_pose(self, given: Place) -> Outcome:
-        """Believe a person: a cluster at the given pose takes its share from the others."""
+        """Add a cluster at a pose that an operator gave; it takes its share from the others."""
         step = given.sample.step
         self._stop_search(step, "search stopped")
         weight = given.share / max(1.0 - given.share, LEAST_REST)
@@ -212,7 +212,7 @@ class Ensemble(Part, kw_only=True):
         return self._outcome(step, ())
 
     def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
-        """Forget all clusters and track these places instead; their shares sum to one.
+        """Replace all clusters by these places, whose shares sum to one.
 
         Args:
             places: as they were after `step`.
@@ -232,7 +232,7 @@ class Ensemble(Part, kw_only=True):
     # --- clusters
 
     def _new_view(self, before_from_after: Pose | None) -> float:
-        """Share of a scan after such a motion that shows what none before has shown."""
+        """Return the share of a scan after such a motion that is a new view."""
         if before_from_after is None:
             self.seen, before_from_after = ViewMemory(), np.zeros(3)
         rules = self.settings
@@ -240,7 +240,7 @@ class Ensemble(Part, kw_only=True):
         return new_view
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
-        """A cluster that has fallen apart becomes several, which share its probability."""
+        """Split clusters whose particles form several parts; these share its probability."""
         for report in reports:
             if not report.parts or report.job_id not in self.clusters.job_ids:
                 continue
@@ -382,10 +382,10 @@ class Ensemble(Part, kw_only=True):
     # --- the number of particles
 
     def _particles(self, cluster: Cluster) -> int:
-        """A cluster's share of all particles: the most, a half of it, a quarter ...
+        """Return the number of particles of a cluster: the maximum, a half of it, a quarter ...
 
-        The present number stays where it is nearly right, for each change is an order to a worker.
-        What no cluster explains takes no particles from them.
+        The number follows from its probability among the clusters. It stays if it is nearly right,
+        because each change is an order to a worker.
         """
         shared, rules = self.settings.belief.particles, self.settings.cluster
         if shared == 0:
@@ -407,7 +407,7 @@ class Ensemble(Part, kw_only=True):
             if particles != cluster.particles:
                 self.clusters.set_particles(cluster.cluster, particles, step + SHARE_AFTER_STEPS)
 
-    # --- what it comes to
+    # --- outcome
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
         self.found |= len(self.clusters) > 0 and not self._lost
@@ -449,20 +449,20 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _is_founding(self) -> bool:
-        """Whether the search that runs has found all the clusters that there are."""
+        """Whether all clusters are places of the current search."""
         first_step = self.search.first_step
         return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
 
     @property
     def _is_held_from_before(self) -> bool:
-        """Whether the robot is believed to be where it was tracked before the search that runs."""
+        """Whether clusters from before the current search are probable."""
         first_step = self.search.first_step
         before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
         return math.fsum(before) > self.settings.belief.lost_probability
 
     @property
     def _is_patient(self) -> bool:
-        """Whether a search may take longer while more is possible than can be tracked."""
+        """Whether a search may take longer while it has more places than can be tracked."""
         is_off_map = self.clusters.off_map > self.settings.belief.lost_probability
         return not (is_off_map or self._is_held_from_before)
 
@@ -477,7 +477,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _patience(self) -> int:
-        """Steps from the end of a search to the next: none where one would find the robot."""
+        """Steps from the end of a search to the next; 0 where a search would find the robot."""
         rules = self.settings.belief
         if self._is_elsewhere:
             return 0
@@ -485,5 +485,5 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _elsewhere(self) -> tuple[str, ...]:
-        """The job that weighs scans all over the map, where the robot may be lifted at all."""
+        """The job that weights scans all over the map; empty if a kidnapping is impossible."""
         return (ELSEWHERE,) if self.settings.belief.kidnapping_probability > 0.0 else ()

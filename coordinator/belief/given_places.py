@@ -1,4 +1,4 @@
-"""Particles around a place that has no cluster yet: a given pose, or the last one."""
+"""Particles around a given pose, or around the last pose of an earlier run."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ GIVEN_PARTICLES = 1_000
 
 
 def diagonal(position_sigma_m: float, heading_sigma_rad: float) -> Covariance:
-    """A covariance of uncorrelated x, y and heading."""
+    """Return the covariance of uncorrelated x, y [m^2] and heading [rad^2]."""
     place, turn = position_sigma_m**2, heading_sigma_rad**2
     return (place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn)
 
@@ -25,7 +25,7 @@ def cloud(
     step: int,
     odom_from_robot: PoseTuple,
 ) -> Particles:
-    """A Gaussian cloud; a covariance that is not quite one loses its negative part."""
+    """Return Gaussian particles around a pose; negative eigenvalues of the covariance are zero."""
     variances, axes = np.linalg.eigh(covariance_matrix(covariance))
     spread = rng.standard_normal((GIVEN_PARTICLES, 3)) * np.sqrt(np.maximum(variances, 0.0))
     return Particles(
@@ -47,7 +47,7 @@ def candidate(
     step: int,
     odom_from_robot: PoseTuple,
 ) -> Place:
-    """A place that asks to be tracked, with a Gaussian cloud as it was after `step`."""
+    """Return a candidate place with Gaussian particles, as it was after `step`."""
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
     sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
     return Place(share=probability, mean=mean, covariance=covariance, sample=sample)

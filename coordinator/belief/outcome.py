@@ -17,22 +17,22 @@ class Outcome:
     step: int
     state: State
     hypotheses: tuple[Hypothesis, ...]
-    """Most probable first; with `elsewhere_probability` they sum to one."""
+    """Most probable first; their probabilities and `elsewhere_probability` sum to one."""
     elsewhere_probability: float
-    """That the robot is at none of them."""
+    """Probability that the robot is at none of the hypotheses."""
     searching: bool
     missing: tuple[str, ...]
     begin: dict[str, Job]
     """Jobs that begin after `step`, by job id."""
     events: tuple[JobEvent, ...]
-    """Which clusters have begun, which clusters and searches ended, and why; as it was decided."""
+    """Clusters that began, clusters and searches that ended, and causes, in order of decision."""
 
     search_progress: float = 0.0
-    """How near the search that runs is to its end, 0 to 1."""
+    """Progress of the current search, 0 to 1."""
     resize: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    """By job id: another number of particles, and the first step that may resample to it."""
+    """By job id: new number of particles, and the first step that may resample to it."""
     off_map_probability: float = 0.0
-    """Of `elsewhere_probability`, that the robot is not on the map at all."""
+    """Part of `elsewhere_probability`: the robot is not on the map."""
 
     @property
     def end(self) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ class Outcome:
 
 
 def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Belief:
-    """The belief as it is published, after the step of a scan or a command that came then."""
+    """Return the belief message after a scan, or after a command that followed it."""
     return Belief(
         sender=sender,
         step=outcome.step,

@@ -1,4 +1,4 @@
-"""A place that is possible from earlier knowledge: one hypothesis beside those that are found."""
+"""The pose from an earlier run, as one hypothesis among those of the first search."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from protocol.work import Place
 
 
 class PriorPose(msgspec.Struct, frozen=True):
-    """A place that is possible from earlier knowledge, until the first search has ended."""
+    """A pose from an earlier run; it is used until the first search has ended."""
 
     step: NumberOrNone
     odom_from_robot: PoseTuple
@@ -34,14 +34,15 @@ def with_prior_pose(
     odom_from_robot: PoseTuple,
     settings: FilterSettings,
 ) -> list[Candidate]:
-    """Combine the prior place with the places that a search has found.
+    """Return the places of a search and the prior place, as candidates.
 
-    A place that was found there anyway gets it; else the offered one takes the last place of K.
+    A found place near the prior one gets its probability. Otherwise the prior place is added; if
+    there is no room, the least probable found place is dropped.
 
     Args:
         found: most probable first; their shares are probabilities.
         prior: the place as it was after an earlier step; it is tracked from there.
-        odom_from_robot: odometry now, which carries the offered place to where it would be.
+        odom_from_robot: odometry now, by which the prior place is moved.
         settings: of the filter.
     """
     rules = settings.belief

@@ -1,4 +1,4 @@
-"""One global search as the coordinator sees it: its shards' places, pooled."""
+"""The places of one global search, pooled from the reports of its shards."""
 
 import math
 from collections.abc import Sequence
@@ -23,28 +23,28 @@ from protocol.work import Particles, Place, SearchReport
 KEPT_STEPS = 16
 """Steps whose reports are kept while shards are at different steps."""
 _PATIENCE = 4
-"""Times as long as usual a search may take while more is possible than can be tracked."""
+"""Factor on the maximum length of a search while not all its places can be tracked."""
 _NO_WEIGHT = 0.01
-"""What a shard with less of the evidence left out does not count."""
+"""Least weight of a shard whose left-out poses count."""
 
 
 @dataclass(frozen=True)
 class Views:
-    """V places as shards have found them, side by side, the most probable first."""
+    """V places of all shards in one table, most probable first."""
 
     odom_from_robot: PoseTuple
     share: NDArray[np.float64]
-    """(V,) of all that the search has found."""
+    """(V,) shares of the whole search."""
     mean: Poses
-    """(V, 3)."""
+    """(V, 3) mean poses."""
     covariance: NDArray[np.float64]
-    """(V, 9)."""
+    """(V, 9) covariances, by rows."""
     begin: NDArray[np.int64]
-    """(V,) the first of its particles."""
+    """(V,) index of the first particle."""
     count: NDArray[np.int64]
-    """(V,) how many it has."""
+    """(V,) number of particles."""
     particles: NDArray[np.float32]
-    """(S, 3) of all views."""
+    """(S, 3) particles of all views."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +53,18 @@ class Pool:
 
     step: int
     share: tuple[float, ...]
-    """Of all that the search has found, for each place."""
+    """Share of each place of the whole search."""
     rows: tuple[Sequence[int], ...]
-    """The views of each place, one or several, the most probable first."""
+    """Rows of `views` that belong to each place, most probable first."""
     views: Views
     log_evidence: float
-    """Log of the average likelihood of all scans of the search, over the whole free space."""
+    """Log of the likelihood of all scans of the search, averaged over the free space."""
     left_out_gap: float
     """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
 
     @cached_property
     def mean(self) -> Poses:
-        """(P, 3) where each place is: as the shard has it that says most of it."""
+        """(P, 3) mean of each place, from its most probable view."""
         return self.views.mean[[rows[0] for rows in self.rows]]
 
     def place(self, index: int, share: float) -> Place:
@@ -99,7 +99,7 @@ class SearchPool(Part):
     progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
-    """By step and job."""
+    """Reports by step and job."""
 
     @property
     def job_ids(self) -> tuple[str, ...]:
@@ -116,10 +116,12 @@ class SearchPool(Part):
             del self.reports[min(self.reports)]
 
     def pooled(self) -> Pool | None:
-        """The newest step that every shard has reported; None if it was pooled before, or none is.
+        """Return the pool of the newest step that every shard has reported.
 
-        A search that lags behind the clusters reports less often than they take steps, and to
-        pool thousands of places takes longer than such a step.
+        Each step is pooled once, because pooling thousands of places takes longer than a step.
+
+        Returns:
+            None if there is no such step since the last call.
         """
         shards = self.settings.shards
         complete = [step for step, reports in self.reports.items() if len(reports) == shards]
@@ -132,16 +134,15 @@ class SearchPool(Part):
         return _pool(step, [reports[job] for job in self.job_ids], self.settings)
 
     def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:
-        """Whether the search need not go on: its best places hold enough, or it took too long.
+        """Return whether the search is over: its best places hold enough, or it took too long.
 
-        Places that hold nearly all of what was kept are not enough where poses almost as good
-        were left out.
+        The best places do not hold enough if the search discarded poses that are almost as good.
 
         Args:
-            pool: what has been found.
-            clusters: how many places can be tracked.
-            patient: let it take longer while more is possible than can be tracked: the robot may
-                be at any of the places that would be dropped.
+            pool: the places of the newest step.
+            clusters: maximum number of tracked places.
+            patient: let it take longer while it has more places than can be tracked, as the robot
+                may be at one that would be dropped.
         """
         mass = self.settings.converged_mass
         held = sum(pool.share[:clusters])
@@ -154,7 +155,7 @@ class SearchPool(Part):
 
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
-    """Weigh the shards by their evidence and join places that several of them found."""
+    """Weight the shards by their evidence, and join places that several shards found."""
     shards = np.array([report.log_evidence for report in reports])
     log_sum = np.logaddexp.reduce(shards)
     shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
@@ -172,7 +173,7 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
 
 
 def _views(found: Sequence[FoundPlaces], shard_weight: NDArray[np.float64]) -> Views:
-    """All that some weight is left of."""
+    """Return the places of all shards with a positive share."""
     share = np.concatenate(
         [weight * one.share.array() for weight, one in zip(shard_weight, found, strict=True)]
     )
