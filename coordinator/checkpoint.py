@@ -28,7 +28,7 @@ from protocol.work import Assignment, Checkpoint, ElsewhereJob, SearchJob, Track
 MAX_AGE_S = 1e9
 Age = Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]
 SUM_TOLERANCE = 1e-6
-"""Of probabilities: those of ten thousand clusters still sum to one within 1e-12."""
+"""Tolerance of a sum of probabilities; that of ten thousand clusters is exact within 1e-12."""
 
 
 def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
@@ -129,7 +129,7 @@ STATE_VERSION = 7
 
 
 class CheckpointState(msgspec.Struct, frozen=True):
-    """Everything that a coordinator would need to carry on."""
+    """The part of a coordinator's state from which another one continues."""
 
     version: int
     map_digest: Text
@@ -140,23 +140,22 @@ class CheckpointState(msgspec.Struct, frozen=True):
     missing: Annotated[tuple[Text, ...], FEW]
     """Jobs that did not report the last applied step in time."""
     age_s: Age
-    """Of the applied scan when this was written, by a live robot's stamps, else of the newest data;
-    -1: none."""
+    """Age of the applied scan by a live robot's stamps, else of the newest data [s]; -1: none."""
     age_known: bool
-    """Whether its coordinator has received data itself; otherwise the age is unknown."""
+    """Whether the coordinator has received data itself; otherwise the age is unknown."""
     steps_applied: Count
     reports_missing: Count
     counters: Annotated[dict[Text, Count], FEW]
 
 
 def to_bytes(state: CheckpointState) -> bytes:
-    """The state as it travels."""
+    """Encode the state as MessagePack."""
     fields = {name: handed_on(getattr(state, name)) for name in state.__struct_fields__}
     return msgspec.msgpack.encode(fields)
 
 
 def from_bytes(data: bytes) -> CheckpointState:
-    """The state as it was before it travelled.
+    """Decode and check a state.
 
     Raises:
         ValueError: it cannot be read, is of another version, or contradicts itself.
@@ -176,7 +175,7 @@ def from_bytes(data: bytes) -> CheckpointState:
 
 
 def state_in(checkpoint: Checkpoint) -> CheckpointState:
-    """The state in a checkpoint, which is of the step that the checkpoint says.
+    """Return the state in a checkpoint, which must be of the same step.
 
     Raises:
         ValueError: as `from_bytes`.
@@ -189,7 +188,7 @@ def state_in(checkpoint: Checkpoint) -> CheckpointState:
 
 
 def _problem(state: CheckpointState) -> str | None:
-    """Why the state is impossible; None where it can have been."""
+    """Return why the state contradicts itself, or None."""
     applied = state.collector.applied
     return (
         (_scan_problem(applied) if applied else None)

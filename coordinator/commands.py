@@ -1,4 +1,4 @@
-"""What a person may command: where the robot is, or to search everywhere."""
+"""Commands of persons: the robot's pose, and the start of a search."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -26,7 +26,7 @@ KEPT_COMMANDS = 20
 
 
 class Commanded(msgspec.Struct, frozen=True):
-    """A command, and where odometry was when it held."""
+    """A command with the odometry at its time."""
 
     command: SetPose | Relocalize
     stamp_ns: int = 0
@@ -42,7 +42,7 @@ class Commands(Part):
     problems: Annotated[dict[Text, Text], FEW] = {}
     """Why each of the last commands was refused, by its id; empty for a command that was done."""
     set_poses: Count = 0
-    """Number of poses given so far; it selects their random streams."""
+    """Number of given poses; it selects the random stream of each."""
     waiting: Commanded | None = None
     """A command that arrived before the first step, or a pose that arrived before the map."""
 
@@ -58,7 +58,7 @@ class Commands(Part):
 
     @property
     def forgets(self) -> bool:
-        """Whether the first search is to begin without anything that was known before."""
+        """Whether the first search must not use a place from earlier knowledge."""
         waiting = self.waiting
         return waiting is not None and isinstance(waiting.command, Relocalize)
 
@@ -191,7 +191,7 @@ def _region_problem(region: str, known: Mapping[str, object]) -> str:
 def _at_step(
     commanded: Commanded, given: SetPose, applied: Scan, motion: MotionSettings
 ) -> tuple[PoseTuple, Covariance]:
-    """A given pose, carried by odometry to the step after which it is tracked.
+    """Carry a given pose by odometry to the step after which it is tracked.
 
     The motion there makes it less certain. A pose given after the step is carried back without
     noise: the next step adds it.

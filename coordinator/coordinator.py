@@ -99,7 +99,7 @@ class Coordinator(Part):
     sender: str
     """Name of the process."""
     version: str
-    """Of the software."""
+    """Version of the software."""
     started_ns: int
     """When it was started, by the clock of all events."""
     term: Term
@@ -107,7 +107,7 @@ class Coordinator(Part):
     state: CoordinatorState
     checkpoints: CheckpointSeries
     last_place: LastPlace | None = None
-    """Where the robot was when the system last ran; None: unknown."""
+    """The robot's place when the system last ran; None: unknown."""
     early_reports: list[tuple[Report, str]] = []
     """Reports and their workers before the beginning, when it is unknown whether they count."""
     step_resets: StepResetDetector = field(default_factory=StepResetDetector)
@@ -253,7 +253,7 @@ class Coordinator(Part):
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
     ) -> list[Instruction]:
-        """Handle a scan that does not continue the count of steps, which ends with `newest`."""
+        """Handle a scan that does not continue the count of steps after `newest`."""
         if self.begun and not fetched and self.step_resets.on_other_scan(scan, newest):
             self.step_resets.reset()
             self.state.count_anew(scan)

@@ -1,4 +1,4 @@
-"""How the robot moved by odometry since a step, and how uncertain that is."""
+"""The robot's motion since a step by odometry, with its uncertainty."""
 
 import math
 
@@ -21,7 +21,7 @@ LEAST_GATE_M, LEAST_GATE_RAD = 0.05, 0.05
 
 
 def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -> float:
-    """How many times the motion from one odometry pose to another opens the bridge's gate."""
+    """Return the motion between two odometry poses in multiples of the bridge's gate."""
     driven_m = math.dist(before[:2], after[:2])
     turned_rad = abs(wrap_angle(after[2] - before[2]))
     return max(
@@ -37,11 +37,11 @@ def carried(
     now: PoseTuple,
     motion: MotionSettings | None,
 ) -> tuple[PoseTuple, Covariance]:
-    """A place as it is now, by odometry alone.
+    """Return a place and its covariance after the robot has moved by odometry alone.
 
     Args:
         mean: in the map, then.
-        covariance: of it.
+        covariance: its uncertainty then.
         then: odometry when it held.
         now: odometry now.
         motion: how far odometry errs; None: not at all.
@@ -66,7 +66,7 @@ class DeadReckoning(Part):
     bridge: BridgeSettings
     """Its gate defines a step."""
     covariance: Covariance = NO_NOISE
-    """Of `piece` in the frame of the step."""
+    """Covariance of `piece` in the frame of the step."""
     step: PoseTuple = ORIGIN
     """Odometry at the step."""
     piece: PoseTuple = ORIGIN

@@ -57,11 +57,11 @@ def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
 
 
 class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
-    """Each is known by its name."""
+    """Base class of all events; the tag is the class's name."""
 
 
 class ScanArrived(_Fact, frozen=True):
-    """A step's scan, as it was published."""
+    """The scan of a step was published."""
 
     scan: Scan
 
@@ -98,7 +98,7 @@ class WorkerLeft(_Fact, frozen=True):
 
 
 class WorkerReturned(_Fact, frozen=True):
-    """A worker is visible again after our own link was lost; it may have been restarted."""
+    """A worker's token is back after the own link was lost; the worker may have been restarted."""
 
     worker: str
 
@@ -111,7 +111,7 @@ class WorkerToldState(_Fact, frozen=True):
 
 
 class OrderAnswered(_Fact, frozen=True):
-    """A worker took an order, or says why not."""
+    """A worker has accepted or refused an order."""
 
     worker: str
     answer: OrderAnswer
@@ -146,7 +146,7 @@ class LinkBack(_Fact, frozen=True):
 
 
 class CommandArrived(_Fact, frozen=True):
-    """A person gives the robot's pose, or wants it to be searched for."""
+    """A person has given the robot's pose, or started a search."""
 
     command: SetPose | Relocalize
 

@@ -35,7 +35,7 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, grid_map: GridMap) -> "FreeGround":
-        """The free ground of a map."""
+        """Return the free ground of a map."""
         cells, side = grid_map.cells, LEAF_M / grid_map.cell_m
         leaf = max(round(side), math.ceil(math.sqrt(cells.size / MAX_LEAVES)), 1)
         first = range(0, cells.shape[1], leaf)
@@ -55,11 +55,11 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def problem_of(self, map_from_robot: PoseTuple, covariance: Covariance) -> str | None:
-        """Why a robot cannot be at a pose; None where free ground is within its uncertainty.
+        """Return why a robot cannot be at a pose; None if free ground is within its uncertainty.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
-            covariance: of it.
+            covariance: of the pose.
         """
         bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
         free = bits.reshape(self.rows, self.cols)

@@ -1,4 +1,4 @@
-"""What a leading coordinator wants done; `loop` carries it out."""
+"""Instructions of a leading coordinator, which `loop` carries out."""
 
 from dataclasses import dataclass
 
@@ -47,7 +47,7 @@ class PublishEvents:
 
 @dataclass(frozen=True)
 class FetchScans:
-    """Ask the bridge for steps whose scans were lost on their way."""
+    """Request the scans of lost steps from the bridge."""
 
     first: int
     last: int | None
@@ -56,7 +56,7 @@ class FetchScans:
 
 @dataclass(frozen=True)
 class FetchMap:
-    """Ask the bridge for its map, of which `MapArrived` keeps the free ground."""
+    """Request the map from the bridge; `MapArrived` contains its free ground."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Which worker has which job, and from which snapshot another could continue.
+"""Jobs, their workers, and snapshots from which other workers could continue.
 
 A job's epoch rises each time it changes hands. A slow or resurrected worker cannot vote: its
 reports carry the old epoch.
@@ -27,7 +27,7 @@ from protocol.work import (
 
 @dataclass(frozen=True)
 class Move:
-    """A job gets another worker."""
+    """An order to give a job to another worker."""
 
     job_id: str
     worker: str
@@ -124,7 +124,7 @@ class Jobs(Part):
         return self.placed.get(job_id)
 
     def assignment(self, job_id: str) -> Assignment:
-        """A job as it is given to its worker."""
+        """Return a job as it is given to its worker."""
         job = self.placed[job_id]
         assert job.job is not None  # only in a state that is handed on
         return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
@@ -167,12 +167,12 @@ class Jobs(Part):
         return job.worker
 
     def may_move(self, job_id: str) -> bool:
-        """Whether a job may change hands while its worker is well; a search only before work."""
+        """Return whether a job may move from a healthy worker: a search only before it reports."""
         job = self.placed[job_id]
         return not isinstance(job.job, SearchJob) or not job.reported
 
     def may_be_tried(self, job_id: str) -> bool:
-        """Whether a worker that has never reported may try the job: all wait for a search."""
+        """Return whether a worker that has never reported may try the job: no search."""
         return not isinstance(self.placed[job_id].job, SearchJob)
 
     def carry_out(self, moves: Iterable[Move], term: int, now_ns: int) -> None:
@@ -184,7 +184,7 @@ class Jobs(Part):
             job.term, job.in_step = term, False
 
     def take_from(self, worker: str) -> None:
-        """A worker is gone or too slow: its jobs go to others, from their last state."""
+        """Let the jobs of a worker that is gone or too slow wait for another worker."""
         for job in self.placed.values():
             if job.worker == worker:
                 job.worker = None
@@ -207,12 +207,12 @@ class Jobs(Part):
     # --- whose reports count, and how long they are waited for
 
     def is_current(self, job_id: str, epoch: int) -> bool:
-        """Whether a report comes from the worker that has the job now."""
+        """Return whether a report is of the job's present epoch."""
         job = self.placed.get(job_id)
         return job is not None and job.epoch == epoch and job.worker is not None
 
     def is_of_another(self, job_id: str, epoch: int, worker: str) -> bool:
-        """Whether a report claims a job's current epoch, but another worker has the job."""
+        """Return whether a report has the present epoch of a job of another worker."""
         job = self.placed.get(job_id)
         return job is not None and job.epoch == epoch and job.worker not in (None, worker)
 

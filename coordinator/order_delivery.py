@@ -27,7 +27,7 @@ class LiveWorker(Part):
     """Jobs and epochs that the worker has confirmed."""
     answered: bool = True
     silent_until_ns: int = 0
-    """It is asked for its state first, and gets no order before."""
+    """Before this time it gets no order, because it is asked for its state first [ns]."""
 
 
 class OrderDelivery(Part):
@@ -91,11 +91,11 @@ class OrderDelivery(Part):
         record.answered = taken and kept
 
     def has_answered(self, worker: str) -> bool:
-        """Whether a live worker has taken its last order."""
+        """Return whether a live worker has accepted its last order."""
         return self.records[worker].answered
 
     def is_held(self, job_id: str, job: PlacedJob) -> bool:
-        """Whether a job's worker has confirmed that it has it."""
+        """Return whether the worker of a job has confirmed it."""
         record = self.records.get(job.worker) if job.worker is not None else None
         return record is not None and record.known.get(job_id) == job.epoch
 

@@ -12,13 +12,13 @@ Count: TypeAlias = Annotated[int, Meta(ge=0, lt=2**52)]
 Text: TypeAlias = Annotated[str, Meta(max_length=500)]
 """A name, or the cause of a counter."""
 LogProbability: TypeAlias = Annotated[float, Meta(le=1e-6)]
-"""With room for the rounding of sums; negative infinity: it cannot be."""
+"""Logarithm of a probability, with room for rounding; negative infinity: impossible."""
 FEW = Meta(max_length=MAX_ITEMS)
 """Limits a list or a map."""
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
-    """A part of the state; its fields are what it was made with, and what has changed since."""
+    """A part of the state: settings, and all that has changed since the start, as fields."""
 
     local: ClassVar[frozenset[str]] = frozenset()
     """Fields that stay with this coordinator: settings, times by its own clock, and what its

@@ -1,4 +1,4 @@
-"""Which worker has which job: live workers, jobs, and the orders to workers."""
+"""Live workers, their jobs, and the orders to them."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 

@@ -83,7 +83,7 @@ class PoseTracker(Part):
     driven: DrivenGates
     history: Trajectory = field(default_factory=recent_odometry)
     outcome: Outcome | None = None
-    """Of the last step or command."""
+    """Result of the last step or command."""
     odom_now: PoseTuple = ORIGIN
     stamp_ns: int = 0
     """Stamp of the newest data [ns]."""
@@ -94,7 +94,7 @@ class PoseTracker(Part):
     age_known: bool = False
     """Whether this coordinator has received data itself: only then the age of the rest is known."""
     waiting_ns: dict[int, int] = {}
-    """By stamp, when scans arrived that are not applied yet."""
+    """Times of arrival of scans that are not applied yet, by stamp [ns]."""
     scan_ns: int | None = None
     """When the last weighed scan would have arrived in time [ns]; None: there is none."""
     by_scan: bool = True
@@ -214,7 +214,7 @@ class PoseTracker(Part):
         self.driven.on_odometry(self.odom_now)
 
     def _lateness_so_far(self) -> LatencyEstimator:
-        """Of a robot that turns out to be live: the newest data counts if it came by itself."""
+        """Return an estimator with the newest data, unless another coordinator received that."""
         lateness = LatencyEstimator()
         if self.age_known and self.arrived_ns is not None:
             lateness.of(self.stamp_ns, self.arrived_ns)
@@ -274,7 +274,7 @@ class PoseTracker(Part):
         )
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """All places, carried forward; most probable first."""
+        """Return all places, moved by the odometry since; most probable first."""
         known = self.outcome.hypotheses if self.outcome else ()
         return tuple(self._carried(hypothesis) for hypothesis in known)
 
@@ -295,7 +295,7 @@ class PoseTracker(Part):
         return min(self.arrived_ns - (self.stamp_ns - stamp_ns), now_ns)
 
     def _carried(self, hypothesis: Hypothesis) -> Hypothesis:
-        """A hypothesis moved by the odometry since its step, and less certain by its noise."""
+        """Return a hypothesis moved by the odometry since its step, with the noise of that."""
         moved, noise = self.since_step.moved()
         mean = np.array(hypothesis.mean)
         covariance = composed_covariance(

@@ -121,7 +121,7 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
 
 
 def recorder_ring(settings: Settings, series: int) -> Ring | None:
-    """Where a coordinator's flight recording goes; None for nowhere."""
+    """Return the files of the flight recording; None: nothing is recorded."""
     folder, max_bytes = settings.recorder.folder, int(settings.recorder.max_mb * 1e6)
     if folder in ("", "off"):
         return None
@@ -130,7 +130,7 @@ def recorder_ring(settings: Settings, series: int) -> Ring | None:
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:
-    """The filter's numbers alone, as they travel in work orders."""
+    """Return the filter's settings alone, as work orders contain them."""
     return FilterSettings(
         seed=settings.seed,
         motion=settings.motion,

@@ -1,4 +1,4 @@
-"""How a coordinator begins: its term, the workers that it asks, the state that it continues from.
+"""The recovery of the state: the term, the workers to ask, and the states to continue from.
 
 Before it begins it decides nothing. Workers that appear later are asked too, if their answers may
 matter: a belief that never had clusters is given up for one that had.
@@ -30,7 +30,7 @@ UNSEEN_NS = 3_000_000_000
 
 
 class Term(Part):
-    """Whether this coordinator leads, and in which term."""
+    """The number by which coordinators are ranked, and whether this one leads."""
 
     number: int
     """From the clock [us]; above all terms that were known before it began."""
@@ -111,7 +111,7 @@ class LastPlace(msgspec.Struct, frozen=True):
 
     map_digest: str
     live: bool
-    """Whether it was a robot's, no recording's or simulation's."""
+    """Whether the scans were those of a robot, not of a recording or a simulation."""
     odom_from_robot: PoseTuple
     map_from_robot: PoseTuple
     covariance: Covariance
@@ -197,7 +197,7 @@ class StateRecovery(Part):
     received: list[Checkpoint]
     """The best states of other coordinators."""
     kept: Checkpoint | None = None
-    """What the file holds."""
+    """State from the file; None: there is none."""
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
     told: dict[str, WorkerSnapshot] = {}

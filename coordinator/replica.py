@@ -49,7 +49,7 @@ class Replica:
     def __init__(self, take_over_after_s: float, now_ns: int) -> None:
         self._take_over_after_s = take_over_after_s
         self.newest = NewestState()
-        """Of other coordinators, since this one last began to recover."""
+        """The newest state of other coordinators since this one last began to recover."""
         self.follow(now_ns)
 
     @property
@@ -235,7 +235,7 @@ class SelfFencing:
 
 
 class Membership:
-    """Which workers are there, by their tokens and the coordinator's own link.
+    """The workers that are present, by their tokens and the coordinator's own link.
 
     A coordinator that loses its link sees all tokens vanish, although the workers go on. So while
     the link is down, and a little longer, no worker counts as gone, and a vanished token counts

@@ -1,4 +1,4 @@
-"""How long a worker that does not report is waited for, and when its jobs go to others.
+"""Time limits for workers that do not report, after which other workers get their jobs.
 
 The first step that it misses costs the others one deadline. No later step waits for it until it
 reports again, and after some more steps it loses its jobs. A worker that returns gets jobs again
@@ -18,7 +18,7 @@ from protocol.work import SearchJob
 GIVEN_UP_AFTER = 3
 """A worker loses its jobs after this number of steps in a row without a report in time."""
 GIVEN_UP_LATER = 10
-"""The same while all workers are slow."""
+"""The same number of steps while all workers are slow."""
 FIRST_PAUSE_NS = 2_000_000_000
 LONGEST_PAUSE_NS = 60_000_000_000
 FORGOTTEN_AFTER_NS = 120_000_000_000
@@ -26,12 +26,12 @@ FORGOTTEN_AFTER_NS = 120_000_000_000
 
 
 class Punctuality(Part):
-    """How a worker has reported lately."""
+    """The steps that a worker has missed, and its pause."""
 
     missed: int = 0
     """Steps in a row."""
     silent: bool = False
-    """It has missed a step, and has not reported since."""
+    """Whether it has missed a step and has not reported since."""
     paused: bool = False
     pause_ns: int = FIRST_PAUSE_NS
     """The next one's length."""
@@ -48,7 +48,7 @@ class StragglerPolicy(Part):
     """Decides which workers a step waits for, and which may have jobs."""
 
     records: dict[str, Punctuality] = {}
-    """Of workers that have reported, by name; of the others by origin."""
+    """By name for workers that have reported, by origin for the others."""
     proven: set[str] = set()
     """Workers that have reported."""
 

@@ -1,4 +1,4 @@
-"""All that a coordinator holds: what it believes, who does what, and what it still waits for.
+"""The state of a coordinator: the belief, the jobs, the open steps, and the commands.
 
 Everything here that decides can be handed on to another coordinator, and be taken over from one.
 """
@@ -52,7 +52,7 @@ class OverloadDetector(Part):
 
     waits_ns: list[int] = []
     is_overloaded: bool = False
-    """Whether work that can wait has to wait."""
+    """Whether work that is not urgent is postponed."""
 
     def step_decided(self, waited_ns: int) -> None:
         """Take how long a step has waited from its scan to its decision [ns]."""
@@ -74,7 +74,7 @@ class MapChangeDetector(Part):
     """
 
     digest: str = ""
-    """Of the other map."""
+    """Digest of the other map."""
     step: int = -1
     in_a_row: int = 0
 
@@ -132,10 +132,10 @@ class CoordinatorState(Part):
     """The belief, the jobs, the open steps and the commands of one robot."""
 
     filter_settings: FilterSettings
-    """Those of the start."""
+    """The filter's settings at the start."""
     settings: CoordinatorSettings
     bridge: BridgeSettings
-    """Those of the start."""
+    """The bridge's settings at the start."""
     ensemble: Ensemble
     placement: Placement
     collector: StepCollector
@@ -145,7 +145,7 @@ class CoordinatorState(Part):
     event_log: EventLog = field(default_factory=EventLog)
     commands: Commands = field(default_factory=Commands)
     outcome: Outcome | None = None
-    """Of the last step or command."""
+    """Result of the last step or command."""
     counters: dict[str, int] = {}
     """Number of events by cause."""
     steps_applied: int = 0
@@ -202,12 +202,12 @@ class CoordinatorState(Part):
 
     @property
     def newest_settings(self) -> LiveSettings:
-        """Those of the newest scan that has arrived."""
+        """The settings of the newest scan that has arrived."""
         newest = self.collector.newest_scan
         return newest.settings if newest is not None else self.live
 
     def place_counts(self, was_live: bool) -> bool:
-        """Whether the robot's place in an earlier life may be its place now.
+        """Return whether the robot may still be where it was when the system last ran.
 
         A recording or a simulation begins where it begins, unless a person names a folder for it.
         """
@@ -216,7 +216,7 @@ class CoordinatorState(Part):
     # --- what happens
 
     def on_map(self, scan: Scan) -> bool:
-        """A scan came with its map's digest, and the first one decides; False for another map.
+        """Take a scan's map; return False for another map than that of the first scan.
 
         Where the bridge has another map for certain, that one counts from this scan on.
         """
@@ -243,7 +243,7 @@ class CoordinatorState(Part):
         return True
 
     def on_map_arrived(self, ground: FreeGround) -> bool:
-        """The bridge answered; whether a pose that waited for it has been believed."""
+        """Take the map's free ground; return whether a given pose that waited was applied."""
         self.ground = ground
         applied = self.collector.applied
         return applied is not None and self._carry_out_waiting(applied)
@@ -258,7 +258,7 @@ class CoordinatorState(Part):
         self.changed = True
 
     def on_report(self, report: Report, worker: str, *, is_told_late: bool = False) -> None:
-        """A worker's job took a step; of a job that another worker has, it has nothing to say.
+        """Take a worker's report, unless another worker has the job.
 
         Args:
             report: as the worker sent it.
@@ -287,7 +287,7 @@ class CoordinatorState(Part):
 
     @property
     def awaits_reports(self) -> bool:
-        """Whether no step is complete: none is open, or one of its reports is waited for."""
+        """Whether no step can be applied now: none is open, or a report is missing."""
         reports = self.collector.oldest_reports
         unhurried = self.ensemble.unhurried if self.collector.waits_for_no_search else ()
         return reports is None or any(
@@ -296,7 +296,7 @@ class CoordinatorState(Part):
         )
 
     def ready(self, now_ns: int) -> ReadyStep | None:
-        """The next step, if nothing is to be waited for any longer; then it must be applied."""
+        """Return the next step if it is due, which must be applied then; else None."""
         if self.collector.oldest_scan is None:
             return None
         expected = self.placement.waited_for(self.ensemble.expected)
@@ -332,7 +332,7 @@ class CoordinatorState(Part):
         return False
 
     def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
-        """Where there is no time for all, periodic searches come later.
+        """Postpone periodic searches while the machine is overloaded.
 
         A search takes its time, and a recording that waits for each belief has it.
         """
@@ -343,7 +343,7 @@ class CoordinatorState(Part):
             self.ensemble.postpone_search(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
-        """Do what is commanded; False if it waits for the first step, or is refused."""
+        """Carry out a command; return False if it waits for the first step or is refused."""
         applied = self.collector.applied
         history, self.changed = self.pose.history, True
         ground = self._free_ground
@@ -391,7 +391,7 @@ class CoordinatorState(Part):
             self._follow(self.ensemble.relocalize(scan.step - 1, cause), scan)
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
-        """Hand out the jobs of an outcome."""
+        """Begin and end the jobs of an outcome."""
         self.outcome, self.changed = outcome, True
         self.founded |= len(self.ensemble.clusters) > 0
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
@@ -481,7 +481,7 @@ class CoordinatorState(Part):
             self.pose.believed(self.outcome, applied.odom_from_robot)
 
     def _begin_standing_jobs(self, applied: Scan | None) -> None:
-        """Those that the other coordinator, with other settings, has not had."""
+        """Begin the standing jobs that the other coordinator, with other settings, did not have."""
         standing = self.ensemble.standing_jobs(applied.step + 1 if applied else 0)
         jobs = self.placement.jobs
         jobs.begin({job_id: job for job_id, job in standing.items() if jobs.get(job_id) is None})
@@ -514,7 +514,7 @@ class CoordinatorState(Part):
         scan: Scan,
         step: int,
     ) -> Place:
-        """A place with particles from its Gaussian, as it was after `step` at a scan's odometry."""
+        """Return a place after `step`, with particles drawn from its Gaussian."""
         return candidate(
             probability,
             mean,
@@ -528,7 +528,7 @@ class CoordinatorState(Part):
 
 
 def _moved(ready: ReadyStep) -> Pose | None:
-    """How the robot moved since the step that was applied last; None: there was none."""
+    """Return the motion since the step that was applied last, or None without one."""
     if ready.before is None:
         return None
     return between(np.array(ready.before.odom_from_robot), np.array(ready.scan.odom_from_robot))

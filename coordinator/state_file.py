@@ -34,18 +34,18 @@ _log = logging.getLogger(__name__)
 
 class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sha256: bytes
-    """Of the checkpoint."""
+    """Digest of the checkpoint."""
     checkpoint: bytes
     """The message, as it is published."""
 
 
 def file_of(folder: Path, robot: str) -> Path:
-    """Where a robot's state is kept."""
+    """Return the path of a robot's state file."""
     return folder / f"state-{quote(robot, safe='')}.msgpack"
 
 
 def read(folder: Path, robot: str) -> Checkpoint | None:
-    """The newest state kept of a robot; None where there is none, or none that can be used."""
+    """Return the state in a robot's file; None if there is none, or none that can be used."""
     path = file_of(folder, robot)
     try:
         with path.open("rb") as file:
@@ -140,7 +140,7 @@ class StateKeeper:
         self._term: int | None = None
 
     def offer(self, checkpoint: Checkpoint) -> None:
-        """A state is about to be published; if it is a newer one, it is written soon.
+        """Take a state before it is published, and write it soon if it is newer.
 
         The first of a term is written at once: when workers know the term, no older file counts.
         """

@@ -19,7 +19,7 @@ TOO_LARGE = "more than its job allows"
 
 
 def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
-    """Whether a snapshot holds more particles than a cluster may have."""
+    """Return whether a snapshot holds more particles than a cluster may have."""
     snapshot = report.snapshot if isinstance(report, TrackReport) else None
     return snapshot is not None and snapshot.log_weights.shape[0] > settings.cluster.particles
 
@@ -70,7 +70,7 @@ class OpenStep(Part):
 
 
 def is_bulky(report: Report) -> bool:
-    """Whether a report carries particles of places, which stay with it while it waits."""
+    """Return whether a report contains places with particles."""
     return isinstance(report, SearchReport) or (
         isinstance(report, TrackReport) and len(report.parts) > 0
     )
@@ -135,7 +135,7 @@ class StepCollector(Part):
 
     @property
     def oldest_reports(self) -> Mapping[str, Report] | None:
-        """By job, those of the oldest step whose scan waits to be applied; None: none waits."""
+        """Reports of the oldest step that waits to be applied, by job; None: no step waits."""
         step = min((step for step, opened in self.open_steps.items() if opened.scan), default=None)
         return None if step is None else self.open_steps[step].reports
 
@@ -156,7 +156,7 @@ class StepCollector(Part):
         return True
 
     def lost_before(self, scan: Scan) -> tuple[int, int] | None:
-        """First and last of the steps just before `scan` whose scans have not come; else None."""
+        """Return the first and last of the steps lost just before `scan`; None: none is lost."""
         arrived = (step for step, opened in self.open_steps.items() if opened.scan)
         newest = max((step for step in arrived if step < scan.step), default=self.before)
         if newest is None or newest + 1 == scan.step:
@@ -191,7 +191,7 @@ class StepCollector(Part):
         return max(known, default=self.before)
 
     def _bulky_of(self, report: Report) -> int:
-        """How many reports of the same job on other steps wait with particles of places."""
+        """Return the number of bulky reports of the same job that wait for other steps."""
         return sum(
             is_bulky(waiting)
             for step, opened in self.open_steps.items()
@@ -259,7 +259,7 @@ class StepCollector(Part):
         return oldest is not None and not oldest.lockstep and self.settings.search_deadline_s == 0.0
 
     def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
-        """Whether the search deadline of a step has passed; a lockstep step has none."""
+        """Return whether the search deadline of a step has passed; a lockstep step has none."""
         wait_ns = int(self.settings.search_deadline_s * 1e9)
         lockstep = opened.scan is not None and opened.scan.lockstep
         return not lockstep and now_ns >= opened.arrived_ns + wait_ns

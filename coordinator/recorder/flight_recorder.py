@@ -75,7 +75,7 @@ class FlightRecorder:
 
     @property
     def lost(self) -> dict[str, int]:
-        """How many events were not recorded, by cause; empty for none."""
+        """Number of events that were not recorded, by cause."""
         count = self._dropped + self._unwritten
         return {LOST: count} if count else {}
 

@@ -1,4 +1,4 @@
-"""What a flight recording is made of, and what is left out of it.
+"""The records of a flight recording, without particles and beams.
 
 No belief is computed from particles or beams in the coordinator: it passes particles on to workers
 and leaves beams alone. Both are left out, which makes a step a hundred times smaller.
@@ -43,7 +43,7 @@ NO_PARTICLES = ArrayBlob(dtype="float32", shape=(0, 3), data=b"")
 
 
 class Started(msgspec.Struct, frozen=True, kw_only=True):
-    """All that a coordinator was made with."""
+    """The arguments with which a coordinator was made."""
 
     sender: str
     filter_settings: FilterSettings
@@ -65,13 +65,13 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """The first message of each file: a coordinator that continues from here can be built."""
 
     version: str
-    """Of the software; another version may decide otherwise."""
+    """Version of the software; another one may decide otherwise."""
     made_with: str
     """Python, numpy and processor."""
     now_ns: int
-    """By the clock of all events."""
+    """Time by the clock of all events [ns]."""
     wall_ns: int
-    """At the same moment by the wall clock."""
+    """The same time by the wall clock [ns]."""
     first_event: int
     """Number of events that this coordinator processed before, recorded or not."""
     started: Started
@@ -95,7 +95,7 @@ class Happened:
 
 
 def happened(event: Event) -> Iterator[Happened]:
-    """An event in words, for those that a person wants to read."""
+    """Yield the text of an event, if it is one for people to read."""
     match event:
         case WorkerJoined(worker):
             yield Happened("worker joined", worker)
@@ -114,7 +114,7 @@ def happened(event: Event) -> Iterator[Happened]:
 
 
 def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
-    """What the coordinator decided, in words."""
+    """Yield the texts of decisions."""
     for instruction in instructions:
         match instruction:
             case FetchScans(first, last):
@@ -159,7 +159,7 @@ T = TypeVar("T")
 
 
 def without_bulk(value: T) -> T:
-    """Leave out particles and beams, however deep in a value they are."""
+    """Return a value without its particles and beams, at any depth."""
     return cast(T, _without_bulk(value))
 
 
@@ -199,7 +199,7 @@ def _looked_at(kind: type[msgspec.Struct]) -> tuple[str, ...]:
 
 
 def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Those that have changed."""
+    """Return the values that changed, by name."""
     lighter = ((name, value, _without_bulk(value)) for name, value in values.items())
     return {name: light for name, value, light in lighter if light is not value}
 

@@ -34,7 +34,7 @@ class Believed:
 
     belief: Belief
     same: bool | None
-    """Whether it equals the recorded belief bit for bit; None: the recording ends before it."""
+    """Whether it equals the recorded belief bit for bit; None: the recording ends earlier."""
 
 
 Happening: TypeAlias = Happened | CoordinatorActs | Believed
@@ -79,7 +79,7 @@ class _SeriesReplay:
         self._wall_ns = 0
 
     def run(self) -> Iterator[tuple[int, Happening]]:
-        """When and what happened, in its order."""
+        """Yield the wall clock [ns] and what happened, in order."""
         for happening in self._run():
             yield self._wall_ns, happening
 
@@ -159,7 +159,7 @@ class _Entry:
 
 
 def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
-    """The head of a file, then its events."""
+    """Yield the head of a file, then its events."""
     entry: _Entry | None = None
     for number, message in enumerate(log.messages()):
         if number == 0:
@@ -213,7 +213,7 @@ def _head_of(path: Path, version: str) -> Head | None:
 
 
 def _by_series(folder: Path) -> list[list[Path]]:
-    """The files of each coordinator."""
+    """Return the files of each coordinator."""
     files = [path for path in files_in(folder) if path.suffix == ".mcap"]
     if not files:
         raise RecordingError(folder, _nothing_in(folder))

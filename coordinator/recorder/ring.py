@@ -98,13 +98,13 @@ class Ring:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """The files of a recording, oldest first; a pipe would never end."""
+    """Return the files of a recording, oldest first; only regular files."""
     found = (path for path in folder.glob("*") if _NAME.fullmatch(path.name))
     return sorted(path for path in found if path.is_file())
 
 
 def series_of(path: Path) -> tuple[int, int]:
-    """The series of a file, and its number in it."""
+    """Return the series of a file, and the file's number in the series."""
     match = _NAME.fullmatch(path.name)
     if match is None:
         raise ValueError(f"{path.name} is no name of a recording's file")

@@ -85,17 +85,3 @@ def test_a_worker_keeps_what_it_holds_unless_it_is_over_or_given_away_since() ->
     kept = made.held("b", held, now_ns=2)
     assert kept == held[:1], "c1 was given away with epoch 2, and nobody knows c7"
     assert made.by_worker() == {"b": {"c0": 9}, "a": {"c1": 2}}
-
-
-def test_a_job_of_another_history_is_not_taken_for_the_one_of_the_same_id() -> None:
-    """Two coordinators that did not know of each other have both begun a search and clusters."""
-    made = handed_on(jobs_of("a", "s0.0", "c0"))
-    made.begin({"c1": TRACK})
-    others = [
-        Assignment(job_id=job_id, epoch=TERM + 8, job=SEARCH, term=TERM + 5)
-        for job_id in ("s0.0", "c0")
-    ]
-    since = Assignment(job_id="c1", epoch=TERM + 9, job=TRACK)
-    assert made.held("b", [*others, since], now_ns=2) == [], "c1 began after it was handed on"
-    assert made.by_worker() == {"a": {"s0.0": 1, "c0": 2}, None: {"c1": 0}}
-    assert made.assignment("s0.0").job == TRACK

@@ -21,18 +21,6 @@ def test_the_epochs_of_one_term_are_over_where_the_next_one_begins() -> None:
     assert term.number >= KNOWN.term + APART_US
 
 
-def test_two_that_hear_of_the_same_term_are_raised_to_two() -> None:
-    far_ahead = 3 * APART_US
-    terms = [Term.of(clock_us, None) for clock_us in (5, 6)]
-    for _ in range(3):
-        assert all(term.hear(far_ahead) for term in terms)
-        raised = [term.number for term in terms]
-        assert raised[0] != raised[1]
-        assert all(term.hear(other) for term, other in zip(terms, reversed(raised), strict=True))
-        assert terms[0].number != terms[1].number, "nor by hearing of each other"
-        far_ahead = 3 * max(term.number for term in terms)
-
-
 def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
     term = Term.of(5, None)
     term.begun = True
