@@ -28,7 +28,7 @@ KIDNAP_KEY = "simulator/kidnap"
 SIMULATED_HZ = 10.0
 """Scans a second of simulated time; another `--rate-hz` speeds up or slows down that time."""
 _FROZEN_NS = 200_000_000
-"""A delay longer than this means that the driver was frozen."""
+"""Delay above which the driver counts as frozen."""
 
 
 class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
@@ -37,7 +37,7 @@ class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
     stamp_ns: int
     map_from_robot: PoseTuple
     kidnapped: int = 0
-    """Number of kidnappings until then."""
+    """Number of kidnappings so far."""
 
 
 def main() -> None:

@@ -9,7 +9,7 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.25
 _SPEED_M_S = 1.0
 _NEAREST_M, _FARTHEST_M = 0.8, 10.0
-"""Distances from the robot; a person farther away is placed near it again."""
+"""Limits of the distance from the robot; a person farther away is placed near it again."""
 _TRIES = 20
 
 
@@ -18,8 +18,8 @@ class People:
 
     Args:
         count: number of people.
-        free_space: where they can walk.
-        rng: chooses places and headings.
+        free_space: the free space of the world.
+        rng: random numbers for places and headings.
     """
 
     def __init__(self, count: int, free_space: FreeSpace, rng: np.random.Generator) -> None:

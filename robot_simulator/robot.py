@@ -18,12 +18,12 @@ _LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
 _TURN_PER_ERROR = 2.5
 """Turn rate per heading error [1/s]."""
 _NO_DRIVE_ERROR_RAD = 0.8
-"""At a larger heading error the robot turns on the spot."""
+"""Heading error above which the robot turns on the spot."""
 _BLOCKED_S = 1.0
-"""A robot blocked for this time chooses another goal."""
+"""Time after which a blocked robot chooses another goal [s]."""
 _FARTHEST_GOAL_M = 60.0
 _HAND_S = 1.0
-"""A manual command is valid for this time; then the robot stands still."""
+"""Time for which a manual command is valid [s]."""
 
 
 class Drive(NamedTuple):
@@ -65,7 +65,7 @@ class Robot:
         self._hand_left_s = 0.0
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Obey for a second, then stand still until the next command or `wander`."""
+        """Drive at these rates for a second, then stand until the next command or `wander`."""
         self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
 
     def wander(self) -> None:

@@ -18,7 +18,7 @@ class Odometer:
     """Dead reckoning with errors. Systematic errors are drawn once, random errors each time.
 
     Args:
-        rng: source of the errors.
+        rng: random numbers for the errors.
         scale_error: standard deviation of the systematic scale error of distances, and of that
             of turns (worn wheels, soft floors).
         veer_rad_per_m: standard deviation of the systematic turn per metre (unequal wheels).
@@ -98,7 +98,7 @@ class Lidar:
     Args:
         model: the scanner's parameters.
         ground: the world's true map.
-        rng: source of noise and drop-outs.
+        rng: random numbers for noise and drop-outs.
     """
 
     def __init__(self, model: LidarModel, ground: GridMap, rng: np.random.Generator) -> None:

@@ -21,7 +21,7 @@ _PIECE_NS = 50_000_000
 _TICK_NS = 2 * _PIECE_NS
 """Interval of scans: 10 Hz."""
 _SCAN_SHARE = 0.4
-"""A scan is taken after this share of an odometry interval, between readings as in reality."""
+"""Time of the scan as a share of an odometry interval, so that scans lie between readings."""
 _KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
 
 
@@ -50,12 +50,12 @@ class Simulation:
 
     Args:
         world: the world.
-        seed: of all random numbers.
-        lidar: the scanner's parameters; the default has the world's range.
+        seed: seed of all random numbers.
+        lidar: the scanner's parameters; None: the defaults, with the world's range.
         people: number of people near the robot.
         start: (3,) start pose, which replaces the world's start and route.
         start_ns: stamp of the first reading.
-        sender: sender of the readings.
+        sender: name of the sender in the readings.
         remembered_s: how long past poses are kept for `truth_at`.
 
     Raises:
