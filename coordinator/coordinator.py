@@ -94,7 +94,7 @@ EARLY_REPORTS, EARLY_BULKY_REPORTS = 10_000, 256
 
 
 class Coordinator(Part):
-    """Decides everything while the process recovers and leads; see `Replica`."""
+    """A coordinator that recovers or leads: takes events, returns instructions; see `Replica`."""
 
     sender: str
     """Name of the process."""

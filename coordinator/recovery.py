@@ -59,7 +59,7 @@ class Term(Part):
         return term
 
     def hear(self, number: int) -> bool:
-        """Take the term of another coordinator's own message.
+        """Process the term in a message of another coordinator.
 
         Returns:
             Whether this term was raised above it, which happens only before it begins.
@@ -201,7 +201,7 @@ class StateRecovery(Part):
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
     told: dict[str, WorkerSnapshot] = {}
-    """The answers of the present workers."""
+    """The answers of the connected workers, by name."""
     is_of_this_life: bool = False
     """Whether a worker knows the term of the kept state."""
     founded: int = 0
@@ -236,7 +236,7 @@ class StateRecovery(Part):
         self.is_of_this_life |= self.kept is not None and self.kept.term in told.terms
 
     def forget_checkpoints(self) -> None:
-        """Drop the states: this coordinator has begun, from one of them or from none."""
+        """Drop the states of other coordinators; they are not needed after the start."""
         self.received.clear()
         if self.kept and self._counts(self.kept):
             self.kept = None

@@ -385,7 +385,7 @@ class CoordinatorState(Part):
         )
 
     def _begin_anew(self, scan: Scan, cause: EndedCause) -> None:
-        """Forget all places; what was searched for is searched for from this scan on."""
+        """Forget all places; if a search has begun before, begin one from this scan on."""
         self.collector.restart(scan.step - 1)
         if self.ensemble.searches:
             self._follow(self.ensemble.relocalize(scan.step - 1, cause), scan)

@@ -75,7 +75,7 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
 
     Args:
         folder: where to; made if it is not there.
-        robot: whose state.
+        robot: name of the robot.
         checkpoint: the state.
         sync: wait until it is on the disk, so that it survives a power cut.
 
@@ -126,8 +126,8 @@ class StateKeeper:
     """Writes the newest state in a thread of its own: a slow disk delays no belief.
 
     Args:
-        folder: where to; None: nowhere.
-        robot: whose state.
+        folder: folder of the file; None: nothing is written.
+        robot: name of the robot.
         kept: what the file holds; a state of a lower rank does not replace it.
     """
 
@@ -157,7 +157,7 @@ class StateKeeper:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Write while the context lasts; what is newest is written on the way out."""
+        """Write within the ``with`` block; write the newest state at its end."""
         if self._folder is None:
             yield
             return

@@ -288,7 +288,7 @@ class StepCollector(Part):
     def resume(self, handed_on: "StepCollector") -> None:
         """Continue from another coordinator's state; waiting scans of later steps stay.
 
-        Reports do not: they are of this coordinator's own jobs, which may have the same ids.
+        Waiting reports are dropped: the other coordinator's jobs may have the same ids.
         """
         self.applied, self.steps_lost = handed_on.applied, handed_on.steps_lost
         self.late.clear()

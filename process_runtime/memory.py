@@ -42,7 +42,7 @@ class HeapTrimmer:
         self._due_s = now_s + SETTLED_S
 
     def trim_if_due(self, now_s: float) -> bool:
-        """Return whether the heap was trimmed."""
+        """Trim the heap if it is due; return whether it was trimmed."""
         if self._due_s is None or now_s < self._due_s:
             return False
         self._due_s = None

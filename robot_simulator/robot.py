@@ -33,7 +33,7 @@ class Drive(NamedTuple):
     turn_rad: float
 
     def part(self, share: float) -> "Drive":
-        """Return the first part of the arc."""
+        """Return the first part of the arc, of the given share (0 to 1) of its length."""
         return Drive(self.distance_m * share, self.turn_rad * share)
 
 

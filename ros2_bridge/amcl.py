@@ -238,7 +238,7 @@ class Amcl:
     # --- helpers
 
     def _odometry(self) -> Iterator[Output]:
-        """Pass on the newest odometry, if it has not been yet."""
+        """Yield the newest odometry, unless it was yielded before."""
         odom, base = self.settings.odom_frame, self.settings.base_frame
         stamp_ns = self._frames.newest_ns(odom, base)
         if stamp_ns is None or (self._odometry_ns is not None and stamp_ns <= self._odometry_ns):

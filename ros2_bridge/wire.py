@@ -97,11 +97,11 @@ class Endpoint:
     """A publisher, subscriber, client or service.
 
     Args:
-        kind: which of them.
+        kind: kind of the endpoint.
         topic: full name of the topic or service.
         type_name: as DDS names it, see `dds_type`.
-        type_hash: of that type.
-        qos: of the topic.
+        type_hash: hash of the message type.
+        qos: quality of service of the topic.
     """
 
     kind: EndpointKind

@@ -41,6 +41,10 @@ class SearchEvidence(Part):
         return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
 
     def newly_explained(self, share: float) -> float:
-        """Return the newly explained share of elsewhere; `share` of the search is explained."""
+        """Return the share of elsewhere that is newly explained, at most 1.
+
+        Args:
+            share: share of the search's places that clusters hold or that were admitted.
+        """
         before, self.explained = self.explained, max(share, self.explained)
         return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0

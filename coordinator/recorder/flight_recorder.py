@@ -97,7 +97,7 @@ class FlightRecorder:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Write while the context lasts; what waits is written on the way out."""
+        """Write events within the ``with`` block; write the waiting ones at its end."""
         if self._ring is None:
             yield
             return

@@ -51,7 +51,7 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
     def is_of_another_map(self) -> bool:
         """Whether the robot was more probably off the map than on it.
 
-        A laser with a wrong mount looks so, too, but its scans fit once their poses are refined.
+        With a wrong laser mount scans also fit badly, but only until their poses are refined.
         """
         fits = self.fitting_share is not None and self.fitting_share > FITS_SHARE
         return self.off_map_probability > ANOTHER_MAP and not fits
