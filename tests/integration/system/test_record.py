@@ -57,5 +57,5 @@ def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None
     assert steps >= 9
     assert (counts["/map"], counts["/scan"]) == (1, steps)
     assert counts["/tf"] > 5 * steps, "odometry between the steps"
-    assert 0 <= steps - counts["/places"] <= IN_FLIGHT
+    assert abs(steps - counts["/places"]) <= IN_FLIGHT, "some at either end"
     assert steps_in(file) == steps
