@@ -26,7 +26,7 @@ from tests.integration.waiting import stretched_s, wait_until
 from tests.unit.coordinator.recorder.recorded import head, write_file
 
 LOST_S, STEPS_PER_S = 0.5, 10.0
-"""A kill -9 loses the beliefs of so long, which wait for the disk; here some five a second."""
+"""A kill -9 loses the beliefs of this time, which wait for the disk; here some five a second."""
 
 
 def replay(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
