@@ -66,7 +66,9 @@ def _starts_of(case: Case, settings: Settings) -> Sequence[int]:
     if not isinstance(case, StartsCase):
         return (0,)
     whole = course_of(replace(case, updates=None), 0, settings.bridge)
-    return start_steps(sum(1 for _ in whole.steps), case.seeds, case.updates or 1)
+    steps, steps_each = sum(1 for _ in whole.steps), case.updates or 1
+    # A recording that is hardly longer than a run has fewer starts.
+    return start_steps(steps, min(case.seeds, max(steps - steps_each, 0) + 1), steps_each)
 
 
 def key_of(task: Task) -> Key:
