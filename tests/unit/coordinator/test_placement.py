@@ -245,3 +245,24 @@ def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
     made.reported(tracked(tried[0], 2, 0.1, (1.0, 2.0, 0.0)), in_time=True)
     follow(made, due(made, 3 * SECOND))
     assert len([jobs for jobs in made.workers.values() if jobs]) == 9, "all of them are trusted"
+
+
+def test_a_refused_order_is_repeated() -> None:
+    made = placement("a")
+    made.jobs.begin({"c0": track(0)})
+    ((_, order),) = due(made, 0)
+    refused = OrderAnswer(
+        sender="a", order=order.order, jobs=(("c0", order.begin[0].epoch, 0),), problem="other map"
+    )
+    made.delivery.answered("a", refused)
+    assert due(made, RESEND_AFTER_NS - 1) == []
+    assert [worker for worker, _ in due(made, RESEND_AFTER_NS)] == ["a"]
+
+
+def test_a_worker_that_is_asked_for_its_state_gets_no_order_before_its_answer() -> None:
+    made = placement()
+    made.joined("a", silent_until_ns=SECOND)
+    made.jobs.begin({"c0": track(0)})
+    assert due(made, SECOND - 1) == []
+    made.held("a", [], 0)
+    assert begun(due(made, 1)) == {"a": ["c0"]}

@@ -103,3 +103,11 @@ def test_a_leader_that_was_stopped_publishes_and_answers_nothing_until_it_has_li
         released = replica.release([], later_ns)
     assert released == decided
     assert replica.may_answer(later_ns)
+
+
+def test_a_state_of_a_lower_term_is_no_sign_of_life() -> None:
+    replica = Replica(SILENCE_S, 0)
+    replica.handle(CheckpointHeard(state(term=2)), SECOND)
+    replica.handle(CheckpointHeard(state(term=1)), 2 * SECOND)
+    assert replica.newest.checkpoint == state(term=2)
+    assert replica.is_leader_dead(3 * SECOND)
