@@ -12,6 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from particle_filter.sensor_model import scan_exponent
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from robot_simulator.simulation import Simulation
@@ -39,7 +40,7 @@ def main() -> None:
     extent = (left, left + width, low, low + height)
     axes[0].imshow(shade, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent)
     axes[0].set_title("map and robot")
-    exponent = model.settings.scan_likelihood_exponent
+    exponent = scan_exponent(beams.count, model.settings)
     scale = exponent * model.pyramid.log_step
     leaf = model.pyramid.levels[-1]
     rows, cols = (size - 1 for size in leaf.steps.shape[2:])

@@ -19,7 +19,7 @@ from particle_filter.places import FoundPlace, places_of
 from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.resampling import resample
-from particle_filter.sensor_model import Beams, Grid, SensorModel
+from particle_filter.sensor_model import Beams, Grid, SensorModel, scan_exponent
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_tuple, pose_tuple
@@ -155,7 +155,7 @@ class OrdinaryMCL:
         )
 
     def _weighed(self, particles: ParticleSet, beams: Beams) -> ParticleSet:
-        exponent = self._model.settings.scan_likelihood_exponent
+        exponent = scan_exponent(beams.count, self._model.settings)
         result = measurement_update(particles, beams, self._model, exponent)
         if self._recovery:
             count = len(particles.log_weights)

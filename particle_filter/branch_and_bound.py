@@ -27,7 +27,7 @@ from particle_filter.poses import TURN, between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums
 from particle_filter.regions import Corners, is_region
 from particle_filter.resampling import optimal_resampling
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_model import Grid, SensorModel, scan_exponent
 from particle_filter.settings import SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 
@@ -148,7 +148,7 @@ class BranchAndBoundSearch:
     ) -> None:
         self._pyramid, self._space, self._rng = model.pyramid, space, rng
         self._hits = hits_in_robot[:: -(-len(hits_in_robot) // MOST_BEAMS)] / model.grid.cell_m
-        exponent = model.settings.scan_likelihood_exponent
+        exponent = scan_exponent(len(hits_in_robot), model.settings)
         self._scale = exponent * len(hits_in_robot) / len(self._hits)
         """Log-likelihood of one scored beam: if there are too many, each stands for several."""
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))

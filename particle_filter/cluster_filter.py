@@ -13,7 +13,7 @@ from particle_filter.gaussian import fit_gaussian
 from particle_filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from particle_filter.motion import move, slipped
 from particle_filter.resampling import resample, systematic
-from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty, scan_exponent
 from particle_filter.settings import ClusterSettings, MotionSettings
 
 _SLIP_EVERY = 4
@@ -154,7 +154,7 @@ def mcl_step(
     """
     particles = resampled(particles, count or len(particles.log_weights), settings, rng)
     moved = move(particles.map_from_robot, before_from_after, motion, rng)
-    exponent = model.settings.scan_likelihood_exponent
+    exponent = scan_exponent(beams.count, model.settings)
     share = 1.0 if is_first else pose_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)
     result = measurement_update(after_motion, beams, model, exponent, share)

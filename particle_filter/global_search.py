@@ -27,7 +27,7 @@ from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_p
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
 from particle_filter.resampling import optimal_resampling
-from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty, scan_exponent
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 from particle_filter.view_memory import ViewMemory
@@ -224,7 +224,7 @@ class GlobalSearch:
         for past in self._scans:
             now_from_then = between(now.odom_from_robot, past.odom_from_robot)
             fits = yield from self._fits(poses, past.beams, now_from_then)
-            total += self._exponent * fits
+            total += scan_exponent(past.beams.count, self._model.settings) * fits
         return total, float(fits.max()) / now.beams.count
 
     def _fits(self, poses: Poses, beams: Beams, at_scan: Pose | None = None) -> Slices[LogWeights]:
@@ -246,7 +246,7 @@ class GlobalSearch:
         fits = yield from self._fits(kept.poses, beams)
         per_beam = float(fits.max()) / beams.count
         penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
-        gain = self._exponent * fits + penalty
+        gain = scan_exponent(beams.count, self._model.settings) * fits + penalty
         likelihood = log_sum(kept.log_weights + gain)
         settings = self._settings
         share = evidence_weight(new_view, residual(per_beam, settings.sensor), settings.belief)
@@ -256,10 +256,6 @@ class GlobalSearch:
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
         yield from self._settle(kept, beams, new_view)
         return per_beam
-
-    @property
-    def _exponent(self) -> float:
-        return self._model.settings.scan_likelihood_exponent
 
     def _penalty(self, poses: Poses, log_penalty: float) -> LogWeights:
         return ground_log_penalty(poses, self._model.grid, log_penalty)

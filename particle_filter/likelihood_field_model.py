@@ -25,7 +25,14 @@ from particle_filter.ray_casting import (
     jump_field,
 )
 from particle_filter.resampling import systematic
-from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
+from particle_filter.sensor_model import (
+    Beams,
+    Grid,
+    LaserScan,
+    MapArrays,
+    scan_exponent,
+    usable_beams,
+)
 from particle_filter.settings import SensorSettings
 
 
@@ -180,7 +187,7 @@ class LikelihoodFieldModel:
     ) -> float:
         """Return the share of the occluded beams' score that the evidence loses."""
         settings = self.settings
-        taken_back = settings.scan_likelihood_exponent * settings.occlusion_weight
+        taken_back = scan_exponent(beams.count, settings) * settings.occlusion_weight
         return taken_back * self.mean_occluded(map_from_robot, weights, beams, sharers)
 
     def mean_occluded(

@@ -18,7 +18,7 @@ from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, LaserScan, SensorModel
+from particle_filter.sensor_model import Beams, LaserScan, SensorModel, scan_exponent
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices, finished
 from particle_filter.uniform_poses import UniformPoses
@@ -296,7 +296,7 @@ class Elsewhere(RunningJob):
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
-        exponent = self._settings.sensor.scan_likelihood_exponent
+        exponent = scan_exponent(beams.count, self._model.settings)
         result = cluster_filter.measurement_update(
             ParticleSet.even(poses), beams, self._model, exponent
         )

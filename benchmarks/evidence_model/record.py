@@ -21,7 +21,7 @@ from particle_filter.global_search import GlobalSearch
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import between, heading_distance
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, SensorModel
+from particle_filter.sensor_model import Beams, SensorModel, scan_exponent
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import finished
 from process_runtime.settings import Settings
@@ -185,7 +185,7 @@ def of_elsewhere(
 ) -> tuple[float, float]:
     """Log mean likelihood of uniform poses, weighed as clusters are, and the best fit a beam."""
     poses = uniform_over_free_space(model.grid, count, rng)
-    exponent = model.settings.scan_likelihood_exponent
+    exponent = scan_exponent(beams.count, model.settings)
     found = cluster_filter.measurement_update(ParticleSet.even(poses), beams, model, exponent)
     correction = model.correction(poses, found.particles.weights, beams)
     log_mean = found.log_weight_sum - math.log(len(poses)) - correction

@@ -34,6 +34,7 @@ from particle_filter.off_map import (
 )
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
+from particle_filter.sensor_model import scan_exponent
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
@@ -304,9 +305,8 @@ class ClusterSet(Part):
             return 0.0, 0.0
         ordered = map(reports.get, self.job_ids)
         counts = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
-        _, _, through, other = (
-            np.exp(among) @ counts * self.sensor.scan_likelihood_exponent
-        ).tolist()
+        exponents = [scan_exponent(beams, self.sensor) for beams in counts.sum(axis=1).tolist()]
+        _, _, through, other = (np.exp(among) * exponents @ counts).tolist()
         return (
             other * short_beam_gain(self.quality.short, self.sensor),
             through * through_beam_loss(self.sensor),

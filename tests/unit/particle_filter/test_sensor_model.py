@@ -8,7 +8,7 @@ from particle_filter.arrays import Cells, LogWeights, Pose, Poses
 from particle_filter.beam_model import BeamModel
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.poses import compose
-from particle_filter.sensor_model import Beams, Grid, LaserScan, SensorModel
+from particle_filter.sensor_model import Beams, Grid, LaserScan, SensorModel, scan_exponent
 from particle_filter.sensor_models import computed_model, model_class
 from particle_filter.settings import SensorModelName, SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_rays
@@ -57,6 +57,21 @@ def test_the_true_pose_fits_better_than_others(name: SensorModelName) -> None:
     fits = sensor.log_likelihood(np.vstack([truth, others]), seen_from(truth, room))
     assert np.argmax(fits) == 0
     assert fits[0] - fits[1:].max() > 10.0
+
+
+@pytest.mark.parametrize(
+    ("beams", "independent"), [(200, 20.0), (60, 6.0), (59, 6.0), (16, 6.0), (6, 6.0), (4, 4.0)]
+)
+def test_a_scan_of_few_beams_counts_as_six_independent_ones_or_as_all_it_has(
+    beams: int, independent: float
+) -> None:
+    settings = SensorSettings(scan_likelihood_exponent=0.1, max_beams=60)
+    assert beams * scan_exponent(beams, settings) == pytest.approx(independent)
+
+
+@pytest.mark.parametrize("beams", [0, 1, 4, 60])
+def test_an_exponent_of_one_counts_every_beam_of_a_scan(beams: int) -> None:
+    assert scan_exponent(beams, SensorSettings(scan_likelihood_exponent=1.0)) == 1.0
 
 
 def test_each_name_has_a_class_of_its_own() -> None:
