@@ -12,7 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from particle_filter.sensor_model import scan_exponent
+from particle_filter.evidence_model import scan_exponent
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from robot_simulator.simulation import Simulation

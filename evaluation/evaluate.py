@@ -222,6 +222,8 @@ def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
     of = f"{options.algorithm} on {options.recording}"
     if options.mirrored:
         return f"{of}, mirrored: a robot that is nowhere in the map"
+    if all(run["log_score_mean"] is None for run in runs):
+        return f"{of}: errors unknown without true poses (--reference)"
     return f"{of}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
 
 

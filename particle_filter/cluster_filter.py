@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
-from particle_filter.evidence_model import way
+from particle_filter.evidence_model import scan_exponent, way
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from particle_filter.motion import move, slipped
 from particle_filter.resampling import resample, systematic
-from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty, scan_exponent
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import ClusterSettings, MotionSettings
 
 _SLIP_EVERY = 4

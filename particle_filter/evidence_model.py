@@ -32,6 +32,22 @@ _LEARNED, _LEARNED_BELOW = 0.1, 0.2
 """Weight of a scan in the mean of fits; factor of that weight while fits are low."""
 
 
+def scan_exponent(beams: int, settings: SensorSettings) -> float:
+    """Return the exponent of a scan's log-likelihood, because its beams are not independent.
+
+    A scan of `max_beams` counts as `scan_likelihood_exponent` times as many independent beams. One
+    of fewer beams counts as much, for its beams are farther apart; but as no more than it has.
+
+    Args:
+        beams: number of scored beams of the scan.
+        settings: of the sensor model.
+    """
+    exponent = settings.scan_likelihood_exponent
+    if not 0 < beams < settings.max_beams or exponent >= 1.0:
+        return exponent
+    return min(exponent * settings.max_beams / beams, 1.0)
+
+
 def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which hypotheses are contenders: the most probable with `CONTENDED` of the belief.
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
 from particle_filter.cluster_filter import ParticleSet
-from particle_filter.evidence_model import evidence_weight, residual
+from particle_filter.evidence_model import evidence_weight, residual, scan_exponent
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
@@ -27,7 +27,7 @@ from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_p
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
 from particle_filter.resampling import optimal_resampling
-from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty, scan_exponent
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 from particle_filter.view_memory import ViewMemory

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Poses
+from particle_filter.evidence_model import scan_exponent
 from particle_filter.kernels import ToCells, kernel, plain, read_only
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.pyramid import Pyramid
@@ -30,7 +31,6 @@ from particle_filter.sensor_model import (
     Grid,
     LaserScan,
     MapArrays,
-    scan_exponent,
     usable_beams,
 )
 from particle_filter.settings import SensorSettings

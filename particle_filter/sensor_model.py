@@ -179,22 +179,6 @@ class SensorModel(Hashable, Protocol):
         """
 
 
-def scan_exponent(beams: int, settings: SensorSettings) -> float:
-    """Return the exponent of a scan's log-likelihood, because its beams are not independent.
-
-    A scan of `max_beams` counts as `scan_likelihood_exponent` times as many independent beams. One
-    of fewer beams counts as much, for its beams are farther apart; but as no more than it has.
-
-    Args:
-        beams: number of scored beams of the scan.
-        settings: of the sensor model.
-    """
-    exponent = settings.scan_likelihood_exponent
-    if not 0 < beams < settings.max_beams or exponent >= 1.0:
-        return exponent
-    return min(exponent * settings.max_beams / beams, 1.0)
-
-
 def usable_beams(
     ranges: NDArray[np.floating], range_max_m: float, max_beams: int
 ) -> NDArray[np.int64]:

@@ -88,7 +88,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = "likelihood_field"
     scan_likelihood_exponent: Annotated[
         float,
-        described("multiplies a scan's log-likelihood, because beams are not independent", gt=0),
+        described(
+            "multiplies the log-likelihood of a scan of max_beams; their errors correlate", gt=0
+        ),
     ] = 0.1
     max_beams: Annotated[
         int, described("valid beams used of one scan, spread evenly", gt=0, le=65_536)

@@ -16,9 +16,10 @@ from particle_filter import cluster_filter, global_search, places
 from particle_filter.arrays import Pose
 from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
+from particle_filter.evidence_model import scan_exponent
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, LaserScan, SensorModel, scan_exponent
+from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices, finished
 from particle_filter.uniform_poses import UniformPoses

@@ -17,11 +17,12 @@ from evaluation.pose_error import pose_error
 from particle_filter import cluster_filter
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
+from particle_filter.evidence_model import scan_exponent
 from particle_filter.global_search import GlobalSearch
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import between, heading_distance
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, SensorModel, scan_exponent
+from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import finished
 from process_runtime.settings import Settings

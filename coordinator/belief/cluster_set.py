@@ -19,6 +19,7 @@ from particle_filter.evidence_model import (
     contenders,
     evidence_weight,
     residual,
+    scan_exponent,
     short_beam_gain,
     tempered,
     through_beam_loss,
@@ -34,7 +35,6 @@ from particle_filter.off_map import (
 )
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
-from particle_filter.sensor_model import scan_exponent
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple

@@ -53,8 +53,10 @@ def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
 def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
     up: TypedCommand, settings: Settings, tmp_path: Path
 ) -> None:
+    recording = tmp_path / "clustermcl" / "flight-recorder" / "robot"
     with Client(settings) as client:
         wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)
+        wait_until(lambda: any(recording.glob("*.mcap")))  # a thread of the coordinator writes it
         for module in ("coordinator", "worker", "robot_simulator"):
             kill_and_wait_for_the_next(up, module)
         step = client.pose().step
@@ -63,7 +65,6 @@ def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
     assert up.end(signal.SIGINT) == 0
     assert "Traceback" not in up.err
     up.assert_nothing_runs()
-    recording = tmp_path / "clustermcl" / "flight-recorder" / "robot"
     series = {series_of(file)[0] for file in files_in(recording)}
     assert len(series) == 2, "of both coordinators, without being asked"
 
