@@ -17,14 +17,14 @@ def dumped(value: JsonObject) -> str:
 
 
 def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
-    """Return a pose with its covariance."""
+    """Return a pose [m, rad] and its (3, 3) covariance as a JSON object."""
     x_m, y_m, heading_rad = map_from_robot
     rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
 
 
 def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
-    """Return a hypothesis."""
+    """Return a hypothesis as a JSON object."""
     return {
         "cluster": hypothesis.cluster,
         "probability": hypothesis.probability,

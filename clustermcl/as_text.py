@@ -91,7 +91,7 @@ def progress_text(search_progress: float) -> str:
 
 
 def belief_line(belief: Belief) -> str:
-    """Return a belief in one line."""
+    """Return the state, pose and probabilities of a belief as one line of text."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
     search += progress_text(belief.search_progress)
     note = ", dead reckoning" if is_unweighed(belief) else ""

@@ -136,7 +136,6 @@ class Client(RobotCommands):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Disconnect."""
         self._open = None
         self._resources.close()
 

@@ -63,7 +63,7 @@ class StalledError(ClusterMclError):
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """Options of the command."""
+    """Options of `clustermcl demo`."""
 
     recording: str | None = None
     """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, or in

@@ -126,7 +126,7 @@ class DemoSummary:
             self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
 
     def on_event(self, event: NumberedEvent) -> None:
-        """Count an event."""
+        """Count clusters that ended, by cause; ignore other events."""
         if isinstance(event.event, Ended) and not event.event.is_search:
             self._ended[event.event.cause] += 1
 

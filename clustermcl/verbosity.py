@@ -13,7 +13,7 @@ _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
 
 
 def set_verbosity(level: str = _NORMAL) -> None:
-    """Log messages of at least this level to standard error."""
+    """Write log messages of at least this level to standard error."""
     configure_logging("clustermcl", level)
 
 

@@ -27,14 +27,14 @@ def run_view(
 ) -> None:
     """Serve the page of a running system or of a recording, or save a recording as a page.
 
-    The page of a running system waits for it, at the start and when the connection is lost.
+    If there is no connection to the running system, the page waits and connects again.
 
     Args:
         settings: the router's endpoint and the robot's name.
         page: address and features of the page.
-        robots: names of robots; empty: the one in the settings.
-        recording: a run log, or a folder of them; None: show a running system.
-        map_file: map of the recording; None: the one in the recording.
+        robots: names of robots; empty: the robot in the settings.
+        recording: a run log, or a folder with run logs; None: show a running system.
+        map_file: map of the recording; None: the map in the recording.
         save_file: write the recording to this page instead of serving it.
 
     Raises:

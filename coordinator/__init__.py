@@ -1,1 +1,1 @@
-"""The process that weighs clusters against each other and says where the robot is."""
+"""The process that compares the clusters and publishes where the robot is."""

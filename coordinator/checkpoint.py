@@ -1,8 +1,8 @@
-"""The state of a coordinator as it is handed on: everything that decides, but for particles.
+"""The state that a coordinator transfers to its successor, without particles.
 
-Each part of the coordinator says in its own module what of it is handed on; here these are put
-together. The whole travels inside a `Checkpoint` as MessagePack that only coordinators read, so
-its form may change with each `STATE_VERSION`; a state of another version is refused.
+Each part of the coordinator defines its transferred state in its own module; this module combines
+them. A `Checkpoint` carries the state as MessagePack that only coordinators read, so its form may
+change with each `STATE_VERSION`; a state of another version is refused.
 """
 
 import math
@@ -158,7 +158,7 @@ def from_bytes(data: bytes) -> CheckpointState:
     """Decode and check a state.
 
     Raises:
-        ValueError: it cannot be read, is of another version, or contradicts itself.
+        ValueError: the state cannot be read, has another version, or contradicts itself.
     """
     try:
         version = _VERSIONS.decode(data).version
@@ -175,7 +175,7 @@ def from_bytes(data: bytes) -> CheckpointState:
 
 
 def state_in(checkpoint: Checkpoint) -> CheckpointState:
-    """Return the state in a checkpoint, which must be of the same step.
+    """Return the state in a checkpoint; both must belong to the same step.
 
     Raises:
         ValueError: as `from_bytes`.

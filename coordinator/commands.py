@@ -150,7 +150,7 @@ class Commands(Part):
 def _held(
     command: SetPose | Relocalize, odometry: Trajectory, regions: str
 ) -> tuple[Commanded, str]:
-    """The command with the odometry of its time, and why it cannot be carried out, if so."""
+    """Return the command with the odometry of its time, and the reason to refuse it or ""."""
     if isinstance(command, Relocalize):
         return Commanded(command), _region_problem(command.region, parsed_regions(regions))
     oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns

@@ -179,11 +179,11 @@ class Coordinator(Part):
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
     ) -> list[Instruction]:
-        """Take what happened; return what to do, in this order.
+        """Process an event; return instructions to carry out in this order.
 
         Args:
-            event: what happened.
-            now_ns: when, by the clock of all events; it never steps back.
+            event: the event.
+            now_ns: its time, by the clock of all events, which never steps back [ns].
         """
         match event:
             case events.ScanArrived(scan):
@@ -261,7 +261,7 @@ class Coordinator(Part):
         return self._say_again(scan, now_ns)
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
-        """Handle fetched scans; a coordinator without any begins with the newest of them."""
+        """Handle fetched scans; a coordinator without scans begins with the newest one."""
         if self.begun and not self.state.ensemble.searches:
             self.state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]

@@ -40,11 +40,11 @@ def carried(
     """Return a place and its covariance after the robot has moved by odometry alone.
 
     Args:
-        mean: in the map, then.
-        covariance: its uncertainty then.
-        then: odometry when it held.
-        now: odometry now.
-        motion: how far odometry errs; None: not at all.
+        mean: pose in the map before the motion.
+        covariance: covariance of that pose.
+        then: odometry before the motion.
+        now: odometry after the motion.
+        motion: noise of the odometry; None: no noise.
     """
     if then == now:
         return mean, covariance

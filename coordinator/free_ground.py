@@ -1,4 +1,4 @@
-"""The free ground of a map, coarse: where a robot can be at all."""
+"""The free ground of a map on a coarse grid: all places where a robot can be."""
 
 import math
 

@@ -9,7 +9,7 @@ from protocol.work import Checkpoint, TakeOver, WorkOrder
 
 @dataclass(frozen=True)
 class SendOrder:
-    """Send a worker its order."""
+    """Send a work order to a worker."""
 
     worker: str
     order: WorkOrder

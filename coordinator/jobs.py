@@ -103,8 +103,8 @@ class PlacedJob(Part):
     def is_held_as(self, held: Assignment) -> bool:
         """Return whether a worker's assignment of the same id is this job.
 
-        The coordinator that handed the job on may have given it to that worker since. A coordinator
-        that continued from an earlier state, or from none, gave its own jobs the same ids.
+        The previous coordinator may have given the job to that worker after it published its state.
+        A coordinator that continued from an earlier state, or from none, reused the same ids.
         """
         given_since = self.is_handed_on and held.term == self.term and held.epoch > self.epoch
         return held.epoch == self.epoch or given_since
@@ -144,7 +144,7 @@ class Jobs(Part):
         return {job.worker for job in self.shards().values()}
 
     def shards(self) -> dict[str, PlacedJob]:
-        """Jobs of the search that runs."""
+        """Return the jobs of the running search, by id."""
         return {
             job_id: job for job_id, job in self.placed.items() if isinstance(job.job, SearchJob)
         }
@@ -244,11 +244,11 @@ class Jobs(Part):
         """Continue with another coordinator's jobs; absent workers keep theirs for a while.
 
         Args:
-            handed_on: from its state.
+            handed_on: jobs in the other coordinator's state.
             rebuilt: makes the job of a cluster whose particles only its worker holds.
             present: workers that have appeared.
-            now_ns: by the clock of all events.
-            term: of the other coordinator.
+            now_ns: time by the clock of all events [ns].
+            term: the other coordinator's term.
         """
         self.placed = {
             job_id: PlacedJob(
@@ -281,11 +281,11 @@ class Jobs(Part):
             self.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
-        """Take the jobs that a worker reports, with snapshots.
+        """Store the jobs and snapshots that a worker reports.
 
         Returns:
-            Those of them that it has now; the others are over, another's by a newer epoch, or of a
-            coordinator from whose state this one does not continue.
+            The jobs that remain with the worker. The others have ended, belong to another worker
+            by a newer epoch, or come from a coordinator whose state was not adopted.
         """
         kept = []
         for held in holds:

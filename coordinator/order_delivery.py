@@ -63,7 +63,7 @@ class OrderDelivery(Part):
         self.records.pop(worker, None)
 
     def repeat(self, worker: str) -> None:
-        """Send a worker its order again: it was out of reach, or one of its jobs has changed."""
+        """Send a worker its order again, after a lost link or the change of a job."""
         self.records[worker].told = None
 
     def held(self, worker: str, jobs: Iterable[Assignment]) -> None:
@@ -112,12 +112,12 @@ class OrderDelivery(Part):
         """Return the orders that are due.
 
         Args:
-            workers: those that may get orders now; see `ready`.
-            jobs: each worker's, and their epochs.
-            assignment: a job as its worker is to have it.
-            term: of this coordinator.
-            map_digest: of the map in which the robot is localized.
-            now_ns: by the clock of all events.
+            workers: workers that may get orders now; see `ready`.
+            jobs: epochs of the jobs of each worker, by job id.
+            assignment: returns the assignment of a job.
+            term: term of this coordinator.
+            map_digest: digest of the map in which the robot is localized.
+            now_ns: time by the clock of all events [ns].
         """
         due = []
         for name in workers:

@@ -34,20 +34,20 @@ class Placement(Part):
     # --- workers
 
     def joined(self, worker: str, silent_until_ns: int = 0) -> None:
-        """Take that a worker appeared; a known one was restarted and has no jobs."""
+        """Add a worker that appeared; a known worker was restarted and has lost its jobs."""
         if worker in self.delivery:
             self.left(worker)
         self.jobs.came(worker)
         self.delivery.joined(worker, silent_until_ns)
 
     def left(self, worker: str) -> None:
-        """Take that a worker is gone: its jobs go to others, from their last snapshots."""
+        """Remove a worker that is gone; others continue its jobs from the last snapshots."""
         self.delivery.left(worker)
         self.stragglers.forget(worker)
         self.jobs.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
-        """Take a worker's jobs, each with a snapshot from which another could continue."""
+        """Store a worker's list of jobs, with snapshots from which another worker can continue."""
         self.delivery.held(worker, self.jobs.held(worker, holds, now_ns))
 
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
@@ -83,7 +83,7 @@ class Placement(Part):
         *,
         patient: bool = False,
     ) -> None:
-        """Take that a step was decided; workers that are late again lose their jobs.
+        """Process a decided step: workers that are late again lose their jobs.
 
         Workers with a search are spared: its steps may take longer than a deadline. While all
         workers are slow, moving jobs does not help, so they are given more time.

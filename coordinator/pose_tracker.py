@@ -123,7 +123,7 @@ class PoseTracker(Part):
 
     @property
     def live(self) -> bool:
-        """Whether stamps are of a clock that runs at the usual rate, as the newest scan says.
+        """Whether stamps come from a clock at the usual rate, by the flag in the newest scan.
 
         Such stamps show how long the network has delayed data. Recordings may be played at any
         rate.
@@ -154,9 +154,9 @@ class PoseTracker(Part):
         live: bool = False,
         fetched: bool = False,
     ) -> None:
-        """Take a step's scan; it was taken before the newest odometry.
+        """Process a step's scan, which is older than the newest odometry.
 
-        A fetched scan says nothing of the network's delay and does not replace newer data. If it is
+        A fetched scan does not show the network's delay and does not replace newer data. If it is
         the first data, the pose is stale.
         """
         if live != self.live:
@@ -171,7 +171,7 @@ class PoseTracker(Part):
             del self.waiting_ns[next(iter(self.waiting_ns))]
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        """Take that a scan was applied that at least one worker had weighed."""
+        """Record that a scan was applied and that at least one worker had weighed it."""
         self.driven.begin_at(odom_from_robot)
         self.driven.on_odometry(self.odom_now)
         if stamp_ns in self.waiting_ns:
@@ -180,7 +180,7 @@ class PoseTracker(Part):
                 del self.waiting_ns[next(iter(self.waiting_ns))]
 
     def believed(self, outcome: Outcome, odom_from_robot: PoseTuple) -> None:
-        """Take the outcome of a step; its hypotheses hold at the odometry of its scan."""
+        """Store the outcome of a step, whose hypotheses refer to the odometry of the scan."""
         self.outcome = outcome
         self.since_step.begin_at(odom_from_robot)
         self.since_step.on_odometry(self.odom_now)
@@ -199,9 +199,9 @@ class PoseTracker(Part):
         *,
         live: bool = False,
     ) -> None:
-        """Take what another coordinator has received.
+        """Continue with the newest data that another coordinator received.
 
-        It counts as stale, unless `begin` or this coordinator's own data show when it arrived.
+        The data is stale, unless `begin` or this coordinator's own data show when it arrived.
         """
         if live and not self.live:
             self.lateness = self._lateness_so_far()
@@ -214,7 +214,7 @@ class PoseTracker(Part):
         self.driven.on_odometry(self.odom_now)
 
     def _lateness_so_far(self) -> LatencyEstimator:
-        """Return an estimator with the newest data, unless another coordinator received that."""
+        """Return an estimator that has seen the newest data, if its arrival time is known."""
         lateness = LatencyEstimator()
         if self.age_known and self.arrived_ns is not None:
             lateness.of(self.stamp_ns, self.arrived_ns)
@@ -223,7 +223,7 @@ class PoseTracker(Part):
     def _heard_of(
         self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int
     ) -> None:
-        """Take data that another coordinator received, unless newer data is known."""
+        """Store data that another coordinator received, unless newer data is known."""
         if self.arrived_ns is not None and stamp_ns <= self.stamp_ns:
             return
         self.stamp_ns, self.told_ns, self.odom_now = stamp_ns, now_ns, odom_from_robot
@@ -241,7 +241,7 @@ class PoseTracker(Part):
         return None if usual_ns is None else min(stamp_ns + usual_ns, now_ns)
 
     def age_s(self, now_ns: int) -> float:
-        """Return the age of the newest data [s], as if it had come in time; -1 before any did."""
+        """Return the age of the newest data [s], as if it had arrived in time; -1: no data yet."""
         return _since_s(self.arrived_ns, now_ns)
 
     def age_of_s(self, stamp_ns: int, now_ns: int) -> float:
@@ -254,7 +254,7 @@ class PoseTracker(Part):
         return _since_s(self._taken_ns(stamp_ns, now_ns), now_ns)
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
-        """The pose as it is now; a gap in the data makes it stale or dead reckoning."""
+        """Return the present pose, marked stale or dead reckoning after a gap in the data."""
         best = self.outcome.hypotheses[0] if self.outcome and self.outcome.hypotheses else None
         carried = self._carried(best) if best else None
         return PoseAnswer(

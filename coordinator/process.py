@@ -93,9 +93,9 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
     """Lead until the process is stopped or deposed.
 
     Args:
-        invocation: of the process.
-        loop: at an open node.
-        known: what other coordinators have published.
+        invocation: settings and options of the process.
+        loop: event loop at an open node.
+        known: the newest state that other coordinators have published.
     """
     settings = invocation.settings
     folder, robot = state_folder(settings.coordinator.state_folder), settings.robot.name

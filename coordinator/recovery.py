@@ -1,7 +1,7 @@
 """The recovery of the state: the term, the workers to ask, and the states to continue from.
 
-Before it begins it decides nothing. Workers that appear later are asked too, if their answers may
-matter: a belief that never had clusters is given up for one that had.
+The coordinator decides nothing until recovery ends. It also queries workers that appear later, if
+their answers may matter: a belief that never had clusters is replaced by one that had.
 """
 
 import math
@@ -118,7 +118,7 @@ class LastPlace(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, checkpoint: Checkpoint) -> "LastPlace | None":
-        """The most probable place in a checkpoint; None where it has none.
+        """Return the most probable place in a checkpoint; None: it has no place.
 
         Raises:
             ValueError: as `state_in`.
@@ -242,7 +242,7 @@ class StateRecovery(Part):
             self.kept = None
 
     def forget_told(self) -> None:
-        """Drop everything: this coordinator has a belief of its own."""
+        """Drop all received states: this coordinator has its own belief now."""
         self.told.clear()
         self.kept = None
 

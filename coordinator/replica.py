@@ -1,7 +1,8 @@
-"""When a coordinator process leads, and when it does not, from its start to its end.
+"""One coordinator process as follower or leader, from its start to its end.
 
-A follower watches the leader. When that one dies, the follower recovers the state from what it
-holds and what workers report, and leads. A leader that learns of a higher term is deposed.
+A follower watches the leader. When the leader dies, the follower recovers the state from the
+checkpoints it has received and the workers' reports, and leads. A leader is deposed by a message
+with a higher term.
 """
 
 from collections.abc import Callable
@@ -87,7 +88,7 @@ class Replica:
         self._membership, self._fencing = Membership(), SelfFencing(now_ns)
 
     def handle(self, event: Event | TokenChanged | LinkChanged, now_ns: int) -> list[Instruction]:
-        """Take what happened; return what to do, after `release`."""
+        """Process an event, after `release`; return instructions to carry out."""
         if isinstance(event, CheckpointHeard):
             is_newest = self.newest.on_state(event.checkpoint, now_ns)
         if self.coordinator is not None:
@@ -137,7 +138,7 @@ class Replica:
 
 
 class NewestState:
-    """The state to recover from, and what all states say of the delay of a robot's data."""
+    """The newest state to recover from, and the usual delay of a robot's data."""
 
     def __init__(self) -> None:
         self.checkpoint: Checkpoint | None = None
@@ -149,10 +150,10 @@ class NewestState:
         return self._lateness.usual_ns
 
     def on_state(self, checkpoint: Checkpoint, now_ns: int) -> bool:
-        """Take a state of another coordinator; return whether it is the newest.
+        """Store the state of another coordinator; return whether it is the newest.
 
-        A repeated state is a sign of life, but says nothing of the delay: its age was that of the
-        first time.
+        A repeated state is a sign of life, but not used to estimate the delay, because its age
+        is that of the first publication.
         """
         if self.checkpoint is not None and checkpoint.rank <= self.checkpoint.rank:
             return checkpoint.rank == self.checkpoint.rank
@@ -165,8 +166,8 @@ class NewestState:
 class FailureDetector:
     """Detects that the leader is dead.
 
-    A token that vanishes while the own link is up is a death that the router has seen. Otherwise
-    silence must last: a lost link, here or there, comes back first.
+    If the leader's token vanishes while the own link is up, the router has lost the leader. In
+    other cases the time-out is longer, so that a lost link on either side can recover first.
     """
 
     def __init__(self, take_over_after_s: float, now_ns: int) -> None:
@@ -179,11 +180,11 @@ class FailureDetector:
         self._last_sign_ns, self._died_ns = now_ns, None
 
     def token_vanished(self, now_ns: int) -> None:
-        """Take that the leader's token has vanished; perhaps the own link is about to."""
+        """Record that the leader's token vanished; the own link may be about to be lost."""
         self._died_ns = now_ns
 
     def link(self, up: bool, now_ns: int) -> None:
-        """Take that the own link came up or was lost, and forget what came through it."""
+        """Record whether the own link is up, and restart the time-out."""
         self._linked = up
         self._last_sign_ns, self._died_ns = now_ns, None
 
@@ -237,9 +238,9 @@ class SelfFencing:
 class Membership:
     """The workers that are present, by their tokens and the coordinator's own link.
 
-    A coordinator that loses its link sees all tokens vanish, although the workers go on. So while
-    the link is down, and a little longer, no worker counts as gone, and a vanished token counts
-    only if the link stays up for a moment.
+    A coordinator that loses its link sees all tokens vanish, although the workers still run. So
+    while the link is down, and for `GRACE_NS` after, no worker counts as gone, and a vanished
+    token counts only if the link stays up for `SETTLE_NS`.
     """
 
     def __init__(self) -> None:
@@ -249,13 +250,13 @@ class Membership:
         self._trust_from_ns = 0
 
     def link(self, up: bool, now_ns: int) -> None:
-        """Take that the own link came up or was lost."""
+        """Record whether the own link is up."""
         if up and not self.linked:
             self._trust_from_ns = now_ns + GRACE_NS
         self.linked = up
 
     def token(self, worker: str, alive: bool, now_ns: int) -> list[Change]:
-        """Take that a worker's token appeared or vanished."""
+        """Process the appearance or loss of a worker's token; return changes that are certain."""
         if not alive:
             if worker in self._present:
                 self._gone_ns.setdefault(worker, now_ns)

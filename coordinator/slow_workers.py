@@ -63,13 +63,13 @@ class StragglerPolicy(Part):
     def step_decided(
         self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
     ) -> list[str]:
-        """Take that a step was decided without some reports; return the workers to give up.
+        """Process a step decided without some reports; return the workers that lose their jobs.
 
         Args:
             reported: workers that reported the step with one of their jobs.
             missing: workers that owed a report and did not send it in time.
-            now_ns: by the clock of the process.
-            patient: all workers are slow.
+            now_ns: time by the clock of the process [ns].
+            patient: whether all workers are slow.
         """
         if not reported:  # not one worker is slow then, but the way to all of them
             return []
@@ -122,9 +122,9 @@ class StragglerPolicy(Part):
         """Return whether a worker may have jobs.
 
         Args:
-            worker: its name.
-            now_ns: by the clock of the process.
-            answers: it has answered its last order, as a worker does that is no longer frozen.
+            worker: name of the worker.
+            now_ns: time by the clock of the process [ns].
+            answers: whether the worker has answered its last order, so it is not frozen.
         """
         record = self.records.get(self._who(worker))
         if record is None or not record.paused:

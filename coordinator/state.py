@@ -1,6 +1,6 @@
 """The state of a coordinator: the belief, the jobs, the open steps, and the commands.
 
-Everything here that decides can be handed on to another coordinator, and be taken over from one.
+All parts that affect decisions can be transferred from one coordinator to its successor.
 """
 
 from collections.abc import Iterable
@@ -69,8 +69,8 @@ NEEDED = 3
 class MapChangeDetector(Part):
     """Detects that the bridge was restarted with another map.
 
-    A second bridge of the same robot, or a stray message, is not followed: scans of the present map
-    come in between. A bridge that waits for a belief repeats its scan, which counts.
+    A second bridge of the same robot, or a stray message, is ignored, because scans of the present
+    map arrive in between. A bridge that waits for a belief repeats its scan, and repetitions count.
     """
 
     digest: str = ""
@@ -109,8 +109,8 @@ class EventLog(Part):
 
         Args:
             events: in the order in which they were decided.
-            step: after which they hold.
-            stamp_ns: robot's clock at the scan of the step.
+            step: step after which the events hold.
+            stamp_ns: robot's clock at the scan of the step [ns].
         """
         for event in events:
             numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
@@ -171,7 +171,7 @@ class CoordinatorState(Part):
         settings: CoordinatorSettings,
         bridge: BridgeSettings,
     ) -> "CoordinatorState":
-        """Return the state of a coordinator that knows nothing."""
+        """Return an initial state: no clusters, workers or steps."""
         return cls(
             filter_settings,
             settings,
@@ -258,11 +258,11 @@ class CoordinatorState(Part):
         self.changed = True
 
     def on_report(self, report: Report, worker: str, *, is_told_late: bool = False) -> None:
-        """Take a worker's report, unless another worker has the job.
+        """Process a worker's report, unless another worker has the job.
 
         Args:
-            report: as the worker sent it.
-            worker: its name.
+            report: the report as received.
+            worker: name of the worker.
             is_told_late: see `StepCollector.has_room_for`.
         """
         jobs = self.placement.jobs
@@ -360,7 +360,7 @@ class CoordinatorState(Part):
         self._begin_anew(scan, "steps restarted")
 
     def _change_map(self, scan: Scan) -> None:
-        """The bridge has another map: no place in the old one means anything in it."""
+        """Change to the bridge's new map: keep the places if so configured, or search again."""
         self.count("map changed")
         self.map_digest = scan.map_digest
         applied = self.collector.applied
@@ -372,7 +372,7 @@ class CoordinatorState(Part):
         self._follow(self.ensemble.go_on_from(places, scan.step - 1, "new map"), scan)
 
     def _in_new_map(self, cluster: Cluster, applied: Scan, scan: Scan) -> Place:
-        """A cluster's place just before the first scan of another map."""
+        """Return a cluster's place just before the first scan of another map."""
         mean, covariance = carried(
             cluster.mean,
             cluster.covariance,

@@ -71,16 +71,16 @@ def _checkpoint_in(data: bytes) -> Checkpoint:
 
 
 def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
-    """Keep a state in place of the one before.
+    """Write a state, which replaces the last one.
 
     Args:
-        folder: where to; made if it is not there.
+        folder: folder of the file; created if missing.
         robot: name of the robot.
         checkpoint: the state.
-        sync: wait until it is on the disk, so that it survives a power cut.
+        sync: wait until the state is on the disk, so that it survives a power cut.
 
     Raises:
-        OSError: the folder cannot be written, or the disk is full; the file before is as it was.
+        OSError: the folder cannot be written, or the disk is full; the last file is unchanged.
     """
     folder.mkdir(parents=True, exist_ok=True)
     target = file_of(folder, robot)
@@ -123,12 +123,12 @@ def remove_leftovers(folder: Path, robot: str) -> None:
 
 
 class StateKeeper:
-    """Writes the newest state in a thread of its own: a slow disk delays no belief.
+    """Writes the newest state in a separate thread, so a slow disk delays no belief.
 
     Args:
         folder: folder of the file; None: nothing is written.
         robot: name of the robot.
-        kept: what the file holds; a state of a lower rank does not replace it.
+        kept: the state in the file; a state of a lower rank does not replace it.
     """
 
     def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:

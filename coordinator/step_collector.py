@@ -25,10 +25,10 @@ def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
 
 
 def check_places(report: Report, settings: FilterSettings) -> None:
-    """Refuse more places, or more particles of them, than a job may hand over.
+    """Check the number of places in a report, and of their particles.
 
     Raises:
-        MalformedMessageError: it does.
+        MalformedMessageError: the report has more than the settings allow.
     """
     rules = settings.search
     match report:
@@ -77,7 +77,7 @@ def is_bulky(report: Report) -> bool:
 
 
 def without_snapshot(report: Report) -> Report:
-    """The report as it waits for its step: a job's particles are kept with the job, once."""
+    """Return the report without particles, which are stored once, with the job."""
     if isinstance(report, TrackReport) and report.snapshot is not None:
         return msgspec.structs.replace(report, snapshot=None)
     return report
@@ -117,11 +117,11 @@ class StepCollector(Part):
             self.open_steps = {one: opened for one, opened in self.open_steps.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
-        """Follow a new count of steps, which goes on after `before`.
+        """Drop all open steps, and count further steps from `before` + 1.
 
         Args:
-            before: its number.
-            applied: takes the place of that step's scan, if places are known from it.
+            before: number of the step before the next one.
+            applied: scan to use as that of step `before`; None: no place is known from it.
         """
         self.open_steps.clear()
         self.late.clear()
@@ -191,7 +191,7 @@ class StepCollector(Part):
         return max(known, default=self.before)
 
     def _bulky_of(self, report: Report) -> int:
-        """Return the number of bulky reports of the same job that wait for other steps."""
+        """Return the number of bulky reports of this job that wait for other steps."""
         return sum(
             is_bulky(waiting)
             for step, opened in self.open_steps.items()
@@ -199,7 +199,7 @@ class StepCollector(Part):
         )
 
     def on_report(self, report: Report) -> bool:
-        """Take a report; return False if its step is over and it says nothing new."""
+        """Store a report; return False if its step is over and the report adds nothing."""
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
@@ -225,10 +225,11 @@ class StepCollector(Part):
         """Return the next step, if it is complete or its deadline has passed.
 
         Args:
-            expected: jobs whose report it waits for.
-            placed_ns: when a job was given to its worker; the step waits longer for a fresh one.
-            now_ns: by the same clock as `on_scan`.
-            unhurried: those of the jobs that may report a step later.
+            expected: ids of the jobs whose reports the step needs.
+            placed_ns: returns the time at which a job was given to its worker [ns]; a step waits
+                longer for a new job.
+            now_ns: time by the same clock as in `on_scan` [ns].
+            unhurried: ids of jobs that may report a step later.
         """
         step = min((s for s, opened in self.open_steps.items() if opened.scan), default=None)
         if step is None:

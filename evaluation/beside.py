@@ -1,7 +1,7 @@
 """The process that localizes a robot by AMCL's filter, for the page of a demo.
 
-It receives the robot's scans, and publishes scans, ground truth and its own belief in a namespace
-of its own, as if a second robot drove there. The page draws that robot in a second map.
+It receives the robot's scans, and publishes scans, ground truth and its own belief in a separate
+namespace, as if a second robot drove there. The page draws that robot in a second map.
 """
 
 import time

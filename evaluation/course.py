@@ -25,7 +25,7 @@ TrueStep = tuple[Scan, PoseTuple | None]
 
 
 class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A simulated robot."""
+    """A robot to simulate: its world, its map, and the people around it."""
 
     world: str
     """Name of a world, or a map file."""
@@ -36,7 +36,7 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A recorded robot."""
+    """A recording of a robot, with the map and the ground truth."""
 
     recording: Path
     map: Path

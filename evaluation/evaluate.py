@@ -49,7 +49,7 @@ DEFAULT_STEPS_OF_A_START = 60
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions:
-    """Options of the command."""
+    """Options of `clustermcl evaluate`."""
 
     recording: str
     map_file: str | None = None

@@ -231,6 +231,6 @@ def after_first_search(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
 
 
 def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """Return the final run of right estimates; empty if under 10 of them and not all steps."""
+    """Return the final run of right estimates; empty if shorter than 10, unless all are right."""
     count = sum(1 for _ in takewhile(lambda each: each.right, reversed(judged)))
     return judged[len(judged) - count :] if count >= min(LAST_STEPS, len(judged)) else ()

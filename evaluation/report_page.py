@@ -75,7 +75,7 @@ _Curve = tuple[Sequence[tuple[int, float]], str]
 
 @dataclass(frozen=True)
 class TableText:
-    """The table of all runs."""
+    """A table as text: the names of the columns, and the rows."""
 
     names: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -83,7 +83,7 @@ class TableText:
 
 @dataclass(frozen=True)
 class DrawnRun:
-    """The steps of a run that is drawn."""
+    """A run to draw: its seed and steps."""
 
     seed: int
     steps: Sequence[StepFacts]
@@ -100,7 +100,7 @@ def report_page(
     Args:
         title: the experiment and its result.
         grid_map: the map of all runs.
-        drawn_runs: those to draw; steps without a known truth are left out.
+        drawn_runs: runs to draw; steps without a known true pose are left out.
         tables: tables of all runs.
     """
     drawn = MapDrawing(grid_map)

@@ -52,8 +52,8 @@ def check_results_file(file: Path) -> None:
     """Check that results can be written to a file, before they are computed.
 
     Raises:
-        SettingsError: its name has another ending, or the library for that format is missing.
-        OutputError: it cannot be written.
+        SettingsError: the name has an unknown ending, or the library for the format is missing.
+        OutputError: the file cannot be written.
     """
     if file.suffix.lower() not in KINDS:
         problem = f"--output {file}: its name has to end in {' or '.join(KINDS)}"

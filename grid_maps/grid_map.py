@@ -88,7 +88,7 @@ def _check_cells(cells: Cells) -> None:
 
 
 def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
-    """Return a map of these cells, cropped to the known part and a margin if it is large.
+    """Return a map of the given cells; a large map is cropped to its known part and a margin.
 
     Poses keep their meaning. A site plan of 16,384 x 16,384 cells with one building costs as much
     as a map of the building.

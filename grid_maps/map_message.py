@@ -53,7 +53,7 @@ def from_reading(reading: MapReading) -> GridMap:
     """Convert the map that a robot publishes.
 
     Raises:
-        MalformedMessageError: it is not a map, or has no free cell.
+        MalformedMessageError: the fields are not a valid map, or no cell is free.
     """
     occupancy = reading.occupancy.array()
     if occupancy.dtype != np.int8 or occupancy.ndim != 2:
@@ -68,7 +68,7 @@ def grid_map_of(message: Any) -> GridMap:
     """Convert a `nav_msgs/OccupancyGrid`.
 
     Raises:
-        ValueError: it is not a map, or has no free cell.
+        ValueError: the message is not a valid map, or no cell is free.
     """
     info, values = message.info, np.asarray(message.data, np.int8)
     if not 0 < info.width * info.height == len(values) <= MAX_CELLS:

@@ -68,7 +68,7 @@ def load_ros_map(content: bytes, path: Path) -> GridMap:
 
     Args:
         content: bytes of the YAML file.
-        path: of the YAML file; its image may be packed by gzip or xz.
+        path: path of the YAML file; the image may be packed by gzip or xz.
 
     Raises:
         MapFileError: `content` is an image or not such a YAML file, a key is missing or invalid,
@@ -180,7 +180,7 @@ def _open(content: bytes, path: Path) -> Image.Image:
 
 
 def _cells(image: Image.Image, header: _Header) -> Cells:
-    """(rows, cols) cells, the image's last row first."""
+    """Return the cells, (rows, cols), with the image's last row first."""
     mode = _channel_mode(image)
     opaque_only = header.mode == "scale" and mode in ("LA", "RGBA")
     with_alpha = header.mode == "trinary"

@@ -15,7 +15,7 @@ LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 @dataclass(frozen=True)
 class Address:
-    """Address of the page."""
+    """Host and port at which the page is served."""
 
     host: str
     port: int

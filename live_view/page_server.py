@@ -159,11 +159,10 @@ class PageServer:
 
     @property
     def link(self) -> str:
-        """Link of the page."""
         return self._admission.link
 
     def __enter__(self) -> Self:
-        """Listen."""
+        """Start the thread of the server, and wait until it listens."""
         for room in self._rooms.values():
             room.loop = self._loop
         self._thread.start()

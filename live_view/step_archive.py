@@ -84,7 +84,7 @@ class StepArchive:
         return [entry for entries in (*packs, self._newest) for entry in entries]
 
     def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
-        """Yield the entries of these steps and some around them, the newest pack first."""
+        """Yield the packs that hold the steps `first` to `last`, the newest pack first."""
         yield self._newest
         for pack in reversed(self._packs):
             if pack.last_step < first:

@@ -52,15 +52,16 @@ Circle: TypeAlias = tuple[float, float, float]
 
 
 class SearchSpace:
-    """The leaves of a map: their positions, and which hold free cells.
+    """The leaves of a map: their positions, and whether each holds a free cell.
 
     Args:
         grid: the map.
         leaf_cells: side of a leaf [cells].
         heading_step_rad: largest distance between neighbouring headings.
         shards: number of shards that share the headings.
-        near: the circle to search; None, or without a free leaf: everywhere.
-        corners: of the region to search; empty, or without a free leaf: everywhere.
+        near: the circle to search; None: the whole map.
+        corners: corners of the region to search; empty: the whole map. A circle or region without
+            a free leaf is ignored.
 
     Raises:
         ValueError: the map has no free cell.

@@ -136,18 +136,18 @@ def mcl_step(
     """Resample, move by odometry, and weigh by a scan.
 
     Particles never leave their cluster (eq. 14). If the best particle fits badly, the step is
-    repeated with particles that have slipped, which enter if they fit clearly better.
+    repeated with particles moved by a wheel slip; they replace others if they fit clearly better.
 
     Args:
-        particles: before the step.
-        before_from_after: (3,) the motion, by odometry.
-        beams: of the scan.
+        particles: the cluster's particles before the step.
+        before_from_after: (3,) motion of the robot since the last step, by odometry.
+        beams: scored beams of the scan.
         model: the sensor model.
         motion: model and noise of the odometry.
-        settings: of the cluster.
-        rng: for all random numbers of this step.
-        is_first: these particles have seen no scan, so all of this one is new.
-        count: number of particles that a resampling draws; None: the present one.
+        settings: settings of resampling and recovery of a cluster.
+        rng: source of all random numbers of this step.
+        is_first: whether this is the particles' first scan, so that all of it is new.
+        count: number of particles that a resampling draws; None: the present number.
 
     References:
         Section 2, routine 1-3; the draw is omitted while the effective sample size suffices.

@@ -15,11 +15,11 @@ _registered: dict[tuple[Kind, str], Any] = {}
 
 
 def register(kind: Kind, name: str, extension: object) -> None:
-    """Make an extension known in this process; one of the same name is replaced.
+    """Register an extension in this process; replace an earlier one with this name.
 
     Args:
-        kind: what it is.
-        name: of ``sensor.model`` or ``motion.model``; of a reader, any.
+        kind: kind of the extension.
+        name: value of ``sensor.model`` or ``motion.model``; any name for a reader.
         extension: a `SensorModel` class; a function like `motion.move_with_noise`; or a function
             from a path to `clustermcl.Reading`s, or to None where it cannot read the file.
     """

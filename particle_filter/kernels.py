@@ -1,6 +1,6 @@
 """The typed entry to compiled code (numba, cached on disk), and the arguments of kernels.
 
-Processes without mathematics never import numba: `kernel` does so when it is first called.
+`kernel` imports numba at its first call, so processes without mathematics never import it.
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
 """
 
@@ -90,8 +90,10 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 
 def to_cells(map_from_grid: Pose, cell_m: float) -> ToCells:
-    """(c, s, x0, y0) such that a point (x, y) of the map lies at column c x - s y + x0 and row
-    s x + c y + y0 of the grid, in cells; its cell is the floor of both.
+    """Return (c, s, x0, y0), which transform points of the map to cells of the grid.
+
+    A point (x, y) [m] lies at column c x - s y + x0 and row s x + c y + y0; its cell is the floor
+    of both.
     """
     x, y, heading = (float(value) for value in map_from_grid)
     c, s = cos(heading) / cell_m, sin(heading) / cell_m

@@ -54,12 +54,12 @@ def occluded_log_likelihood(
     Args:
         map_from_robot: (N, 3) poses.
         laser_in_robot: (2,) start of the rays [m].
-        hits_in_robot: (B, 2) their ends [m].
-        field: the map as `scan_log_likelihood` reads it.
+        hits_in_robot: (B, 2) ends of the rays [m].
+        field: likelihood field of the map.
         jumps: `ray_casting.jump_field` of the same map.
         margin_m: tolerance along the ray for errors of map and pose [m].
-        slack_rad: tolerance across it: a ray along a wall may enter it for metres if the pose is
-            slightly wrong, but then one of its neighbours does not [rad].
+        slack_rad: tolerance across the ray [rad]: if the pose is slightly wrong, a ray along a wall
+            may enter it for metres, but then one of its neighbours does not.
         stride: pose i checks beams i, i + stride and so on, modulo `stride`, and counts them for
             all beams, because the poses of one cluster see much the same.
 
@@ -207,14 +207,15 @@ class LikelihoodFieldModel:
         return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 
     def _looked_from(self, sharers: int) -> int:
-        """Number of sampled particles for each sharer; all beams are checked equally often."""
+        """Return the number of particles to sample, so that beams are checked equally often."""
         whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
         return min(stride * ceil(whole / (stride * sharers)), whole)
 
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return (N,) the part of `log_likelihood` of occluded beams; each pose checks some beams.
+        """Return the share of each pose's `log_likelihood` that occluded beams contribute, (N,).
 
-        It takes a hundred times as long as the field.
+        Each pose checks every `visibility_beam_stride`-th beam. This takes a hundred times as long
+        as `log_likelihood`.
         """
         occluded = [
             occluded_log_likelihood(

@@ -51,10 +51,10 @@ def multiplied(
     """Multiply weights by a tempered likelihood and a penalty, scaled to sum to N.
 
     Args:
-        log_weights: (N,) before.
-        log_likelihood: (N,) of the scan.
-        exponent: its power.
-        penalty: (N,) logarithms, added as they are.
+        log_weights: (N,) log-weights of the particles.
+        log_likelihood: (N,) log-likelihood of the scan for each particle.
+        exponent: factor of the log-likelihood.
+        penalty: (N,) logarithms, added without the exponent.
 
     Returns:
         (N,) log-weights, and the logarithm of the sum before scaling.

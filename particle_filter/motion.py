@@ -1,7 +1,7 @@
 """Odometry motion models: particles move as the robot did, each with its own error.
 
-The robot may also be elsewhere than its odometry says, if wheels slip or it is pushed. Noise in
-proportion to the drive does not reach that far, and larger noise would leave the position along
+If wheels slip or the robot is pushed, its odometry has a large error. Noise in proportion to the
+motion does not reach that far, and larger noise would leave the position along
 featureless corridors uncertain. So slips are tried only where a scan fits badly.
 """
 
@@ -101,7 +101,7 @@ def _turn_drive_turn(poses: Poses, motion: tuple[float, ...], noise: NDArray[np.
 
 @kernel
 def _wrapped(heading: float) -> float:
-    """As `poses.wrap_angle`."""
+    """Compiled `poses.wrap_angle`."""
     wrapped = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
     return wrapped if -pi <= wrapped < pi else -pi
 

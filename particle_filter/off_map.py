@@ -91,11 +91,11 @@ def log_odds_by_decoy(
     robot and decoy fit equally well, and the evidence is zero.
 
     Args:
-        quality: before this scan.
-        difference: how much better the scan fits at the best place than the mirrored scan does
-            where the decoy is [nat/beam].
-        log_here: log of the probability that the robot is at one of its places.
-        new_view: how much of a new view of the building the scan is, from 0 to 1.
+        quality: properties of the map, as estimated before this scan.
+        difference: fit of the scan at the best place, minus fit of the mirrored scan at the decoy
+            [nat/beam].
+        log_here: log of the probability that the robot is at a tracked place.
+        new_view: share of the scan that no earlier scan has shown, from 0 to 1.
 
     Returns:
         The change of the log-odds, and the quality after this scan.

@@ -111,7 +111,7 @@ def _nearest(
 
 @kernel
 def _distance(a: Pose, b: Pose, reach: tuple[float, float]) -> float:
-    """Return the squared distance in units of the reach; infinite if out of reach."""
+    """Return the squared distance of two poses in units of `reach`; infinite if one is exceeded."""
     radius_m, heading_rad = reach
     apart = ((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2) / radius_m**2
     turns = (b[2] - a[2]) / (2.0 * pi)

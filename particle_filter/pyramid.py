@@ -1,7 +1,7 @@
 """Upper bounds of the likelihood field over squares, from coarse to fine (a pyramid).
 
 From all positions in a square tile of the map, with one heading, a beam ends somewhere in a square
-of the same size. The maximum of the field in that square bounds the beam's score; the sum over
+as large as the tile. The maximum of the field in that square bounds the beam's score; the sum over
 beams bounds the scan's score (Hess et al., "Real-time loop closure in 2D lidar SLAM", 2016, eq.
 16). On the finest level tiles are leaves, and a leaf has the score at its centre.
 

@@ -46,7 +46,7 @@ def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
     """Check that a jump field fits the map, because kernels do not check indices.
 
     Raises:
-        ValueError: it is of another type or of another map.
+        ValueError: the array has another type, or the shape of another map.
     """
     expected = (4, *cells.shape)
     if jumps.dtype != np.uint8 or jumps.shape != expected:

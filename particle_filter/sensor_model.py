@@ -1,6 +1,6 @@
-"""What all sensor models share: the map, the beams of a scan, and the protocol of a model.
+"""The common part of all sensor models: the map, the beams of a scan, the model protocol.
 
-A model is a class in a file of its own; `sensor_models.py` knows them all by their names.
+Each model is a class in a separate file; `sensor_models.py` finds it by name.
 """
 
 from collections.abc import Callable, Hashable, Mapping
@@ -139,7 +139,7 @@ class SensorModel(Hashable, Protocol):
 
     @property
     def jumps(self) -> JumpField:
-        """How far rays can jump in the map."""
+        """Distances that a ray can skip in the map; see `ray_casting`."""
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
@@ -166,14 +166,15 @@ class SensorModel(Hashable, Protocol):
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """Return the amount to subtract from a cluster's log evidence, with the exponent.
+        """Return the amount to subtract from a cluster's log evidence [nat].
 
-        It corrects what `log_likelihood` ignores because it is too expensive for every particle.
+        The amount includes the factor `scan_exponent`. It corrects what `log_likelihood` ignores
+        because it is too expensive for every particle.
 
         Args:
             map_from_robot: (N, 3) the cluster's poses after the scan.
             weights: (N,) their weights, summing to one.
-            beams: by which the poses were weighed.
+            beams: beams that weighed the poses.
             sharers: number of callers that correct the same cluster, as the shards of a search
                 do; each does its part of the work.
         """

@@ -23,13 +23,13 @@ _REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[
 
 
 def described(meaning: str, unit: str = "", form: str = "", **bounds: float | str) -> Meta:
-    """Bounds, unit and meaning of one setting, for checks and for `clustermcl settings`.
+    """Return bounds, unit and meaning of one setting, for checks and `clustermcl settings`.
 
     Args:
-        meaning: what it is, in a few words.
-        unit: of the number.
-        form: of a text, in words, where a pattern checks it.
-        **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length` as msgspec has them.
+        meaning: the setting in a few words.
+        unit: unit of a number.
+        form: form of a text in words, if `pattern` checks it.
+        **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length`, as in `msgspec.Meta`.
     """
     return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 
@@ -81,7 +81,7 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The sensor model."""
+    """Settings of the sensor model."""
 
     model: Annotated[
         str, described("sensor model", form='"likelihood_field", "beam" or an installed one')
@@ -330,11 +330,11 @@ SectionT = TypeVar("SectionT", bound=msgspec.Struct)
 
 
 def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
-    """Return a section of the settings with live values in place of its own.
+    """Return a section of the settings, changed by live values.
 
     Args:
-        section: as at the start of the process.
-        live: has fields of the same names; None: not changed.
+        section: the section at the start of the process.
+        live: values by the names of the section's fields; None: not changed.
     """
     values = {name: getattr(live, name, None) for name in section.__struct_fields__}
     changed = {name: value for name, value in values.items() if value is not None}

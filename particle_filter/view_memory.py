@@ -1,6 +1,6 @@
 """Memory of the robot's earlier views, which measures how new the view of a scan is.
 
-Errors of the map are the same whenever the robot comes back to a place, so a scan from there
+Errors of the map are the same whenever the robot returns to a place, so a scan from there
 repeats earlier evidence, however old. The memory holds a limited number of weighted views, whose
 poses become uncertain as odometry errs.
 """
@@ -26,7 +26,7 @@ MOST = 1e6
 
 
 class ViewMemory(msgspec.Struct, frozen=True):
-    """The views of one robot."""
+    """Weighted earlier views of one robot, relative to its present pose."""
 
     views: bytes = b""
     """(V, 6) little-endian float32: x [m], y [m] and heading [rad] of a view, seen from where the
@@ -39,7 +39,7 @@ class ViewMemory(msgspec.Struct, frozen=True):
 
     @property
     def problem(self) -> str | None:
-        """Why these bytes are no valid memory; None: they are."""
+        """Why `views` is invalid; None: it is valid."""
         count, rest = divmod(len(self.views), 4 * COLUMNS)
         if rest or count > MAX_VIEWS:
             return f"{len(self.views)} bytes of views"

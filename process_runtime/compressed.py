@@ -49,7 +49,7 @@ def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
 
     Args:
         path: the file.
-        error: what to raise, so that a map is reported as a map and a recording as one.
+        error: class of the error to raise, such as `MapFileError` for a map.
 
     Raises:
         InputFileError: as `error`: the file is missing, unreadable, truncated, damaged or too long.

@@ -15,7 +15,7 @@ class _OneLine(logging.Formatter):
 
 
 def configure_logging(process: str, level: str) -> None:
-    """Log to standard error from `level` upwards; may be called again.
+    """Configure the log: messages from `level` upwards on standard error. May be called again.
 
     Args:
         process: prefix of each line, such as ``coordinator`` or ``worker-3``.

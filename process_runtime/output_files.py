@@ -19,7 +19,7 @@ def check_output_file(path: Path) -> None:
     """Check that a file can be written, without changing it.
 
     Raises:
-        OutputError: it is a folder, its folder does not exist, or permission is denied.
+        OutputError: `path` is a folder, its folder does not exist, or permission is denied.
     """
     if path.is_dir():
         raise OutputError(path=path, problem="it is a folder")
@@ -40,7 +40,7 @@ def write_output_file(path: Path, content: str | bytes) -> None:
     """Write a file, text in UTF-8.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     try:
         path.write_bytes(content.encode() if isinstance(content, str) else content)

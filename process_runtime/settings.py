@@ -13,7 +13,7 @@ ROBOT_VARIABLE, ROUTER_VARIABLE = "CLUSTERMCL_ROBOT", "CLUSTERMCL_ROUTER"
 
 
 class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which robot this process serves."""
+    """Settings of the robot that the processes serve."""
 
     name: Annotated[
         str,
@@ -29,7 +29,7 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How processes connect: every process is a client of one router."""
+    """Settings of the connections: every process is a client of one router."""
 
     router: Annotated[
         str, described("endpoint of the router: where it listens and where clients connect")

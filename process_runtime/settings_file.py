@@ -85,7 +85,7 @@ def content_of(path: Path) -> bytes:
     """Read a settings file.
 
     Raises:
-        InputFileError: it cannot be read, or is larger than `MAX_FILE_BYTES`.
+        InputFileError: the file cannot be read, or is larger than `MAX_FILE_BYTES`.
     """
     try:
         with path.open("rb") as file:

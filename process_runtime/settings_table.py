@@ -18,7 +18,7 @@ _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: 
 
 @dataclass(frozen=True)
 class SettingInfo:
-    """One setting."""
+    """Name, type, bounds and meaning of one setting."""
 
     name: str
     """``section.key``, or ``key`` alone at the top."""

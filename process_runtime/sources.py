@@ -15,14 +15,14 @@ class Live:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording."""
+    """A recording to play."""
 
     path: str
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulated robot."""
+    """A robot to simulate in a world."""
 
     world: str
     """The name of a world, or the path of a map file."""

@@ -1,4 +1,4 @@
-"""Where processes keep state that outlives them."""
+"""The folder in which processes keep state across restarts."""
 
 import logging
 import os

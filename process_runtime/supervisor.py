@@ -119,7 +119,7 @@ class Supervisor:
         """Start one more child, after those that it depends on.
 
         Raises:
-            ValueError: there is one of the same name.
+            ValueError: a child with this name exists.
         """
         if any(child.spec.name == spec.name for child in self._children):
             raise ValueError(f"there is a child {spec.name!r} already")
@@ -166,7 +166,7 @@ class _Process(Protocol):
 
 
 class _Fork:
-    """A forked child."""
+    """A forked child process, with the methods of `Popen` that the supervisor uses."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid

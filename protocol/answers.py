@@ -104,7 +104,7 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
 
 
 class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
-    """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""
+    """The robot's present pose. Published on ``pose`` each step; answers queries on ``pose``."""
 
     state: State
     """State of the belief after its last step."""
@@ -274,7 +274,7 @@ class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):
-    """Answer to a command."""
+    """The coordinator's answer to a command."""
 
     problem: str = ""
     """Why it was refused; empty: it was carried out."""

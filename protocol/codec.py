@@ -46,7 +46,7 @@ def decode(data: bytes, expected: type[M]) -> M:
 
     Args:
         data: bytes from the wire.
-        expected: a message class, or a union of them.
+        expected: a message class, or a union of message classes.
 
     Raises:
         MalformedMessageError: the data is too large, not MessagePack, or not a valid `expected`.

@@ -59,7 +59,7 @@ class MalformedMessageError(ProtocolError):
 
     Args:
         expected: name of the expected message.
-        problem: what is wrong; may quote the bytes, so it is truncated and made printable.
+        problem: the reason; may quote the bytes, so it is truncated and made printable.
         kind: the category: ``too large``, ``not MessagePack``, ``schema`` (another message, or
             another version of it), ``field``, ``impossible`` (implausible numbers), or
             ``wrong array`` (shape and bytes disagree).
@@ -125,9 +125,9 @@ class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
 
     Args:
-        what: what is already running, such as ``a coordinator``.
-        endpoint: the router's.
-        advice: what the user can do.
+        what: the process that is already running, such as ``a coordinator``.
+        endpoint: endpoint of the router.
+        advice: a remedy for the user.
         robot: the robot's name; None for a router.
     """
 

@@ -1,7 +1,7 @@
 """The places that a search considers possible, as columns of numbers.
 
-A search reports hundreds of them after every scan. As a list of structures they took the
-coordinator longer to decode than to use.
+A search reports hundreds of places after every scan. The coordinator would spend more time on
+decoding a list of structures than on using the places.
 """
 
 from collections.abc import Sequence

@@ -19,7 +19,7 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     """The health of one process, published once a second; losing one ages ``status`` by a second.
 
     Published by the bridge on ``bridge/health`` and by a worker on ``worker/{name}/health``; read
-    by the coordinator, which adds its own and answers with all of them in its status.
+    by the coordinator, which adds its own health and answers with the health of all processes.
     """
 
     role: str

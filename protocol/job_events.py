@@ -29,7 +29,7 @@ motion is unknown; the bridge has another map. A search is complete, or a comman
 class Began(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="began"
 ):
-    """A cluster began."""
+    """The start of a cluster."""
 
     job_id: Id
     """``c3`` for cluster 3."""
@@ -47,7 +47,7 @@ class Began(
 class Ended(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="ended"
 ):
-    """A cluster, or a search, ended."""
+    """The end of a cluster or a search."""
 
     job_id: Id
     """``c3`` for cluster 3; a search has its own kind of id."""
@@ -67,7 +67,7 @@ JobEvent: TypeAlias = Began | Ended
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An event with its number and time."""
+    """A job event with its number, step and time."""
 
     number: Number
     """Increases by one with each event of a coordinator's term."""

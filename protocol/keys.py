@@ -91,7 +91,7 @@ class WorkerTopic(StrEnum):
 
 @dataclass(frozen=True)
 class WorkerKey:
-    """A parsed key of one worker."""
+    """A worker's name and the topic, parsed from a key."""
 
     worker: str
     topic: WorkerTopic
@@ -119,7 +119,7 @@ def worker_name(key: str) -> str:
     """Return the name of the worker that a key belongs to.
 
     Raises:
-        MalformedMessageError: it is not the key of a worker.
+        MalformedMessageError: the key is not a worker's.
     """
     match parsed(key):
         case WorkerKey(worker=name):

@@ -31,7 +31,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
 
 @cache
 def max_bytes(expected: Any) -> int:
-    """Return the size limit of a message class, or of a union of them [bytes]."""
+    """Return the size limit of a message class or a union of message classes [bytes]."""
     kinds: tuple[type[Message], ...] = get_args(expected) or (expected,)
     return max(kind.max_bytes for kind in kinds)
 

@@ -11,7 +11,7 @@ _Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)] | None
 
 
 class LiveSettings(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Override the settings of the same names; None: the value at the start of the processes.
+    """Settings that change while the system runs; None: the value at the start of the processes.
 
     Every scan carries them, so that all workers weigh a step with the same values, also after
     another coordinator takes over.

@@ -1,4 +1,4 @@
-"""Lines of text recordings, and the entries that parsers make of them."""
+"""Lines of text recordings, and the entries that parsers make from lines."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ _MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into
 
 @dataclass(frozen=True)
 class SkippedLine:
-    """A skipped line and the reason."""
+    """The number of a skipped line, and why it was skipped."""
 
     line_number: int
     problem: str
@@ -35,7 +35,7 @@ class SkippedLine:
 
 @dataclass(frozen=True)
 class OdometryEntry:
-    """One odometry reading."""
+    """An odometry reading from one line."""
 
     line_number: int
     stamp_ns: int

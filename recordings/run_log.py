@@ -189,7 +189,7 @@ def _private(path: str, flags: int) -> int:
 
 
 class LogMessage(NamedTuple):
-    """One message of a run log."""
+    """A message of a run log, still encoded."""
 
     topic: str
     at_ns: int

@@ -90,7 +90,7 @@ def _costs(
 
 
 def _windows(shape: tuple[int, ...], step: tuple[int, int]) -> Windows:
-    """Two windows of one size: nodes that have a neighbour at `step`, and these neighbours."""
+    """Return two windows of one size: nodes with a neighbour at `step`, and the neighbours."""
     rows, cols = shape
     here = slice(0, rows - step[0]), slice(max(0, -step[1]), cols - max(0, step[1]))
     there = slice(step[0], rows), slice(max(0, step[1]), cols - max(0, -step[1]))

@@ -21,7 +21,7 @@ def simulated_world(robot: Simulated) -> World:
     """Return the world of a simulated robot: a world of the catalogue, or a map file.
 
     Raises:
-        UnknownWorldError: it is neither the name of a world nor a file.
+        UnknownWorldError: `world` is neither the name of a world nor a file.
         MapFileError: the file cannot be used as a map.
     """
     name = robot.world

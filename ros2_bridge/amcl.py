@@ -127,7 +127,7 @@ class Amcl:
         Args:
             message: from `/tf` or `/tf_static`.
             now_ns: time on a monotonic clock.
-            fixed: it is from `/tf_static`.
+            fixed: whether the message is from `/tf_static`.
         """
         for one in message.transforms:
             parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)

@@ -10,7 +10,7 @@ def stamp_of(header: Any) -> int:
     """Return the time in a message's header [ns].
 
     Raises:
-        ValueError: it is not a valid ROS time.
+        ValueError: the stamp is not a valid ROS time.
     """
     stamp_ns = nanoseconds(header.stamp)
     if problem := time_problem(stamp_ns):

@@ -216,7 +216,7 @@ def _axes(cloud: Any) -> list[NDArray[np.floating]]:
     """Return x, y and z of all points in the sensor's frame, as three (N,) arrays [m].
 
     Raises:
-        ValueError: as in `cloud_reading`.
+        ValueError: see `cloud_reading`.
     """
     fields = {field.name: field for field in cloud.fields}
     places, order = {}, ">" if cloud.is_bigendian else "<"

@@ -96,7 +96,7 @@ class Parameters:
         return [new(kind, name=name, value=self._value(name)) for name in values]
 
     def _set_all(self, parameters: list[Any]) -> Any:
-        """Set all of them or none; return a `SetParametersResult`."""
+        """Set all parameters or, if one is invalid, none; return a `SetParametersResult`."""
         before, reason = (self.settings, self.live), ""
         try:
             for wanted in parameters:

@@ -1,4 +1,4 @@
-"""Which of several places is published as the robot's pose, and map -> odom from it.
+"""The choice of the place to publish as the robot's pose, and map -> odom from that place.
 
 * `best`: the most probable place. It changes from step to step while places are equally probable,
   so that the pose jumps by metres.

@@ -35,7 +35,7 @@ def serve(settings: Settings, process: str, stop: StopFlag) -> None:
 
     Raises:
         Ros2NotInstalledError: the libraries for ROS are not installed.
-        ClusterMclError: as in `ros2_bridge.bridge.serve_robot`.
+        ClusterMclError: see `ros2_bridge.bridge.serve_robot`.
     """
     check_ros2(settings)
     from ros2_bridge.bridge import serve_robot  # noqa: PLC0415 - needs the extra

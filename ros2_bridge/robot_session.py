@@ -130,10 +130,10 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
 def _refuse_second_node(
     session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
 ) -> None:
-    """Refuse to run next to a node of the same name: both would publish map -> odom.
+    """Check that no node with this name runs: both would publish map -> odom.
 
     Raises:
-        AlreadyRunningError: there is one, and it does not disappear.
+        AlreadyRunningError: such a node exists, and does not disappear.
         StoppedError: `stop` was set.
     """
     full_name = name.topic(name.name)

@@ -136,7 +136,11 @@ class Services:
         return [] if live == before else [Configure(sender=self._sender, settings=live)]
 
     def on_live_settings(self, found: LiveSettings) -> list[Output]:
-        """Compare the system's live settings with ours: a new node adopts them, later ours win."""
+        """Reconcile the node's parameters with the system's live settings.
+
+        At the first call, a node whose parameters are unchanged adopts the system's. Otherwise
+        return a command that sets the system's to the node's.
+        """
         wanted, is_first, self._is_new = self._parameters.live, self._is_new, False
         if found == wanted:
             return []

@@ -169,7 +169,7 @@ def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
     """Return an attachment's sequence number, time [ns] and sender's id.
 
     Raises:
-        ValueError: it is not the attachment of a ROS message.
+        ValueError: `data` is not the attachment of a ROS message.
     """
     if len(data) != _ATTACHMENT.size:
         raise ValueError(f"an attachment of {len(data)} bytes, not {_ATTACHMENT.size}")

@@ -1,4 +1,4 @@
-"""When to make, repeat or hold back a step, by the steps that are sent and decided."""
+"""Flow control: makes, repeats or delays a step, by the numbers of sent and decided steps."""
 
 from collections import deque
 

@@ -300,7 +300,7 @@ class Bridge:
         return maker
 
     def _status(self) -> Status:
-        """Query the coordinator, again if it refuses because its link has just come back."""
+        """Query the coordinator's status; repeat if refused because a link was just restored."""
         until_s = time.monotonic() + STATUS_TIMEOUT_S
         while True:
             try:

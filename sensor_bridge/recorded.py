@@ -24,7 +24,7 @@ class Source(Protocol):
 
 
 class RecordedSource:
-    """The readings of a recording."""
+    """A source that yields the readings of a recording."""
 
     def __init__(self, path: str, settings: BridgeSettings) -> None:
         recording = open_recording(path, settings)

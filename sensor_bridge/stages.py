@@ -230,10 +230,10 @@ class OdometryContinuity:
         return [replace(reading, odom_from_robot=self.continuous(pose))]
 
     def jumped(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
-        """Take the next pose, in the order of arrival; return whether the frame jumped before it.
+        """Process the next pose; return whether the odometry frame jumped since the last one.
 
-        After a jump, `continuous` makes the new pose equal to the last one. A single wild pose
-        is two jumps, and the second undoes the first.
+        Poses are passed in the order of arrival. After a jump, `continuous` makes the new pose
+        equal to the last one. A single outlier is two jumps, and the second undoes the first.
         """
         last, self._last = self._last, (stamp_ns, odom_from_robot)
         if last is None or not is_jump(*last, stamp_ns, odom_from_robot):
@@ -253,10 +253,10 @@ class OdometryContinuity:
 class Synchroniser:
     """Yields scans with the odometry pose at their time.
 
-    A scan without odometry of its own waits for the first odometry after it.
+    A scan without an odometry pose waits for the first odometry after it.
 
     Args:
-        lasers: whose scans wait.
+        lasers: the waiting scans of each laser.
         dropped: counts dropped readings by cause.
     """
 

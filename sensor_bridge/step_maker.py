@@ -1,4 +1,4 @@
-"""From readings to steps: checked, synchronised, gated and numbered. No clock, no network."""
+"""Makes numbered steps of a robot's readings: checks, synchronises and gates them."""
 
 import math
 from collections import Counter, deque
@@ -50,7 +50,7 @@ class MotionGate:
         self._last, self._is_open = None, False
 
     def resume(self, last: PoseTuple) -> None:
-        """Continue after a step at this odometry."""
+        """Continue after a step whose odometry pose was `last`."""
         self._last = last
 
     def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
@@ -77,9 +77,9 @@ class MotionGate:
 
 
 class StepMaker:
-    """Makes numbered steps of a robot's readings; `_stages` is the way of a reading.
+    """Makes numbered steps of a robot's readings; each reading passes several stages.
 
-    A scan without odometry of its own waits for the first odometry after it, so `on_reading` may
+    A scan without an odometry pose waits for the first odometry after it, so `on_reading` may
     answer an odometry reading with the step of an earlier scan.
 
     Of several lasers, the first scan that passes the gate makes a step, and the newest scans of
@@ -137,7 +137,7 @@ class StepMaker:
         return self._ready.popleft() if self._ready else None
 
     def _pass(self, items: Iterable[Any], stages: Sequence[Callable[[Any], Iterable[Any]]]) -> None:
-        """Pass items through stages, each through all of them before the next."""
+        """Pass items through the stages; each item passes all stages before the next begins."""
         for stage in stages:
             items = chain.from_iterable(map(stage, items))
         self._ready.extend(items)
@@ -171,7 +171,7 @@ class StepMaker:
         self._gate.open_next()
 
     def change_map(self, map_digest: str) -> None:
-        """Make steps of another map from now on; the next scan becomes the first of them."""
+        """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest = map_digest
         self._gate.reset()
 
@@ -247,7 +247,7 @@ def beams_of(reading: LaserReading) -> LaserBeams:
 
 
 def steps_from(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
-    """Yield all steps of readings that come to an end; `Scan.last` marks the last one."""
+    """Yield all steps of a finite series of readings; `Scan.last` marks the last step."""
     held: Scan | None = None
     for scan in chain(filter(None, map(maker.on_reading, readings)), iter(maker.finish, None)):
         if held is not None:

@@ -79,7 +79,7 @@ def sensor_model(
 
 @contextmanager
 def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
-    """Hold the lock that lets one process of the machine compute while the others wait.
+    """Hold a lock, so that one process of this machine computes while the others wait.
 
     Twelve processes at once would need twelve times the memory, and six times the time of two
     cores.
@@ -123,7 +123,7 @@ def _name(grid_map: GridMap, settings: SensorSettings) -> str:
 
 
 def _write(entry: Path, arrays: MapArrays) -> None:
-    """Write all arrays into a folder that appears complete or not at all."""
+    """Write all arrays into a folder, which appears only when complete."""
     part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
     try:
         _write_arrays(part, arrays)

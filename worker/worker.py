@@ -75,7 +75,7 @@ Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchS
 
 
 class TermFence:
-    """Which coordinator a worker obeys: that of the highest term."""
+    """The rule that a worker follows the coordinator with the highest term."""
 
     def __init__(self) -> None:
         self.term = 0
@@ -131,10 +131,10 @@ class _WaitingOrder:
 
 
 class Worker:
-    """One worker: its jobs, the coordinator that it obeys, and the map's sensor model.
+    """One worker: its jobs, the coordinator that it follows, and the map's sensor model.
 
-    It never waits. It requests the map and past scans by an instruction, and gets them by a call;
-    meanwhile it does what it can.
+    It never waits: it requests the map and past scans by an instruction, and receives them in a
+    later call. Until then it continues all other work.
 
     Args:
         name: the worker's name.

@@ -166,7 +166,7 @@ def check_endpoint(endpoint: str) -> None:
     """Reject a malformed endpoint, to which Zenoh would try to connect until its time-out.
 
     Raises:
-        SettingsError: it is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
+        SettingsError: the endpoint is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
             ``unixsock-stream//PATH``, or the path is too long for a socket.
     """
     protocol, _, address = endpoint.partition("/")

@@ -17,7 +17,7 @@ class Inbox(Generic[EventT]):
     """Bounded queue from many threads to one, in the order of arrival; a put never blocks.
 
     A callback that blocks stalls, 256 messages later, every subscription and query of its
-    session. *States* (scans, odometry): a full inbox drops the oldest of the same kind, because
+    session. *States* (scans, odometry): a full inbox drops the oldest of its kind, because
     the next one replaces it. *Events* (assignments, liveliness, queries) have their own bound:
     past it the newest is refused, and the callback can reply with an error. Messages with a
     `payload` are also bounded by their bytes.

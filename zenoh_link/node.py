@@ -69,8 +69,8 @@ class Node:
     it. The node repeats all declarations in the new session, and the process keeps its state.
 
     Args:
-        name: of the process.
-        role: as in its health: ``bridge``, ``worker``, ``coordinator``, ...
+        name: name of the process.
+        role: its role in health messages: ``bridge``, ``worker``, ``coordinator``, ...
         settings: the router and the robot.
         stop: ends the wait for a router.
         peers: key of liveliness tokens that prove that a session works; None: no session of this
@@ -155,8 +155,8 @@ class Node:
 
         Args:
             key: key expression.
-            message: its type.
-            handler: see above.
+            message: class of the messages.
+            handler: called in the loop with the decoded message and the received one.
             kind: name of its kind of state in the inbox and among the dropped messages; keys
                 with the same handler may share it.
             kept: most messages queued.
@@ -265,7 +265,7 @@ class Node:
         query()
 
     def in_background(self, work: Callable[[], T], on_done: Callable[[Future[T]], object]) -> None:
-        """Run `work` in a thread of its own; call `on_done` in a later turn."""
+        """Run `work` in a separate thread; call `on_done` in a later turn."""
         future: Future[T] = Future()
 
         def run() -> None:

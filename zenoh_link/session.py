@@ -40,11 +40,11 @@ _read = False
 
 @contextmanager
 def receiving_threads(runtime: str) -> Iterator[None]:
-    """Open a session within this context; the first session of a process decides for all.
+    """Set Zenoh's number of receiving threads for a session that is opened in this context.
 
-    Zenoh reads the variable when the first session is opened. It is removed again because child
-    processes inherit it: a router started by a client would have one thread. A value that the
-    environment already has is kept.
+    The first session of a process decides for all, because Zenoh reads the environment variable
+    only then. The variable is removed again because child processes inherit it: a router started by
+    a client would have one thread. A value that the environment already has is kept.
 
     Args:
         runtime: `ONE_LINK` or `MANY_LINKS`.

@@ -8,9 +8,9 @@ STALE = "the link came back and nothing comes through it: opening another"
 
 
 class StaleSessionDetector:
-    """Suspects a session that has received nothing since its link came back.
+    """Suspects a session that has received nothing since its link was restored.
 
-    A session repeats its declarations when its link comes back. Once in an hour of fault injection
+    A session repeats its declarations when its link is restored. Once in an hour of fault injection
     that failed: the process could publish, but received nothing for four minutes, until the link
     was lost again. A second session shows whether peers exist; if so, it replaces the first.
     """

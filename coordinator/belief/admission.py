@@ -19,10 +19,9 @@ from protocol.work import Place
 
 
 def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
-    """The places of a first search that are tracked, as probable as their shares.
+    """Return the places of a first search to track, most probable first.
 
-    Returns:
-        Most probable first; what their shares lack of one is elsewhere.
+    The probability of a place is its share. The rest, up to one, is the probability of elsewhere.
     """
     first = enumerate(pool.share[: rules.max_clusters])
     return [pool.place(index, share) for index, share in first if share >= rules.least_probability]
@@ -104,14 +103,17 @@ def admission(
 def log_weight_of_held(
     pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: SearchSettings
 ) -> float | None:
-    """Log weight of a whole search, from the clusters that it shares; None: it shares none.
+    """Return the log weight of a search, from places that are clusters already.
 
-    Used once places of the search are clusters: their probabilities scale its shares.
+    The weight is the ratio of their probability as clusters to their share in the search.
 
     Args:
-        pool: what the search has found.
-        held: where its own clusters were at the step of the pool, and how probable they are.
-        rules: how near is near.
+        pool: the places of the search.
+        held: pose, at the step of the pool, and probability of each cluster from this search.
+        rules: distances within which a place and a cluster are the same.
+
+    Returns:
+        The log weight; None: no place of the pool is a cluster.
     """
     reach = (rules.source_radius_m, rules.source_heading_rad)
     is_found = is_near([mean for mean, _ in held], pool.mean, *reach)

@@ -83,7 +83,7 @@ class Cluster(msgspec.Struct, frozen=True):
 
     @property
     def job_id(self) -> str:
-        """The job that tracks it."""
+        """Id of the job that tracks this cluster."""
         return f"{'d' if self.mirrored else 'c'}{self.cluster}"
 
     @property
@@ -167,23 +167,24 @@ class ClusterSet(Part):
         decoy: TrackReport | None = None,
         awaits_decoy: bool = False,
     ) -> float:
-        """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
+        """Apply kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
-        Two updates in turn: which cluster is right, and whether any is. A scan that fits no
-        cluster says little about the first and much about the second.
+        There are two updates in turn: which cluster is right, and whether any is. A scan that fits
+        no cluster is weak evidence for the first question, and strong for the second.
 
         Args:
-            reports: of the jobs that reported; those of clusters that have ended are left out.
-            log_likelihood_elsewhere: log of the scan's average likelihood all over the map; NaN:
-                it is not known.
-            new_view: share of the scan that shows what none before has shown (`ViewMemory`).
-            news: share of it that is news of whether the robot is at any cluster (`news_of`).
+            reports: reports by job id; reports of ended clusters are ignored.
+            log_likelihood_elsewhere: log of the scan's average likelihood over the whole map;
+                NaN: unknown.
+            new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
+            news: share of the scan that is new evidence of the robot being at any cluster
+                (`news_of`).
             decoy: report of a job that tracks the mirrored scans; None: there is none.
             awaits_decoy: the first decoy is being searched for; classes do not count until then.
 
         Returns:
-            Log of the scan's likelihood before it was known where the robot is: what a hypothesis
-            outside this belief is compared with.
+            Log of the scan's likelihood, averaged over the belief before the scan; a hypothesis
+            outside this belief is compared with it.
         """
         elsewhere = log_likelihood_elsewhere
         if not self.clusters:
@@ -368,9 +369,9 @@ class ClusterSet(Part):
         """Move clusters without a report by odometry.
 
         Args:
-            job_ids: of these clusters.
-            before_from_after: (3,) how the robot moved since the step before.
-            motion: noise of the odometry, which is added to their covariances.
+            job_ids: ids of the jobs that track these clusters.
+            before_from_after: (3,) motion of the robot since the step before.
+            motion: noise of the odometry, which is added to the clusters' covariances.
         """
         noise = motion_covariance(before_from_after, motion)
         for cluster in self.all():
@@ -442,15 +443,16 @@ class ClusterSet(Part):
     def sharing(
         self, candidates: Sequence[Candidate], first_step: int, explained: float
     ) -> list[Candidate]:
-        """Take the probability of candidates from earlier places of the same search only.
+        """Move probability to candidates, from earlier places of the same search only.
 
         Args:
-            candidates: found by the search since, with weights relative to the belief.
-            first_step: of the search; those it has brought hold more than nothing.
-            explained: what was elsewhere, and is theirs now.
+            candidates: newly found places, with weights relative to the belief.
+            first_step: first step of the search; clusters that began since then have a positive
+                probability.
+            explained: probability that moves from elsewhere to the places of the search.
 
         Returns:
-            The candidates with what they get.
+            The candidates with their probabilities.
         """
         own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
         held = math.fsum(cluster.probability for cluster in own)
@@ -490,8 +492,9 @@ class ClusterSet(Part):
         """Raise earlier protected clusters to `STILL_PROBABLE` after candidates entered.
 
         Args:
-            step: the last one.
-            first_step: of the search that found the candidates; its own clusters stay as they are.
+            step: number of the last step.
+            first_step: first step of the search that found the candidates; clusters that began
+                since then stay as they are.
         """
         for cluster in self.all():
             old = cluster.born_step < first_step and step < cluster.protected_until

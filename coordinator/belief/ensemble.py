@@ -131,11 +131,11 @@ class Ensemble(Part, kw_only=True):
         """Apply one step.
 
         Args:
-            step: its number.
-            reports: those of this step that arrived in time, others are missing; and those of
-                searches, which may be of an earlier step.
-            before_from_after: (3,) how the robot moved since the step before, by odometry; it
-                carries clusters without a report. None: it is not known.
+            step: number of the step.
+            reports: reports of this step that arrived in time, and reports of searches, which may
+                belong to an earlier step.
+            before_from_after: (3,) motion of the robot since the step before, by odometry; moves
+                clusters without a report. None: unknown.
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
@@ -200,11 +200,13 @@ class Ensemble(Part, kw_only=True):
     ) -> Outcome:
         """Forget all clusters and search from the next step on.
 
+        Later searches always cover the whole map.
+
         Args:
-            step: the last one.
-            cause: why the clusters end.
-            near: where to search first; None: everywhere. Later searches look everywhere.
-            corners: of a region to search first; empty: everywhere.
+            step: number of the last step.
+            cause: reason for the end of the clusters.
+            near: circle to search first; None: the whole map.
+            corners: corners of the region to search first; empty: the whole map.
         """
         self._forget(step, cause)
         self.seen, self.found = ViewMemory(), False
@@ -297,7 +299,7 @@ class Ensemble(Part, kw_only=True):
         self.events += ended
 
     def _admit_first(self, pool: Pool, step: int) -> None:
-        """The most probable places (section 4), beside one that was known before."""
+        """Admit the most probable places (section 4), and the prior pose if there is one."""
         first = first_places(pool, self.settings.belief)
         if not first:
             return
@@ -312,13 +314,13 @@ class Ensemble(Part, kw_only=True):
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
     def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> bool:
-        """Places that no cluster holds; what the search explains is no longer elsewhere.
+        """Admit places that no cluster holds; their probability is taken from elsewhere.
 
-        The scans since the search began give its weight. Once places of its own are clusters,
-        their probability does, and they share it with later finds.
+        The scans since the search began determine its weight. Once some of its places are
+        clusters, their probability determines it, and is shared with later places.
 
         Returns:
-            False if some have to wait for the end of other clusters' grace.
+            False if some places have to wait until the protection of other clusters ends.
         """
         first_step, evidence = self.search.first_step, self.search.evidence
         then, settings = self.search.means_at(pool.step), self.settings

@@ -94,8 +94,8 @@ class SearchCourse(Part):
             first_step: the first step whose scan it uses.
             log_elsewhere: log of the probability that the robot is elsewhere on the map.
             log_off_map: log of the probability that it is not on the map.
-            near: where to look; None: everywhere.
-            corners: of a region to search; empty: everywhere.
+            near: circle to search; None: the whole map.
+            corners: corners of the region to search; empty: the whole map.
 
         Returns:
             The jobs of the search.
@@ -188,7 +188,7 @@ class Decoy(Part):
 
     @property
     def track_ids(self) -> tuple[str, ...]:
-        """The jobs that track it."""
+        """Ids of the jobs that track the decoys."""
         return tuple(place.job_id for place in self.places)
 
     def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
@@ -207,8 +207,8 @@ class Decoy(Part):
         """Continue after a step.
 
         Args:
-            step: its number.
-            reports: of all jobs.
+            step: number of the step.
+            reports: reports of all jobs.
             is_open: whether it is uncertain that the robot is on the map.
 
         Returns:

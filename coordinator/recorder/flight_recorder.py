@@ -1,4 +1,4 @@
-"""Records a coordinator's events in a thread of its own: a slow disk delays no step."""
+"""Records a coordinator's events in a separate thread, so a slow disk delays no step."""
 
 import logging
 import platform
@@ -47,15 +47,15 @@ _log = logging.getLogger(__name__)
 
 
 class FlightRecorder:
-    """Records events on their way to a coordinator, and the beliefs that follow.
+    """Passes events to a coordinator, and records them and the resulting beliefs.
 
     Events that cannot be written are counted. After a gap a new file begins, with the state of
     the coordinator at that moment.
 
     Args:
-        coordinator: which receives events from here only.
-        started: what it was made with.
-        ring: where to; None: nowhere.
+        coordinator: the coordinator, which receives events only from this object.
+        started: arguments with which the coordinator was made.
+        ring: files to write; None: record nothing.
     """
 
     def __init__(self, coordinator: Coordinator, started: Started, ring: Ring | None) -> None:

@@ -134,8 +134,8 @@ _COORDINATORS = msgspec.msgpack.Decoder(Coordinator)
 def freeze(coordinator: Coordinator) -> bytes:
     """Encode a coordinator between two events, without particles and beams.
 
-    Other than a checkpoint, it contains open steps, deadlines and unanswered orders: a replay has
-    no workers to ask.
+    Unlike a checkpoint, the bytes contain open steps, deadlines and unanswered orders, because a
+    replay has no workers to query.
     """
     return msgspec.msgpack.encode(without_bulk(coordinator))
 
@@ -144,7 +144,7 @@ def thaw(data: bytes) -> Coordinator:
     """Return a coordinator that decides from here on as the frozen one did.
 
     Args:
-        data: what `freeze` returned.
+        data: the result of `freeze`.
 
     Raises:
         ValueError: the bytes are no snapshot of this version.
@@ -205,7 +205,7 @@ def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
-    """One whose state cannot be read stays as it is: it is refused again."""
+    """Return a checkpoint without particles; an unreadable state is kept, to be refused again."""
     try:
         state = from_bytes(checkpoint.state)
     except ValueError:

@@ -20,7 +20,7 @@ from recordings.run_log import BELIEF, LogFile, LogMessage, decoded
 
 @dataclass(frozen=True)
 class CoordinatorActs:
-    """A coordinator begins to act."""
+    """The start of a coordinator, or its take-over from a predecessor."""
 
     sender: str
     term: int
@@ -46,15 +46,15 @@ def replayed(
     """Replay a folder, coordinator by coordinator in the order of their start.
 
     Args:
-        folder: of the recording.
-        version: of this software.
-        map_digest: of the map of the whole run; None: any.
+        folder: folder of the recording.
+        version: version of this software.
+        map_digest: digest of the map of the whole run; None: any map.
 
     Returns:
-        Wall clock [ns], and what happened.
+        Wall clock [ns] and happening, for each happening.
 
     Raises:
-        RecordingError: there is no recording, or one that cannot be read.
+        RecordingError: the folder holds no recording, or an unreadable one.
     """
     series = _by_series(folder)
     if not any(_head_of(path, version) for files in series for path in files):
@@ -67,9 +67,9 @@ class _SeriesReplay:
     """Replays the files of one coordinator.
 
     Args:
-        files: oldest first.
-        version: of this software.
-        map_digest: of the only map that is allowed; None: any.
+        files: files of one coordinator, oldest first.
+        version: version of this software.
+        map_digest: digest of the only map that is allowed; None: any map.
     """
 
     def __init__(self, files: list[Path], version: str, map_digest: str | None) -> None:
@@ -232,7 +232,7 @@ def _nothing_in(folder: Path) -> str:
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
-    """The checkpoint has the coordinator's term; a repeated belief means that it took over."""
+    """Return the start of a coordinator; a repeated belief shows that it took over."""
     checkpoint = next(do.checkpoint for do in instructions if isinstance(do, PublishCheckpoint))
     steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
     return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

@@ -69,7 +69,7 @@ class Ring:
         return log
 
     def flush(self) -> None:
-        """Bring to the disk what was written; a file that was removed meanwhile is an error."""
+        """Write all messages to the disk; raise `FileNotFoundError` if the file was removed."""
         if self.log is not None:
             self.log.flush()
             if self.log.is_removed:

@@ -28,8 +28,8 @@ def map_page(report: MapReport, lines: Sequence[str], grid_map: GridMap) -> str:
     """Return the page of a checked map.
 
     Args:
-        report: what was found.
-        lines: the same in words.
+        report: results of the check.
+        lines: the results as text.
         grid_map: the map.
     """
     drawn = MapDrawing(grid_map)
@@ -91,7 +91,7 @@ def _symmetries(report: MapReport, drawn: MapDrawing) -> Iterator[str]:
 
 
 def _heat(report: MapReport, grid_map: GridMap, drawn: MapDrawing) -> str:
-    """A picture over the free ground near tested places."""
+    """Return an image as SVG that colours free ground by its number of look-alikes."""
     groups = [(place.map_from_robot, *place.look_alikes) for place in report.places]
     known = np.array([pose[:2] for group in groups for pose in group])
     alike = np.array([len(group) for group in groups for _ in group])
@@ -115,7 +115,7 @@ def _heat(report: MapReport, grid_map: GridMap, drawn: MapDrawing) -> str:
 
 
 def _is_free(grid_map: GridMap, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(N,) whether points in the map frame [m] lie in free cells."""
+    """Return whether points in the map frame [m] lie in free cells, (N,)."""
     poses = np.column_stack([x, y, np.zeros_like(x)])
     in_grid = compose(inverse(np.array(grid_map.map_from_grid)), poses)
     rows, cols = grid_map.cells.shape

@@ -1,4 +1,4 @@
-"""What a map holds: free, occupied and unknown ground, its pieces, and how well it is closed."""
+"""Statistics of a map's ground: free, occupied and unknown shares, pieces, and open borders."""
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ SMALLEST_PIECE_M2 = 0.5
 
 
 class Ground(msgspec.Struct, frozen=True, kw_only=True):
-    """The numbers of one map."""
+    """Size of a map, and its shares of free, occupied and unknown ground."""
 
     rows: int
     cols: int

@@ -27,7 +27,7 @@ _MOST_SYMMETRIES = 12
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True):
-    """A sampled place."""
+    """A pose at which the map was checked, and the poses with the same view."""
 
     map_from_robot: PoseTuple
     returned_share: float

@@ -42,7 +42,7 @@ def hall() -> World:
 
 
 def hall_moved() -> World:
-    """The hall with the furniture moved around the robot's start."""
+    """Return the hall with the furniture moved around the robot's start."""
     mapped, real = _hall_plan(), _hall_plan()
     _furnish(mapped, _FURNITURE)
     _furnish(real, _MOVED_FURNITURE)
@@ -54,7 +54,7 @@ def hall_moved() -> World:
 
 
 def hall_last_year() -> World:
-    """The hall with last year's map: 10 % of the walls have moved since."""
+    """Return the hall with an outdated map: 10 % of the walls have moved since."""
     old = _hall_plan(
         tuple(_REBUILT.get(pillar, pillar) for pillar in _PILLARS),
         tuple(_REBUILT.get(niche, niche) for niche in _NICHES),
@@ -67,7 +67,7 @@ def hall_last_year() -> World:
 
 
 def hall_symmetric() -> World:
-    """A hall of the same size with two-fold symmetry."""
+    """Return a hall as large as `hall`, with two-fold symmetry."""
     plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
     plan.floor(-12.5, -8.5, 12.5, 8.5)
     for niche in _NICHES[:5]:

@@ -16,7 +16,7 @@ _UNLIKE_SHARE = 0.25
 
 
 def office(wings: int = 5, rooms: int = 18) -> World:
-    """Wings of look-alike rooms; about every fourth room has its own furniture.
+    """Return wings of look-alike rooms; about every fourth room has its own furniture.
 
     Rooms, doors and corridors repeat exactly. Seeded random furniture and the ends of the
     corridors distinguish them in the long run.

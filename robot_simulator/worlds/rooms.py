@@ -10,16 +10,16 @@ _CORRIDOR_M = 1.25
 
 
 def cross() -> World:
-    """Four equal arms that no scan can distinguish."""
+    """Return a cross of four equal arms that no scan can distinguish."""
     plan = _cross_plan().grid_map()
     return world_from_map(plan)
 
 
 def cross_feature() -> World:
-    """The cross with one cabinet in the chamber at the end of the eastern arm.
+    """Return the cross with one cabinet, in the chamber at the end of the eastern arm.
 
-    The route visits three arms, but the robot cannot see there that their chambers have no cabinet.
-    Then the route enters the eastern chamber.
+    The route first visits the other three arms, but not their chambers, so no scan there
+    distinguishes the arms. Then it enters the eastern chamber.
     """
     plan = _cross_plan()
     plan.block(8.4, 0.75, 9.8, 1.75)
@@ -52,7 +52,7 @@ def _cross_plan() -> Canvas:
 
 
 def rectangle() -> World:
-    """A room whose two ends no scan can distinguish."""
+    """Return a room whose two ends no scan can distinguish."""
     plan = Canvas(16.0, 10.0)
     plan.floor(-6.5, -3.5, 6.5, 3.5)
     plan.floor(6.5, 0.8, 7.1, 2.0)  # a niche
@@ -69,7 +69,7 @@ def rectangle() -> World:
 
 
 def gates() -> World:
-    """The paper's room: two opposite doors, two benches, and cabinets in three of four corners.
+    """Return the paper's room: two opposite doors, two benches, cabinets in three corners.
 
     Each corner is a recess behind a wall, open along the outer wall. The wall occludes the cabinet
     from the middle of the room. The route passes both doors and both corridors. It ends in the

@@ -43,7 +43,7 @@ class World:
 def world_from_map(
     grid_map: GridMap, start: PoseTuple | None = None, route: tuple[Waypoint, ...] = ()
 ) -> World:
-    """Return a world that equals its map."""
+    """Return a world whose true map is the localizer's map."""
     return World(map=grid_map, truth=grid_map, start=start, route=route)
 
 
