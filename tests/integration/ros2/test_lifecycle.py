@@ -1,5 +1,6 @@
 """A double of nav2's lifecycle manager: what it asks, in its order, and the bond it waits for."""
 
+import json
 import os
 import signal
 import time
@@ -171,7 +172,7 @@ def test_a_pose_given_before_activation_is_used_then(
 
 
 def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge, tmp_path: Path
 ) -> None:
     robot, system = open_robot(), open_system()
     robot.put_mounts(("laser", IDENTITY))
@@ -183,6 +184,8 @@ def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(
     stamp_ns = system.lasers[-1].stamp_ns
     system.believe(stamp_ns, (5, 0.95, (1.0, 2.0, 0.0)), state="localized")
     wait_until(lambda: poses)
+    (kept,) = tmp_path.glob("ros2-*.json")
+    wait_until(lambda: json.loads(kept.read_text())["held"] == 5)  # kept just after the pose
     del system.commands[:], poses[:]
     bridge.kill()
     killed_s, count = time.monotonic(), len(manager.bonds)
