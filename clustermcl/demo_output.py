@@ -83,7 +83,7 @@ class DemoOutput:
 
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
-    """Yield a line for each place, one for all less probable places, and one for elsewhere."""
+    """Yield the lines of a step: its places, elsewhere, off the map, and the true pose if known."""
     search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"

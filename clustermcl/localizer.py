@@ -154,8 +154,9 @@ class ClusterMCL(RobotCommands):
             force: make a step from the next scan, even if the robot stands still.
 
         Returns:
-            the belief if this reading made a step; None: the robot has not moved enough since
-            the last step, or the reading could not be used (see `dropped`).
+            The belief if this call made a step, perhaps of an earlier scan that waited for
+            odometry. None: the robot has not moved enough since the last step, a scan waits for
+            odometry, or the reading could not be used (see `dropped`).
         """
         if force:
             self._maker.force_next()

@@ -107,7 +107,7 @@ class Stack:
         return self._supervisor.poll(time.monotonic())
 
     def pids(self) -> dict[str, int]:
-        """Return the process ids by name; the workers have that of their parent."""
+        """Return the process ids by name; all workers are one entry, their parent process."""
         return self._supervisor.pids()
 
     def check(self) -> None:

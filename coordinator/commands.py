@@ -193,8 +193,8 @@ def _at_step(
 ) -> tuple[PoseTuple, Covariance]:
     """Carry a given pose by odometry to the step after which it is tracked.
 
-    The motion there makes it less certain. A pose given after the step is carried back without
-    noise: the next step adds it.
+    The motion from the pose to that step makes the pose less certain. A pose given after the step
+    is carried back without noise, because the next step adds that noise.
     """
     covariance = _covariance(given)
     if commanded.odom_from_robot is None:

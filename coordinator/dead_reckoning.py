@@ -109,7 +109,7 @@ class DrivenGates(Part):
         self.counted, self.gates = odom_from_robot, 0.0
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """Take the robot's present odometry; less than a gate is noise, and is not counted."""
+        """Add the robot's motion once it makes up a gate; less may be noise of the odometry."""
         self.counted = self.counted or odom_from_robot
         gates = gates_between(self.counted, odom_from_robot, self.bridge)
         if gates >= 1.0:

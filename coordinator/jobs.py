@@ -217,7 +217,10 @@ class Jobs(Part):
         return job is not None and job.epoch == epoch and job.worker not in (None, worker)
 
     def placed_ns(self, job_id: str) -> int:
-        """Return when the job was given to its worker; 0 without a worker, or if it has arrived."""
+        """Return when the job was given to its worker.
+
+        0 if it has no worker, or if the worker has since reported one of its steps in time.
+        """
         job = self.placed.get(job_id)
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 

@@ -84,9 +84,13 @@ class Term(Part):
         return False
 
     def rises_above_workers(self, now_ns: int) -> bool:
-        """Raise a term whose orders workers refuse, if no coordinator of a higher one appears.
+        """Raise this term above one that a worker knows, if its coordinator does not appear.
 
-        That one may have died before it led. If it lives, its next message deposes this one.
+        That coordinator may have died before it led. If it is alive, its next message deposes this
+        one.
+
+        Returns:
+            Whether the term was raised.
         """
         if self.claimed is None or now_ns - self.claimed_ns < UNSEEN_NS:
             return False

@@ -276,9 +276,10 @@ class Bridge:
         self._on_step(scan)
 
     def _new_maker(self, first_map: MapMessage) -> StepMaker:
-        """Continue after the steps that a coordinator knows, so that none is repeated.
+        """Return a step maker that continues after the steps that a coordinator knows.
 
-        If they are near the highest possible number, start at 0.
+        So no number of a step is repeated. The numbers start at 0 if no coordinator answers, or if
+        the known number is half of the highest possible one or more.
         """
         first_step, live = 0, self._live_settings
         try:

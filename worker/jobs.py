@@ -217,7 +217,7 @@ class Tracking(RunningJob):
         )
 
     def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
-        """Return the places into which the cluster has split; none while it is one."""
+        """Return the places into which the cluster has split; checked at some steps only."""
         rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
         if every == 0 or scan.step % every != 0:
             return ()
