@@ -12,7 +12,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from benchmarks.test_messages import COVARIANCE, MESSAGES, PARTICLES, POSE, RANGES, order
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import (
     Event,
     OdometryArrived,
@@ -22,11 +22,11 @@ from coordinator.events import (
     TimePassed,
     WorkerJoined,
     WorkerSnapshot,
-    WorkerToldState,
+    WorkerStateArrived,
 )
 from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Started, freeze
+from coordinator.recorder.records import freeze
 from coordinator.recorder.ring import Ring, files_in
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
@@ -106,7 +106,7 @@ class Run:
                     self.beliefs += 1
                 case AskState(worker=worker):
                     self._tell(
-                        WorkerToldState(worker, WorkerSnapshot(term=0, holds=(), reports=()))
+                        WorkerStateArrived(worker, WorkerSnapshot(term=0, holds=(), reports=()))
                     )
                 case SendOrder(worker=worker, order=order):
                     for given in order.begin:

@@ -4,8 +4,8 @@ The loop creates them from messages, tokens and queries. They are recorded as Me
 replay uses the same objects.
 """
 
-from collections.abc import Iterable
-from typing import TypeAlias, TypeVar
+from contextlib import suppress
+from typing import TypeAlias
 
 import msgspec
 
@@ -17,11 +17,9 @@ from protocol.steps import OdometryReading, Scan
 from protocol.validity import assignment_problem
 from protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerState
 
-M = TypeVar("M")
-
 
 class WorkerSnapshot(msgspec.Struct, frozen=True):
-    """A worker's answer, decoded."""
+    """A worker's answer, decoded; fields as in `WorkerState`."""
 
     term: int
     holds: tuple[Assignment, ...] = ()
@@ -30,30 +28,19 @@ class WorkerSnapshot(msgspec.Struct, frozen=True):
     founded: int = 0
 
 
-def told_by(state: WorkerState) -> WorkerSnapshot:
-    """Decode the messages packed in a worker's answer; malformed ones are left out."""
-    reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
+def snapshot_of(state: WorkerState) -> WorkerSnapshot:
+    """Decode the reports in a worker's answer; leave out malformed reports and jobs."""
+    reports = list[Report]()
+    for payload in state.reports:
+        with suppress(MalformedMessageError):
+            reports.append(decode(payload, Report))  # type: ignore[arg-type] # a union
     return WorkerSnapshot(
         term=state.term,
-        holds=_possible(state.holds),
+        holds=tuple(held for held in state.holds if assignment_problem(held) is None),
         reports=tuple(reports),
         terms=state.terms,
         founded=state.founded,
     )
-
-
-def _possible(assignments: Iterable[Assignment]) -> tuple[Assignment, ...]:
-    return tuple(held for held in assignments if assignment_problem(held) is None)
-
-
-def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
-    found = []
-    for payload in payloads:
-        try:
-            found.append(decode(payload, kind))
-        except MalformedMessageError:
-            continue
-    return found
 
 
 class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
@@ -61,25 +48,25 @@ class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
 
 
 class ScanArrived(_Fact, frozen=True):
-    """The scan of a step was published."""
+    """The bridge published the scan of a step."""
 
     scan: Scan
 
 
 class HistoryArrived(_Fact, frozen=True):
-    """Scans of the past, as the bridge answered; perhaps none."""
+    """The bridge answered with earlier scans; the answer may be empty."""
 
     scans: tuple[Scan, ...]
 
 
 class OdometryArrived(_Fact, frozen=True):
-    """The robot moved."""
+    """The bridge published odometry."""
 
     reading: OdometryReading
 
 
 class ReportArrived(_Fact, frozen=True):
-    """A worker's job took a step."""
+    """A worker reported a step of a job."""
 
     worker: str
     report: Report
@@ -98,67 +85,59 @@ class WorkerLeft(_Fact, frozen=True):
 
 
 class WorkerReturned(_Fact, frozen=True):
-    """A worker's token is back after the own link was lost; the worker may have been restarted."""
+    """A worker's token reappeared after the own link was lost."""
 
     worker: str
 
 
-class WorkerToldState(_Fact, frozen=True):
-    """A worker answered a new coordinator's question."""
+class WorkerStateArrived(_Fact, frozen=True):
+    """A worker answered a new coordinator's query."""
 
     worker: str
-    told: WorkerSnapshot
+    state: WorkerSnapshot
 
 
 class OrderAnswered(_Fact, frozen=True):
-    """A worker has accepted or refused an order."""
+    """A worker accepted or refused an order."""
 
     worker: str
     answer: OrderAnswer
 
 
 class TokenChanged(_Fact, frozen=True):
-    """A liveliness token appeared or vanished; `Replica` decides what follows from it."""
+    """A liveliness token appeared or vanished; `Replica` decides what follows."""
 
     worker: str | None
-    """None: a coordinator's."""
+    """Name of the worker; None: the token of a coordinator."""
     alive: bool
 
 
 class LinkChanged(_Fact, frozen=True):
-    """Our own link to the router came up or was lost; `Replica` decides what follows from it."""
+    """The own link to the router was lost or is back; while it is lost, nothing is decided."""
 
     up: bool
 
 
-class CheckpointHeard(_Fact, frozen=True):
+class CheckpointArrived(_Fact, frozen=True):
     """Another coordinator published its checkpoint."""
 
     checkpoint: Checkpoint
 
 
-class LinkLost(_Fact, frozen=True):
-    """Our own link is down: nothing is decided until it is back."""
-
-
-class LinkBack(_Fact, frozen=True):
-    """Our own link is back."""
-
-
 class CommandArrived(_Fact, frozen=True):
-    """A person has given the robot's pose, or started a search."""
+    """A client gave the robot's pose, or started a search."""
 
     command: SetPose | Relocalize
 
 
 class MapArrived(_Fact, frozen=True):
-    """The bridge has answered with its map."""
+    """The bridge answered with its map."""
 
     ground: FreeGround
 
 
 class TimePassed(_Fact, frozen=True):
-    """Nothing but time."""
+    """Time passed without another event."""
 
 
 Event: TypeAlias = (
@@ -169,11 +148,10 @@ Event: TypeAlias = (
     | WorkerJoined
     | WorkerLeft
     | WorkerReturned
-    | WorkerToldState
+    | WorkerStateArrived
     | OrderAnswered
-    | CheckpointHeard
-    | LinkLost
-    | LinkBack
+    | CheckpointArrived
+    | LinkChanged
     | CommandArrived
     | MapArrived
     | TimePassed

@@ -5,7 +5,6 @@ reports carry the old epoch.
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from msgspec import Meta
@@ -25,39 +24,33 @@ from protocol.work import (
 )
 
 
-@dataclass(frozen=True)
-class Move:
-    """An order to give a job to another worker."""
-
-    job_id: str
-    worker: str
-
-
 def balanced(
     jobs: Mapping[str | None, Collection[str]],
     workers: Collection[str],
     may_move: Callable[[str], bool],
-) -> list[Move]:
+) -> dict[str, str]:
     """Give each waiting job to the least loaded worker, then even out.
 
     A job moves only from a worker that has two more than another, so that it does not move back
-    soon. Of equally loaded workers, the first by name gets a job and the last by name gives one
-    away.
+    soon. Of equally loaded workers, the first by name gets a job and the last by name loses one.
 
     Args:
         jobs: each worker's jobs by id; those of None wait for a worker.
         workers: workers that may get jobs; jobs of others stay where they are.
-        may_move: whether a job may change hands while its worker is well.
+        may_move: whether a job may leave a healthy worker.
+
+    Returns:
+        The new worker of each job that changes hands, by job id.
     """
     if not workers:
-        return []
+        return {}
     load = {worker: len(jobs.get(worker, ())) for worker in workers}
-    moves = []
+    moves: dict[str, str] = {}
 
     def give(job_id: str) -> None:
         least = min(load, key=lambda name: (load[name], name))
         load[least] += 1
-        moves.append(Move(job_id, least))
+        moves[job_id] = least
 
     for job_id in sorted(jobs.get(None, ())):
         give(job_id)
@@ -73,11 +66,11 @@ def balanced(
     return moves
 
 
-MISSED_NS = 1_500_000_000
-"""More than the longest pause between two tries to connect, less than a new job is waited for."""
 HAND_OVER_NS = 2_000_000_000
 """A step waits at least this long for a job that was just given to a worker [ns]."""
-
+AWAITED_NS = 1_500_000_000
+"""After a take-over, absent workers keep their jobs for this time: longer than the longest pause
+between two attempts to connect, shorter than `HAND_OVER_NS`."""
 
 WorkerName = Annotated[str, Meta(pattern=NAME_PATTERN, max_length=LONGEST_NAME)]
 
@@ -87,14 +80,16 @@ class PlacedJob(Part):
 
     local: ClassVar = frozenset({"placed_ns", "reported", "in_step", "term", "is_handed_on"})
     job: Job | None
-    """None in a state that is handed on: the worker holds the particles."""
+    """None only in a transferred state, if the worker holds the particles."""
     epoch: Number = 0
     worker: WorkerName | None = None
-    """None: the job waits for one."""
+    """None: the job waits for a worker."""
     placed_ns: int = 0
+    """When the job was given to the worker [ns]."""
     reported: bool = False
+    """Whether any worker has reported a step of the job."""
     in_step: bool = False
-    """The worker has reported a step in time, so it has received the job."""
+    """Whether the present worker has reported a step in time, so it has received the job."""
     term: int = 0
     """Term of the coordinator that gave the job to its worker."""
     is_handed_on: bool = False
@@ -113,35 +108,27 @@ class PlacedJob(Part):
 class Jobs(Part):
     """All jobs that are to be done; each has one worker, or waits for one."""
 
-    local: ClassVar = frozenset({"newest_epoch", "missed_until_ns"})
+    local: ClassVar = frozenset({"newest_epoch", "awaited_until_ns"})
     placed: Annotated[dict[Id, PlacedJob], FEW] = {}
     newest_epoch: int = 0
-    missed_until_ns: dict[str, int] = {}
-    """Workers that have jobs by another coordinator's state, but have not appeared yet."""
-
-    def get(self, job_id: str) -> PlacedJob | None:
-        """Return a job; None if it is over or never was."""
-        return self.placed.get(job_id)
+    awaited_until_ns: dict[str, int] = {}
+    """Until when absent workers keep the jobs that the previous coordinator gave them [ns]."""
 
     def assignment(self, job_id: str) -> Assignment:
         """Return a job as it is given to its worker."""
         job = self.placed[job_id]
-        assert job.job is not None  # only in a state that is handed on
+        assert job.job is not None  # None only in a transferred state
         return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
 
     def by_worker(self) -> dict[str | None, dict[str, int]]:
-        """Each worker's jobs and their epochs, in the order in which they began.
+        """Return the epochs of each worker's jobs by job id, in the order in which jobs began.
 
-        Those of None wait for a worker.
+        The key None stands for jobs that wait for a worker.
         """
         found: dict[str | None, dict[str, int]] = {}
         for job_id, job in self.placed.items():
             found.setdefault(job.worker, {})[job_id] = job.epoch
         return found
-
-    def searching(self) -> set[str | None]:
-        """Workers with a shard of a search."""
-        return {job.worker for job in self.shards().values()}
 
     def shards(self) -> dict[str, PlacedJob]:
         """Return the jobs of the running search, by id."""
@@ -149,10 +136,9 @@ class Jobs(Part):
             job_id: job for job_id, job in self.placed.items() if isinstance(job.job, SearchJob)
         }
 
-    # --- how they begin, change hands and end
+    # --- begin, change hands and end
 
     def begin(self, jobs: Mapping[str, Job]) -> None:
-        """Add jobs, to be placed."""
         self.placed |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
 
     def end(self, job_ids: Iterable[str]) -> None:
@@ -160,7 +146,7 @@ class Jobs(Part):
             self.placed.pop(job_id, None)
 
     def resize(self, job_id: str, particles: int, first_step: int) -> str | None:
-        """Track a cluster with another number of particles; returns the job's worker, if any."""
+        """Change a cluster's number of particles from a step on; return the worker, if any."""
         job = self.placed[job_id]
         assert isinstance(job.job, TrackJob)  # only clusters have a number of particles
         job.job = replace(job.job, particles=particles, particles_from=first_step)
@@ -175,22 +161,28 @@ class Jobs(Part):
         """Return whether a worker that has never reported may try the job: no search."""
         return not isinstance(self.placed[job_id].job, SearchJob)
 
-    def carry_out(self, moves: Iterable[Move], term: int, now_ns: int) -> None:
-        """Give jobs to other workers; epochs stand above those of all terms before."""
-        for move in moves:
-            job = self.placed[move.job_id]
+    def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
+        """Give jobs to workers; each gets an epoch above all epochs of earlier terms.
+
+        Args:
+            moves: worker of each job, by job id.
+            term: of this coordinator.
+            now_ns: by the clock of all events.
+        """
+        for job_id, worker in moves.items():
+            job = self.placed[job_id]
             self.newest_epoch = max(self.newest_epoch, term) + 1
-            job.epoch, job.worker, job.placed_ns = self.newest_epoch, move.worker, now_ns
+            job.epoch, job.worker, job.placed_ns = self.newest_epoch, worker, now_ns
             job.term, job.in_step = term, False
 
     def take_from(self, worker: str) -> None:
-        """Let the jobs of a worker that is gone or too slow wait for another worker."""
+        """Take all jobs from a worker; they wait for another one."""
         for job in self.placed.values():
             if job.worker == worker:
                 job.worker = None
 
-    def reported(self, report: Report, *, in_time: bool) -> None:
-        """Take a job's report, and its snapshot, from which another worker could continue."""
+    def on_report(self, report: Report, *, in_time: bool) -> None:
+        """Store the snapshot of a report, from which another worker could continue."""
         job = self.placed[report.job_id]
         job.reported = True
         job.in_step |= in_time
@@ -199,35 +191,32 @@ class Jobs(Part):
             job.job = replace(job.job, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
-        """Move the first step of the job `ElsewhereJob` past an applied step."""
+        """Move the first step of an `ElsewhereJob` past an applied step."""
         for job in self.placed.values():
             if isinstance(job.job, ElsewhereJob) and job.job.first_step <= step:
                 job.job = ElsewhereJob(first_step=step + 1)
 
-    # --- whose reports count, and how long they are waited for
+    # --- which reports count, and how long they are waited for
 
-    def is_current(self, job_id: str, epoch: int) -> bool:
-        """Return whether a report is of the job's present epoch."""
-        job = self.placed.get(job_id)
-        return job is not None and job.epoch == epoch and job.worker is not None
-
-    def is_of_another(self, job_id: str, epoch: int, worker: str) -> bool:
-        """Return whether a report has the present epoch of a job of another worker."""
-        job = self.placed.get(job_id)
-        return job is not None and job.epoch == epoch and job.worker not in (None, worker)
+    def refusal_of(self, report: Report, worker: str) -> str:
+        """Return why a worker's report does not count; empty if it does."""
+        job = self.placed.get(report.job_id)
+        if job is None or job.worker is None or job.epoch != report.epoch:
+            return "report of an old epoch"
+        return "" if job.worker == worker else "report of another worker's job"
 
     def placed_ns(self, job_id: str) -> int:
-        """Return when the job was given to its worker.
+        """Return when the job was given to its worker [ns].
 
-        0 if it has no worker, or if the worker has since reported one of its steps in time.
+        0 if the job has no worker, or if the worker has since reported a step of it in time.
         """
         job = self.placed.get(job_id)
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
     # --- from one coordinator to the next
 
-    def without_held(self, is_held: Callable[[str, PlacedJob], bool]) -> "Jobs":
-        """Return the jobs without the particles of clusters for which `is_held` is true."""
+    def without_particles_of(self, is_held: Callable[[str, PlacedJob], bool]) -> "Jobs":
+        """Return all jobs; those for which `is_held` is true come without their content."""
         return Jobs(
             {
                 job_id: replace(job, job=None) if is_held(job_id, job) else job
@@ -265,22 +254,16 @@ class Jobs(Part):
             )
             for job_id, job in handed_on.placed.items()
         }
-        self.missed_until_ns = {
-            job.worker: now_ns + MISSED_NS
+        self.awaited_until_ns = {
+            job.worker: now_ns + AWAITED_NS
             for job in self.placed.values()
             if job.worker is not None and job.worker not in present
         }
 
-    def misses(self, worker: str) -> bool:
-        return worker in self.missed_until_ns
-
-    def came(self, worker: str) -> None:
-        self.missed_until_ns.pop(worker, None)
-
-    def miss_no_longer(self, now_ns: int) -> None:
+    def give_up_awaited(self, now_ns: int) -> None:
         """Take the jobs from workers that have not appeared in time."""
-        for worker in [w for w, until_ns in self.missed_until_ns.items() if until_ns <= now_ns]:
-            del self.missed_until_ns[worker]
+        for worker in [w for w, until_ns in self.awaited_until_ns.items() if until_ns <= now_ns]:
+            del self.awaited_until_ns[worker]
             self.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
@@ -298,9 +281,9 @@ class Jobs(Part):
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             match job.job, held.job:
                 case _, ElsewhereJob():
-                    pass  # the worker's may be ahead of what is applied
+                    pass  # the worker's copy may be ahead of the applied step
                 case TrackJob(particles=particles, particles_from=first_step), TrackJob() as track:
-                    # The order with the newest number may have been lost.
+                    # The order with the newest number of particles may have been lost.
                     job.job = replace(track, particles=particles, particles_from=first_step)
                 case _:
                     job.job = held.job

@@ -10,7 +10,7 @@ import msgspec
 
 from coordinator.coordinator import Coordinator
 from coordinator.events import (
-    CheckpointHeard,
+    CheckpointArrived,
     CommandArrived,
     Event,
     HistoryArrived,
@@ -22,8 +22,8 @@ from coordinator.events import (
     ScanArrived,
     TimePassed,
     TokenChanged,
-    WorkerToldState,
-    told_by,
+    WorkerStateArrived,
+    snapshot_of,
 )
 from coordinator.free_ground import FreeGround
 from coordinator.instructions import (
@@ -152,7 +152,7 @@ class Loop:
 
     # --- messages
 
-    def _on(self, event: Event | TokenChanged | LinkChanged) -> list[Instruction]:
+    def _on(self, event: Event | TokenChanged) -> list[Instruction]:
         """Pass an event on and carry out what follows; return that."""
         decided = self._replica.handle(event, time.monotonic_ns())
         released = self._replica.release(decided, time.monotonic_ns())
@@ -172,7 +172,7 @@ class Loop:
 
     def _on_checkpoint(self, checkpoint: Checkpoint, _received: Received) -> None:
         check_term(checkpoint, time.time_ns())
-        self._on(CheckpointHeard(checkpoint))
+        self._on(CheckpointArrived(checkpoint))
 
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
@@ -294,7 +294,7 @@ class Loop:
                 self._on(OrderAnswered(worker, told))
             else:
                 self._node.heap.on_large_message(time.monotonic())
-                self._on(WorkerToldState(worker, told_by(told)))
+                self._on(WorkerStateArrived(worker, snapshot_of(told)))
 
         self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
 

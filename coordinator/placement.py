@@ -1,81 +1,123 @@
-"""Live workers, their jobs, and the orders to them."""
+"""Live workers, their jobs, and the orders to them.
+
+An order names all jobs of a worker, so the newest one replaces all lost ones. It is sent when it
+differs from the last one, and repeated until the worker has answered it.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+import msgspec
 from msgspec import field
 
-from coordinator.jobs import HAND_OVER_NS, Jobs, Move, balanced
-from coordinator.order_delivery import OrderDelivery
+from coordinator.jobs import HAND_OVER_NS, Jobs, PlacedJob, balanced
 from coordinator.part import Part
 from coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, Report, SearchReport, TrackJob, WorkOrder
+from protocol.work import Assignment, OrderAnswer, Report, SearchReport, TrackJob, WorkOrder
+
+RESEND_AFTER_NS = 500_000_000
+
+
+class LiveWorker(Part):
+    """A worker whose token is present, and the last order to it."""
+
+    order: int = 0
+    """Number of the order."""
+    sent_ns: int = -RESEND_AFTER_NS
+    ordered: dict[str, int] | None = None
+    """Jobs and epochs of the order; None: another order is due in any case."""
+    confirmed: dict[str, int] = {}
+    """Jobs and epochs that the worker has confirmed."""
+    answered: bool = True
+    """Whether the worker has accepted the order."""
+    silent_until_ns: int = 0
+    """The worker gets no order before this time, because it is first asked for its state [ns]."""
 
 
 class Placement(Part):
-    """Spreads jobs over live workers, and takes them from those that are gone or too slow."""
+    """Spreads jobs over live workers, and takes them from workers that are gone or too slow."""
 
-    delivery: OrderDelivery
+    sender: str
+    settings: FilterSettings
+    snapshot_every_steps: int
+    live: dict[str, LiveWorker] = {}
+    orders_sent: int = 0
     jobs: Jobs = field(default_factory=Jobs)
     stragglers: StragglerPolicy = field(default_factory=StragglerPolicy)
     silent_shards: SilentShards = field(default_factory=SilentShards)
 
-    @classmethod
-    def of(cls, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> "Placement":
-        """Return a placement without workers and jobs."""
-        return cls(OrderDelivery(sender, settings, snapshot_every_steps))
-
     @property
     def workers(self) -> dict[str, tuple[str, ...]]:
-        """Live workers and their jobs."""
+        """Ids of the jobs of each live worker."""
         jobs = self.jobs.by_worker()
-        return {name: tuple(jobs.get(name, ())) for name in self.delivery.workers}
+        return {name: tuple(jobs.get(name, ())) for name in sorted(self.live)}
 
     # --- workers
 
-    def joined(self, worker: str, silent_until_ns: int = 0) -> None:
-        """Add a worker that appeared; a known worker was restarted and has lost its jobs."""
-        if worker in self.delivery:
-            self.left(worker)
-        self.jobs.came(worker)
-        self.delivery.joined(worker, silent_until_ns)
+    def on_worker_joined(self, worker: str, silent_until_ns: int = 0) -> None:
+        """Add a worker; a known worker was restarted and has lost its jobs."""
+        if worker in self.live:
+            self.on_worker_left(worker)
+        self.jobs.awaited_until_ns.pop(worker, None)
+        self.live[worker] = LiveWorker(silent_until_ns=silent_until_ns)
 
-    def left(self, worker: str) -> None:
-        """Remove a worker that is gone; others continue its jobs from the last snapshots."""
-        self.delivery.left(worker)
+    def on_worker_left(self, worker: str) -> None:
+        """Remove a worker; others continue its jobs from the last snapshots."""
+        self.live.pop(worker, None)
         self.stragglers.forget(worker)
         self.jobs.take_from(worker)
 
-    def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
-        """Store a worker's list of jobs, with snapshots from which another worker can continue."""
-        self.delivery.held(worker, self.jobs.held(worker, holds, now_ns))
+    def on_worker_jobs(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
+        """Store the jobs that a worker holds, with their snapshots; it may get orders now."""
+        confirmed = {job.job_id: job.epoch for job in self.jobs.held(worker, holds, now_ns)}
+        live = self.live[worker]
+        live.ordered, live.silent_until_ns = None, 0
+        live.confirmed |= confirmed
+
+    def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
+        """Store which jobs a worker has.
+
+        A worker that was restarted unnoticed answers without the jobs that it should keep; it gets
+        the order again.
+        """
+        if (live := self.live.get(worker)) is None:
+            return
+        live.confirmed = {job_id: epoch for job_id, epoch, _ in answer.jobs}
+        accepted = answer.order == live.order and not answer.problem
+        kept = live.ordered is None or live.ordered.items() <= live.confirmed.items()
+        live.answered = accepted and kept
+
+    def repeat_order(self, worker: str) -> None:
+        """Send a worker its order again, after a lost link or the change of a job."""
+        self.live[worker].ordered = None
 
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Order other numbers of particles: by job id, how many and from which step on."""
+        """Change numbers of particles.
+
+        Args:
+            sizes: by job id, the number and the first step with it.
+        """
         for job_id, (particles, first_step) in sizes.items():
             worker = self.jobs.resize(job_id, particles, first_step)
-            if worker is not None and worker in self.delivery:
-                self.delivery.repeat(worker)
+            if worker is not None and worker in self.live:
+                self.repeat_order(worker)
 
     # --- steps
 
-    def waited_for(self, job_ids: Iterable[str]) -> list[str]:
-        """Return the jobs whose reports a step waits for; for a silent worker only once."""
-        return list(filter(self.waits_for, job_ids))
-
     def waits_for(self, job_id: str) -> bool:
-        job = self.jobs.get(job_id)
+        """Return whether a step waits for the report of a job; for a silent worker only once."""
+        job = self.jobs.placed.get(job_id)
         return job is None or job.worker is None or self.stragglers.waits_for(job.worker)
 
-    def reported(self, report: Report, *, in_time: bool) -> None:
-        self.jobs.reported(report, in_time=in_time)
-        job = self.jobs.get(report.job_id)
-        if job is not None and job.worker is not None:
-            self.stragglers.heard(job.worker, in_time=in_time)
+    def on_report(self, report: Report, *, in_time: bool) -> None:
+        self.jobs.on_report(report, in_time=in_time)
+        job = self.jobs.placed[report.job_id]
+        if job.worker is not None:
+            self.stragglers.on_report(job.worker, in_time=in_time)
         if isinstance(report, SearchReport):
-            self.silent_shards.reported(report.job_id, report.step)
+            self.silent_shards.on_report(report.job_id, report.step)
 
-    def step_decided(
+    def on_step_decided(
         self,
         expected: Iterable[str],
         missing: Iterable[str],
@@ -83,12 +125,18 @@ class Placement(Part):
         *,
         patient: bool = False,
     ) -> None:
-        """Process a decided step: workers that are late again lose their jobs.
+        """Take the jobs of workers that were late too often.
 
-        Workers with a search are spared: its steps may take longer than a deadline. While all
-        workers are slow, moving jobs does not help, so they are given more time.
+        Workers with a search are spared: its steps may take longer than a deadline.
+
+        Args:
+            expected: jobs whose reports the step needed.
+            missing: jobs of these without a report.
+            now_ns: by the clock of all events.
+            patient: whether all workers are slow, so that moving jobs would not help.
         """
-        owed = {job_id: job for job_id in expected if (job := self.jobs.get(job_id)) is not None}
+        placed = self.jobs.placed
+        owed = {job_id: job for job_id in expected if (job := placed.get(job_id)) is not None}
         late = {
             job.worker
             for job_id in missing
@@ -97,8 +145,8 @@ class Placement(Part):
             and now_ns >= job.placed_ns + HAND_OVER_NS
         }
         reported = {job.worker for job in owed.values() if job.worker}
-        blamed = late - self.jobs.searching()
-        for worker in self.stragglers.step_decided(reported, blamed, now_ns, patient=patient):
+        late -= {job.worker for job in self.jobs.shards().values()}
+        for worker in self.stragglers.on_step_decided(reported, late, now_ns, patient=patient):
             self.jobs.take_from(worker)
 
     # --- orders
@@ -107,22 +155,50 @@ class Placement(Part):
         self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
     ) -> list[tuple[str, WorkOrder]]:
         """Place jobs without a worker, even out, and return the orders that are due."""
-        self.jobs.miss_no_longer(now_ns)
+        self.jobs.give_up_awaited(now_ns)
         self._give_up_silent_shards(newest_step, now_ns)
-        ready = self.delivery.ready(now_ns)
-        able = [name for name in ready if self._may_work(name, now_ns)] or ready
+        ready = [name for name, live in sorted(self.live.items()) if live.silent_until_ns <= now_ns]
+        may_work, live = self.stragglers.may_work, self.live
+        able = [name for name in ready if may_work(name, now_ns, answers=live[name].answered)]
+        able = able or ready
         trusted = self.stragglers.trusted(able) or able
         moves = balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
-        self.jobs.carry_out(moves, term, now_ns)
-        self.jobs.carry_out(self._trials(able, trusted), term, now_ns)
+        self.jobs.move(moves, term, now_ns)
+        self.jobs.move(self._trials(able, trusted), term, now_ns)
         jobs = self.jobs.by_worker()
-        return self.delivery.orders(
-            ready,
-            jobs,
-            self.jobs.assignment,
+        return [
+            (name, self._order(live[name], jobs.get(name, {}), term, map_digest, now_ns))
+            for name in ready
+            if self._is_order_due(live[name], jobs.get(name, {}), now_ns)
+        ]
+
+    def _is_order_due(self, worker: LiveWorker, jobs: dict[str, int], now_ns: int) -> bool:
+        is_unanswered = not worker.answered and now_ns - worker.sent_ns >= RESEND_AFTER_NS
+        return worker.ordered != jobs or is_unanswered
+
+    def _order(
+        self, worker: LiveWorker, jobs: dict[str, int], term: int, map_digest: str, now_ns: int
+    ) -> WorkOrder:
+        self.orders_sent += 1
+        worker.order, worker.sent_ns = self.orders_sent, now_ns
+        worker.ordered, worker.answered = jobs, False
+        keep = tuple(sorted(jobs.items() & worker.confirmed.items()))
+        begin = sorted(jobs.items() - worker.confirmed.items())
+        kept = ((job_id, self.jobs.placed[job_id].job) for job_id, _ in keep)
+        return WorkOrder(
+            sender=self.sender,
+            order=worker.order,
             term=term,
             map_digest=map_digest,
-            now_ns=now_ns,
+            filter_settings=msgspec.to_builtins(self.settings),
+            snapshot_every_steps=self.snapshot_every_steps,
+            keep=keep,
+            begin=tuple(self.jobs.assignment(job_id) for job_id, _ in begin),
+            resize=tuple(
+                (job_id, job.particles, job.particles_from)
+                for job_id, job in kept
+                if isinstance(job, TrackJob) and job.particles and job.particles_from >= 0
+            ),
         )
 
     def _give_up_silent_shards(self, newest_step: int, now_ns: int) -> None:
@@ -132,33 +208,37 @@ class Placement(Part):
             if worker is not None and self.stragglers.give_up(worker, now_ns):
                 self.jobs.take_from(worker)  # with its other shards
 
-    def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> list[Move]:
-        """Give one job to one worker of each origin that has never reported."""
+    def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> dict[str, str]:
+        """Return one job for one worker of each origin that has never reported; by job id."""
         others = {origin(name): name for name in reversed(able) if name not in trusted}
         if not others:
-            return []
+            return {}
         jobs = self.jobs.by_worker()
-        tried = {origin(name) for name in jobs if name and not self.stragglers.is_proven(name)}
+        tried = {origin(name) for name in jobs if name and name not in self.stragglers.proven}
         waiting = [name for one, name in sorted(others.items()) if one not in tried]
         most = max(trusted, key=lambda name: len(jobs.get(name, ())))
         spare = sorted(filter(self.jobs.may_be_tried, jobs.get(most, ())))[1:]
-        return [Move(job_id, name) for job_id, name in zip(spare, waiting, strict=False)]
-
-    def _may_work(self, worker: str, now_ns: int) -> bool:
-        answers = self.delivery.has_answered(worker)
-        return self.stragglers.may_work(worker, now_ns, answers=answers)
+        return dict(zip(spare, waiting, strict=False))
 
     # --- from one coordinator to the next
 
     def jobs_to_hand_on(self) -> Jobs:
         """Return all jobs, without particles that a worker holds."""
-        return self.jobs.without_held(
-            lambda job_id, job: isinstance(job.job, TrackJob) and self.delivery.is_held(job_id, job)
-        )
+
+        def is_held(job_id: str, job: PlacedJob) -> bool:
+            worker = self.live.get(job.worker or "")
+            is_confirmed = worker is not None and worker.confirmed.get(job_id) == job.epoch
+            return isinstance(job.job, TrackJob) and is_confirmed
+
+        return self.jobs.without_particles_of(is_held)
 
     def resume(
         self, jobs: Jobs, rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
     ) -> None:
-        """Continue with another coordinator's jobs; see `Jobs.resume`."""
-        self.jobs.resume(jobs, rebuilt, self.delivery, now_ns, term=term)
-        self.delivery.forget()
+        """Continue with another coordinator's jobs; see `Jobs.resume`.
+
+        They replace all jobs that this coordinator ordered and that workers confirmed.
+        """
+        self.jobs.resume(jobs, rebuilt, self.live, now_ns, term=term)
+        for worker in self.live.values():
+            worker.ordered, worker.confirmed = None, {}

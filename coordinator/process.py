@@ -8,9 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import quote
 
+from coordinator.coordinator import Started
 from coordinator.loop import Loop
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
 from coordinator.replica import NewestState, Replica
 from coordinator.state_file import StateKeeper, read
@@ -114,9 +114,9 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
     coordinator = started.coordinator()
     recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
     loop.lead(coordinator, StateKeeper(folder, robot, started.kept), recorder)
-    if coordinator.outranked_by is not None:
+    if coordinator.term.outranked_by is not None:
         _log.warning(
-            "another coordinator acts since term %d: stepping down", coordinator.outranked_by
+            "another coordinator acts since term %d: stepping down", coordinator.term.outranked_by
         )
 
 

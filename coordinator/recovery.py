@@ -1,7 +1,7 @@
 """The recovery of the state: the term, the workers to ask, and the states to continue from.
 
-The coordinator decides nothing until recovery ends. It also queries workers that appear later, if
-their answers may matter: a belief that never had clusters is replaced by one that had.
+The coordinator decides nothing until recovery ends. It also queries workers that appear later if
+their answers may matter: a state that had clusters replaces a belief that never had any.
 """
 
 import math
@@ -23,8 +23,8 @@ from protocol.steps import Scan
 from protocol.work import Checkpoint, TakeOver
 
 APART_US = 1_000_000
-"""A new term exceeds every known one by at least this much. The epochs of a term's jobs are counted
-from the term on, and must not occur again in the next term."""
+"""A new term exceeds every known term by at least this much: the epochs of a term's jobs follow the
+term's number, and must not occur again in the next term."""
 UNSEEN_NS = 3_000_000_000
 """A leading coordinator publishes its state seven times within this time [ns]."""
 
@@ -33,36 +33,35 @@ class Term(Part):
     """The number by which coordinators are ranked, and whether this one leads."""
 
     number: int
-    """From the clock [us]; above all terms that were known before it began."""
+    """From the clock [us]; above all terms that were known before the coordinator began."""
     own_us: int
-    """Last digits of the number: two coordinators that learn of a term at once must not choose the
-    same new one."""
+    """Last digits of the number: two coordinators that receive the same term must not both choose
+    the same higher one."""
     begun: bool = False
     """Whether this coordinator leads, or has led."""
     outranked_by: int | None = None
     """The term of another coordinator that has deposed this one."""
     claimed: int | None = None
-    """A higher term that a worker knows."""
+    """A higher term that a worker has received."""
     claimed_ns: int = 0
+    """When a worker first reported a higher term [ns]."""
 
     @classmethod
     def of(cls, number: int, *known: Checkpoint | None) -> "Term":
-        """Return a term above those of known states.
-
-        Args:
-            number: proposed, from the clock [us].
-            known: states of other coordinators.
-        """
+        """Return a term above the terms of all known states; `number`: by the clock [us]."""
         term = cls(number, number % APART_US)
         for checkpoint in filter(None, known):
-            term.hear(checkpoint.term)
+            term.on_term(checkpoint.term)
         return term
 
-    def hear(self, number: int) -> bool:
-        """Process the term in a message of another coordinator.
+    def on_term(self, number: int) -> bool:
+        """Process another coordinator's term.
+
+        Before this coordinator begins, the own term is raised above the other; later, a higher term
+        deposes it.
 
         Returns:
-            Whether this term was raised above it, which happens only before it begins.
+            Whether the own term was raised.
         """
         if self.begun:
             if number > self.number:
@@ -74,9 +73,13 @@ class Term(Part):
         return True
 
     def on_worker_term(self, number: int, now_ns: int) -> bool:
-        """Take the highest term that a worker knows, which never deposes."""
+        """Process the highest term that a worker has received, which never deposes.
+
+        Returns:
+            Whether the own term was raised.
+        """
         if not self.begun:
-            return self.hear(number)
+            return self.on_term(number)
         if number > self.number:
             if self.claimed is None:
                 self.claimed_ns = now_ns
@@ -84,13 +87,13 @@ class Term(Part):
         return False
 
     def rises_above_workers(self, now_ns: int) -> bool:
-        """Raise this term above one that a worker knows, if its coordinator does not appear.
+        """Raise the own term above a worker's term whose coordinator has not appeared.
 
-        That coordinator may have died before it led. If it is alive, its next message deposes this
-        one.
+        The other coordinator may have died before it led. If it is alive, its next message deposes
+        this coordinator.
 
         Returns:
-            Whether the term was raised.
+            Whether the own term was raised.
         """
         if self.claimed is None or now_ns - self.claimed_ns < UNSEEN_NS:
             return False
@@ -105,13 +108,13 @@ class Term(Part):
 
 
 MOVED_BY_HAND = diagonal(0.5, 0.26)
-"""Uncertainty added because the robot may have been pushed meanwhile; as for a given pose."""
+"""Covariance added because the robot may have been pushed meanwhile; as for a given pose."""
 ODOMETRY_STARTS_WITHIN = (0.5, 0.5)
-"""Odometry this near to its origin [m], [rad] has probably been set to it."""
+"""Odometry within this distance [m] and turn [rad] of its origin was probably reset."""
 
 
 class LastPlace(msgspec.Struct, frozen=True):
-    """The most probable place when the whole system last ran."""
+    """The robot's most probable pose when the whole system last ran."""
 
     map_digest: str
     live: bool
@@ -122,7 +125,7 @@ class LastPlace(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, checkpoint: Checkpoint) -> "LastPlace | None":
-        """Return the most probable place in a checkpoint; None: it has no place.
+        """Return the most probable pose in a checkpoint; None: the checkpoint has no cluster.
 
         Raises:
             ValueError: as `state_in`.
@@ -141,12 +144,13 @@ class LastPlace(msgspec.Struct, frozen=True):
         )
 
     def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
-        """Return the place as it would be at a scan, with the uncertainty of the time between.
+        """Return the pose at a scan, less certain because the robot may have been moved.
 
-        Odometry since then counts, unless it was reset: then the robot stands where it stood.
+        The motion by odometry is added, unless the odometry was reset; then the robot has probably
+        not moved.
         """
         pose = np.array(self.map_from_robot)
-        if not _starts_anew(self.odom_from_robot, scan.odom_from_robot):
+        if not _was_reset(self.odom_from_robot, scan.odom_from_robot):
             moved = between(np.array(self.odom_from_robot), np.array(scan.odom_from_robot))
             pose = compose(pose, moved)
         a, b, c, d, e, f, g, h, i = (
@@ -161,7 +165,7 @@ class LastPlace(msgspec.Struct, frozen=True):
         )
 
 
-def _starts_anew(before: PoseTuple, now: PoseTuple) -> bool:
+def _was_reset(before: PoseTuple, now: PoseTuple) -> bool:
     near_m, near_rad = ODOMETRY_STARTS_WITHIN
 
     def near_origin(pose: PoseTuple) -> bool:
@@ -171,19 +175,20 @@ def _starts_anew(before: PoseTuple, now: PoseTuple) -> bool:
 
 
 ASK_AGAIN_NS = 200_000_000
-"""A worker whose token is there may not serve the query yet [ns]."""
+"""A query is repeated after this time: a new worker may not serve it yet [ns]."""
 ORDERS_AFTER_NS = 2_000_000_000
-"""A worker that does not answer the question gets orders after this time [ns]."""
-MAX_HEARD = 4
-"""Most states kept of those that others publish before this coordinator begins."""
+"""A worker that does not answer the query gets orders after this time [ns]."""
+MAX_RECEIVED = 4
+"""Largest number of states kept from other coordinators."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
-"""Longest wait for the last worker, with a state that has places and without one [ns]."""
+"""Longest wait for the last worker, with a founded state and without one [ns]."""
 SILENT_NS = 30_000_000_000
-"""Longest wait without one while most workers are silent: busy workers may know the state [ns]."""
+"""Longest wait without a founded state while most workers are silent: busy workers may know one
+[ns]."""
 
 
 def best_first(checkpoints: Iterable[Checkpoint]) -> list[Checkpoint]:
-    """Return each state once, the best one to continue from first."""
+    """Return each state once, in descending order of rank."""
     once = {(one.rank, one.state): one for one in checkpoints}
     return sorted(once.values(), key=lambda one: one.rank, reverse=True)
 
@@ -191,8 +196,9 @@ def best_first(checkpoints: Iterable[Checkpoint]) -> list[Checkpoint]:
 class StateRecovery(Part):
     """The workers to ask, their answers, and the states to continue from.
 
-    A state of another coordinator always counts. The state in the file may be of an earlier run of
-    the whole system: it counts if a worker knows its term, and none knows a belief of a later one.
+    A state of another coordinator always counts. The state in the file may come from an earlier run
+    of the whole system. It counts if a worker has received its term, and no worker has received a
+    belief of a later term.
     """
 
     sender: str
@@ -204,66 +210,67 @@ class StateRecovery(Part):
     """State from the file; None: there is none."""
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
-    told: dict[str, WorkerSnapshot] = {}
-    """The answers of the connected workers, by name."""
-    is_of_this_life: bool = False
-    """Whether a worker knows the term of the kept state."""
+    answers: dict[str, WorkerSnapshot] = {}
+    """Answers of the connected workers, by name."""
+    is_of_this_run: bool = False
+    """Whether a worker has received the term of the kept state."""
     founded: int = 0
     """The highest term of a belief that a worker has received."""
 
     @property
     def checkpoints(self) -> list[Checkpoint]:
-        """The states of other coordinators, the best one to continue from first."""
-        kept = [self.kept] if self.kept and self._counts(self.kept) else []
-        return best_first([*self.received, *kept])
+        """The states to continue from, in descending order of rank."""
+        return best_first([*self.received, *([self.kept] if self.kept and self._counts else [])])
 
-    def _counts(self, kept: Checkpoint) -> bool:
-        return self.is_of_this_life and self.founded <= kept.term
+    @property
+    def _counts(self) -> bool:
+        """Whether the kept state can be used."""
+        kept = self.kept
+        return kept is not None and self.is_of_this_run and self.founded <= kept.term
 
     def expect(self, worker: str) -> None:
-        """Ask a worker that is there."""
+        """Begin to ask a worker whose token is present."""
         self.asked_ns[worker] = None
-        self.told.pop(worker, None)
+        self.answers.pop(worker, None)
 
     def forget(self, worker: str) -> None:
         self.asked_ns.pop(worker, None)
-        self.told.pop(worker, None)
+        self.answers.pop(worker, None)
 
-    def hear(self, checkpoint: Checkpoint) -> None:
-        """Take another coordinator's state."""
-        self.received = best_first([*self.received, checkpoint])[:MAX_HEARD]
+    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
+        self.received = best_first([*self.received, checkpoint])[:MAX_RECEIVED]
 
-    def answered(self, worker: str, told: WorkerSnapshot) -> None:
+    def on_answer(self, worker: str, answer: WorkerSnapshot) -> None:
         self.asked_ns.pop(worker, None)
-        self.told[worker] = told
-        self.founded = max(self.founded, told.founded)
-        self.is_of_this_life |= self.kept is not None and self.kept.term in told.terms
+        self.answers[worker] = answer
+        self.founded = max(self.founded, answer.founded)
+        self.is_of_this_run |= self.kept is not None and self.kept.term in answer.terms
 
-    def forget_checkpoints(self) -> None:
-        """Drop the states of other coordinators; they are not needed after the start."""
+    def drop_checkpoints(self) -> None:
+        """Drop the states to continue from, except a kept state that may count later."""
         self.received.clear()
-        if self.kept and self._counts(self.kept):
+        if self._counts:
             self.kept = None
-
-    def forget_told(self) -> None:
-        """Drop all received states: this coordinator has its own belief now."""
-        self.told.clear()
-        self.kept = None
 
     def ask_all_again(self) -> None:
         """Ask all workers again, in a higher term."""
-        for worker in (*self.asked_ns, *self.told):
+        for worker in (*self.asked_ns, *self.answers):
             self.asked_ns[worker] = None
 
     def questions(self, term: int, applied: int, now_ns: int) -> list[AskState]:
-        """Return the workers to ask now; `applied` is this coordinator's own last step."""
+        """Return the queries that are due now.
+
+        Args:
+            term: of this coordinator.
+            applied: its last applied step, after which reports are needed.
+            now_ns: by the clock of all events.
+        """
         due = [
             worker
             for worker, asked_ns in sorted(self.asked_ns.items())
             if asked_ns is None or now_ns - asked_ns >= ASK_AGAIN_NS
         ]
-        for worker in due:
-            self.asked_ns[worker] = now_ns
+        self.asked_ns |= dict.fromkeys(due, now_ns)
         others = [*self.received, *([self.kept] if self.kept else [])]
         since = min((one.step for one in others), default=applied)
         question = TakeOver(sender=self.sender, term=term, since=since)
@@ -272,13 +279,12 @@ class StateRecovery(Part):
     def is_over(self, now_ns: int) -> bool:
         """Return whether to begin without waiting for more workers.
 
-        To begin without a state may forget all places, which must not happen because workers are
-        busy.
+        Without a founded state all places are lost, which must not happen because workers are busy.
         """
         waited_ns = now_ns - self.began_ns
         if any(checkpoint.founded for checkpoint in self.checkpoints):
             wait_ns = KNOWN_NS
-        elif len(self.told) >= len(self.asked_ns):
+        elif len(self.answers) >= len(self.asked_ns):
             wait_ns = UNKNOWN_NS
         else:
             wait_ns = SILENT_NS

@@ -11,11 +11,9 @@ from typing import Literal, TypeAlias
 from coordinator.checkpoint import arrival
 from coordinator.coordinator import Coordinator
 from coordinator.events import (
-    CheckpointHeard,
+    CheckpointArrived,
     Event,
-    LinkBack,
     LinkChanged,
-    LinkLost,
     TokenChanged,
     WorkerJoined,
     WorkerLeft,
@@ -57,9 +55,9 @@ class Replica:
     def role(self) -> Role:
         if self.coordinator is None:
             return "follower"
-        if self.coordinator.outranked_by is not None:
+        if self.coordinator.term.outranked_by is not None:
             return "deposed"
-        return "leading" if self.coordinator.begun else "recovering"
+        return "leading" if self.coordinator.term.begun else "recovering"
 
     def follow(self, now_ns: int) -> None:
         """Watch another coordinator, which was seen a moment ago."""
@@ -87,9 +85,9 @@ class Replica:
         self.newest = NewestState()
         self._membership, self._fencing = Membership(), SelfFencing(now_ns)
 
-    def handle(self, event: Event | TokenChanged | LinkChanged, now_ns: int) -> list[Instruction]:
+    def handle(self, event: Event | TokenChanged, now_ns: int) -> list[Instruction]:
         """Process an event, after `release`; return instructions to carry out."""
-        if isinstance(event, CheckpointHeard):
+        if isinstance(event, CheckpointArrived):
             is_newest = self.newest.on_state(event.checkpoint, now_ns)
         if self.coordinator is not None:
             self._fencing.turn(now_ns)
@@ -98,7 +96,7 @@ class Replica:
             left = self._membership.left(now_ns)
             return instructions + [do for one in left for do in self._decide(one, now_ns)]
         match event:
-            case CheckpointHeard() if is_newest:
+            case CheckpointArrived() if is_newest:
                 self._detector.sign_of_life(now_ns)
             case TokenChanged(worker=None, alive=True):
                 self._detector.sign_of_life(now_ns)
@@ -121,7 +119,7 @@ class Replica:
         self._fencing.turn(now_ns)
         return not self._fencing.is_listening(now_ns)
 
-    def _meaning_of(self, event: Event | TokenChanged | LinkChanged, now_ns: int) -> list[Event]:
+    def _meaning_of(self, event: Event | TokenChanged, now_ns: int) -> list[Event]:
         match event:
             case TokenChanged(worker, alive):
                 # Coordinators' tokens matter to followers only.
@@ -132,7 +130,7 @@ class Replica:
                 self._membership.link(up, now_ns)
                 if up:
                     self._fencing.listen(now_ns)
-                return [LinkBack() if up else LinkLost()]
+                return [event]
             case _:
                 return [event]
 

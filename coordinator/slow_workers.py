@@ -1,12 +1,12 @@
 """Time limits for workers that do not report, after which other workers get their jobs.
 
-The first step that it misses costs the others one deadline. No later step waits for it until it
-reports again, and after some more steps it loses its jobs. A worker that returns gets jobs again
-after a pause, which doubles each time; otherwise a slow worker would take and lose jobs forever.
+The first step without a worker's report waits for one deadline. No later step waits for that
+worker until it reports again, and after some more steps the worker loses its jobs. It gets jobs
+again after a pause, which doubles each time; otherwise it would take and lose jobs forever.
 
-Workers that have reported come first. The others of one certificate, whose names differ only in
-their number, count as one worker until each has reported. Otherwise sixty names that answer orders
-and compute nothing would each delay a step.
+Workers that have reported come first. All others with one certificate, whose names differ only in
+their number, count as one worker. Otherwise sixty workers that answer orders and compute nothing
+would each delay a step.
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -22,7 +22,7 @@ GIVEN_UP_LATER = 10
 FIRST_PAUSE_NS = 2_000_000_000
 LONGEST_PAUSE_NS = 60_000_000_000
 FORGOTTEN_AFTER_NS = 120_000_000_000
-"""After working for this time since its last pause, a worker's next pause is short again [ns]."""
+"""A worker's next pause is short again if the last one ended longer ago than this [ns]."""
 
 
 class Punctuality(Part):
@@ -31,15 +31,16 @@ class Punctuality(Part):
     missed: int = 0
     """Steps in a row."""
     silent: bool = False
-    """Whether it has missed a step and has not reported since."""
+    """Whether the worker has missed a step and has not reported since."""
     paused: bool = False
     pause_ns: int = FIRST_PAUSE_NS
-    """The next one's length."""
+    """Length of the next pause [ns]."""
     pause_ends_ns: int = 0
+    """End of the last pause [ns]; 0: there was no pause."""
 
 
 def origin(worker: str) -> str:
-    """Return a worker's name without its number: its machine and certificate."""
+    """Return a worker's name without its number: the name of its machine and certificate."""
     prefix, _, number = worker.rpartition("-")
     return prefix if prefix and number.isdecimal() else worker
 
@@ -52,33 +53,33 @@ class StragglerPolicy(Part):
     proven: set[str] = set()
     """Workers that have reported."""
 
-    def heard(self, worker: str, *, in_time: bool) -> None:
-        """Take a worker's report; a late one only shows that the worker is alive."""
+    def on_report(self, worker: str, *, in_time: bool) -> None:
+        """Process a worker's report; a late one only shows that the worker is alive."""
         self.proven.add(worker)
         record = self.records.get(worker)
         if record is not None:
             record.silent = False
             record.missed = 0 if in_time else record.missed
 
-    def step_decided(
+    def on_step_decided(
         self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
     ) -> list[str]:
-        """Process a step decided without some reports; return the workers that lose their jobs.
+        """Record who missed a step; return the workers that lose their jobs.
 
         Args:
-            reported: workers that reported the step with one of their jobs.
-            missing: workers that owed a report and did not send it in time.
-            now_ns: time by the clock of the process [ns].
+            reported: workers that reported at least one of their jobs.
+            missing: workers that did not report all of their jobs in time.
+            now_ns: by the clock of all events.
             patient: whether all workers are slow.
         """
-        if not reported:  # not one worker is slow then, but the way to all of them
+        if not reported:  # the network is slow then, not one worker
             return []
         late: dict[str, list[str]] = {}
         for worker in sorted(missing - reported):
-            late.setdefault(self._who(worker), []).append(worker)
+            late.setdefault(self._counted_as(worker), []).append(worker)
         given_up = []
-        for who, workers in late.items():
-            record = self.records.setdefault(who, Punctuality())
+        for name, workers in late.items():
+            record = self.records.setdefault(name, Punctuality())
             record.missed += 1
             record.silent = True
             if record.missed >= (GIVEN_UP_LATER if patient else GIVEN_UP_AFTER):
@@ -88,34 +89,29 @@ class StragglerPolicy(Part):
 
     def give_up(self, worker: str, now_ns: int) -> bool:
         """Give a worker no new jobs for a while; return whether it has never reported."""
-        self._pause(self.records.setdefault(self._who(worker), Punctuality()), now_ns)
+        self._pause(self.records.setdefault(self._counted_as(worker), Punctuality()), now_ns)
         return worker not in self.proven
 
-    def is_proven(self, worker: str) -> bool:
-        return worker in self.proven
-
     def trusted(self, workers: Sequence[str]) -> list[str]:
-        """Return the workers that get a full share of the jobs: their origin has reported.
+        """Return the workers that get a full share of the jobs.
 
-        Until one has, all workers are trusted, except those of an origin that was given up.
+        These are the workers that have reported, and those of the same origin. Before the first
+        report, all workers are trusted. An origin that was given up is not trusted.
         """
         known = {origin(worker) for worker in self.proven}
+        paused = {name for name, record in self.records.items() if record.pause_ends_ns > 0}
         return [
             worker
             for worker in workers
             if worker in self.proven
-            or ((not known or origin(worker) in known) and not self._was_given_up(origin(worker)))
+            or ((not known or origin(worker) in known) and origin(worker) not in paused)
         ]
 
-    def _was_given_up(self, who: str) -> bool:
-        record = self.records.get(who)
-        return record is not None and record.pause_ends_ns > 0
-
-    def _who(self, worker: str) -> str:
+    def _counted_as(self, worker: str) -> str:
         return worker if worker in self.proven else origin(worker)
 
     def waits_for(self, worker: str) -> bool:
-        record = self.records.get(self._who(worker))
+        record = self.records.get(self._counted_as(worker))
         return record is None or not record.silent
 
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
@@ -123,19 +119,19 @@ class StragglerPolicy(Part):
 
         Args:
             worker: name of the worker.
-            now_ns: time by the clock of the process [ns].
+            now_ns: by the clock of all events.
             answers: whether the worker has answered its last order, so it is not frozen.
         """
-        record = self.records.get(self._who(worker))
+        record = self.records.get(self._counted_as(worker))
         if record is None or not record.paused:
             return True
         if answers and now_ns >= record.pause_ends_ns:
             record.paused = False
-            record.silent = worker not in self.proven  # a trial holds up no step
+            record.silent = worker not in self.proven  # no step waits for a trial
         return not record.paused
 
     def forget(self, worker: str) -> None:
-        """Forget a worker that is gone; another one of this name has reported nothing."""
+        """Forget a worker that is gone; a later one of the same name has reported nothing."""
         if worker in self.proven:
             self.proven.discard(worker)
             self.records.pop(worker, None)
@@ -149,11 +145,11 @@ class StragglerPolicy(Part):
 
 
 STEPS = 5
-"""A shard is silent when each other shard has reported this number of steps since it last did."""
+"""A shard is silent when the others have reported this number of steps each since its report."""
 SHORTEST_NS = 3_000_000_000
 """A shard is given up after this time at the earliest [ns]."""
 TIMES_THE_OTHERS = 3
-"""And after this multiple of the time that the slowest other shard took for its first step."""
+"""A shard may take this multiple of the slowest other shard's time for its first step."""
 LONGEST_NS = 30_000_000_000
 """A shard is given up after this time in any case; doubled each time, as maps may be large [ns]."""
 PAUSE_NS = 1_000_000_000
@@ -161,41 +157,45 @@ PAUSE_NS = 1_000_000_000
 
 
 class Watch(Part):
-    """One shard at its present worker, since its last report."""
+    """A shard's last report from its present worker."""
 
     epoch: int
     reports: int
+    """Number of the shard's reports."""
     others: int
-    """Reports of other workers' shards until then."""
+    """Number of reports of other workers' shards at that time."""
     since_ns: int
+    """When the report arrived, or the worker got the shard [ns]."""
 
 
 class SilentShards(Part):
     """Decides which shards of a search another worker should have.
 
-    A step of a search may take long, depending on the map. So a shard is compared with the others:
-    it may take some times as long as they did. A shard on which all others wait is limited by time.
+    A step of a search may take long, depending on the map. So the time of a shard is compared with
+    the times of the others. A limit in seconds holds in any case.
     """
 
     reports: dict[str, int] = {}
     """Number of reports of each shard."""
     steps: dict[str, int] = {}
+    """Newest step that each shard has reported."""
     took_ns: dict[str, int] = {}
     """Duration of the first step of each shard that has reported one [ns]."""
     times_given_up: dict[str, int] = {}
     watches: dict[str, Watch] = {}
     looked_ns: int = 0
+    """When the shards were examined last [ns]."""
 
-    def reported(self, job_id: str, step: int) -> None:
+    def on_report(self, job_id: str, step: int) -> None:
         self.reports[job_id] = self.reports.get(job_id, 0) + 1
         self.steps[job_id] = max(step, self.steps.get(job_id, step))
 
     def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
-        """Shards that have been silent for too long.
+        """Return the shards that have been silent for too long.
 
         Args:
-            shards: jobs of the search that runs.
-            newest_step: the newest whose scan has come; a robot that stands makes none.
+            shards: jobs of the running search.
+            newest_step: the newest step whose scan has arrived; later reports are not due.
             now_ns: by the clock of all events.
         """
         if now_ns - self.looked_ns > PAUSE_NS:

@@ -1,11 +1,10 @@
 """The state of a coordinator: the belief, the jobs, the open steps, and the commands.
 
-All parts that affect decisions can be transferred from one coordinator to its successor.
+A coordinator transfers what its successor needs as a `CheckpointState`.
 """
 
 from collections.abc import Iterable
 from functools import partial
-from statistics import median
 
 import numpy as np
 from msgspec import field
@@ -16,12 +15,8 @@ from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
-from coordinator.checkpoint import (
-    MAX_AGE_S,
-    STATE_VERSION,
-    CheckpointState,
-    state_in,
-)
+from coordinator.change_detectors import MapChangeDetector, OverloadDetector
+from coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, CheckpointState, state_in
 from coordinator.commands import Commands
 from coordinator.dead_reckoning import carried
 from coordinator.free_ground import FreeGround
@@ -37,62 +32,8 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.job_events import EndedCause, JobEvent, NumberedEvent
 from protocol.live_settings import AS_STARTED, LiveSettings
-from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan, mirrored
 from protocol.work import Checkpoint, Place, Report, TrackJob
-
-STEPS = 20
-"""A worker that dies delays a few steps; an overload delays most of this number."""
-LATE_NS, IN_TIME_NS = 100_000_000, 50_000_000
-"""From its scan to its decision half of the steps take longer; and again no longer than that."""
-
-
-class OverloadDetector(Part):
-    """Detects from the waiting times of steps that the machine is overloaded."""
-
-    waits_ns: list[int] = []
-    is_overloaded: bool = False
-    """Whether work that is not urgent is postponed."""
-
-    def step_decided(self, waited_ns: int) -> None:
-        """Take how long a step has waited from its scan to its decision [ns]."""
-        self.waits_ns = [*self.waits_ns, waited_ns][-STEPS:]
-        if len(self.waits_ns) == STEPS:
-            bound_ns = IN_TIME_NS if self.is_overloaded else LATE_NS
-            self.is_overloaded = median(self.waits_ns) > bound_ns
-
-
-NEEDED = 3
-"""So many scans of the other map in a row, and none of ours between: one alone may be anything."""
-
-
-class MapChangeDetector(Part):
-    """Detects that the bridge was restarted with another map.
-
-    A second bridge of the same robot, or a stray message, is ignored, because scans of the present
-    map arrive in between. A bridge that waits for a belief repeats its scan, and repetitions count.
-    """
-
-    digest: str = ""
-    """Digest of the other map."""
-    step: int = -1
-    in_a_row: int = 0
-
-    def is_another(self, scan: Scan, ours: str) -> bool:
-        """Take a scan.
-
-        Args:
-            scan: any that arrives.
-            ours: digest of the map in which the robot is looked for.
-        """
-        if scan.map_digest == ours:
-            self.in_a_row = 0
-            return False
-        follows = scan.map_digest == self.digest and scan.step >= self.step
-        self.in_a_row = self.in_a_row + 1 if follows else 1
-        self.digest, self.step = scan.map_digest, scan.step
-        return self.in_a_row >= NEEDED
-
 
 KEPT_EVENTS = 200
 
@@ -102,6 +43,7 @@ class EventLog(Part):
 
     kept: list[NumberedEvent] = []
     count: int = 0
+    """Number of all events, kept or not."""
     unpublished: list[NumberedEvent] = []
 
     def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
@@ -110,7 +52,7 @@ class EventLog(Part):
         Args:
             events: in the order in which they were decided.
             step: step after which the events hold.
-            stamp_ns: robot's clock at the scan of the step [ns].
+            stamp_ns: of the step's scan, by the robot's clock.
         """
         for event in events:
             numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
@@ -126,6 +68,8 @@ class EventLog(Part):
 
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
+NO_ROOM = "report far ahead, or too many wait"
+"""Counter of reports that the coordinator refuses to keep."""
 
 
 class CoordinatorState(Part):
@@ -141,7 +85,7 @@ class CoordinatorState(Part):
     collector: StepCollector
     pose: PoseTracker
     live: LiveSettings = AS_STARTED
-    """The settings that hold at the applied step, in place of those of the start."""
+    """Settings changed since the start, as of the applied step."""
     event_log: EventLog = field(default_factory=EventLog)
     commands: Commands = field(default_factory=Commands)
     outcome: Outcome | None = None
@@ -171,24 +115,22 @@ class CoordinatorState(Part):
         settings: CoordinatorSettings,
         bridge: BridgeSettings,
     ) -> "CoordinatorState":
-        """Return an initial state: no clusters, workers or steps."""
         return cls(
             filter_settings,
             settings,
             bridge,
             Ensemble.of(filter_settings),
-            Placement.of(sender, filter_settings, settings.snapshot_every_steps),
+            Placement(sender, filter_settings, settings.snapshot_every_steps),
             StepCollector(settings),
             PoseTracker.of(sender, settings, filter_settings.motion, bridge),
         )
 
     def count(self, cause: str, times: int = 1) -> None:
-        """Count events of a cause."""
         self.counters[cause] = self.counters.get(cause, 0) + times
 
     @property
     def newest_step(self) -> int:
-        """The newest whose scan has arrived, applied or not; -1: none."""
+        """The newest step whose scan has arrived, applied or not; -1: there is none."""
         known = (self.collector.newest_scan, self.collector.applied)
         return max((scan.step for scan in known if scan is not None), default=-1)
 
@@ -209,19 +151,19 @@ class CoordinatorState(Part):
     def place_counts(self, was_live: bool) -> bool:
         """Return whether the robot may still be where it was when the system last ran.
 
-        A recording or a simulation begins where it begins, unless a person names a folder for it.
+        A recording or a simulation has no memory, unless the settings name a folder for its state.
         """
         return (was_live and self.pose.live) or bool(self.settings.state_folder)
 
     # --- what happens
 
     def on_map(self, scan: Scan) -> bool:
-        """Take a scan's map; return False for another map than that of the first scan.
+        """Return whether a scan belongs to the present map; change the map if the bridge has.
 
-        Where the bridge has another map for certain, that one counts from this scan on.
+        The first scan sets the map.
         """
         self.map_digest = self.map_digest or scan.map_digest
-        if self.map_changes.is_another(scan, self.map_digest):
+        if self.map_changes.has_changed(scan, self.map_digest):
             self._change_map(scan)
         if scan.map_digest != self.map_digest:
             self.count("scan of another map")
@@ -243,40 +185,21 @@ class CoordinatorState(Part):
         return True
 
     def on_map_arrived(self, ground: FreeGround) -> bool:
-        """Take the map's free ground; return whether a given pose that waited was applied."""
+        """Store the map's free ground; return whether a given pose that waited was applied."""
         self.ground = ground
         applied = self.collector.applied
         return applied is not None and self._carry_out_waiting(applied)
 
-    def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
-        """Add a worker, which gets no orders for a while."""
-        self.placement.joined(worker, silent_until_ns)
-        self.changed = True
-
-    def on_worker_left(self, worker: str) -> None:
-        self.placement.left(worker)
-        self.changed = True
-
-    def on_report(self, report: Report, worker: str, *, is_told_late: bool = False) -> None:
-        """Process a worker's report, unless another worker has the job.
-
-        Args:
-            report: the report as received.
-            worker: name of the worker.
-            is_told_late: see `StepCollector.has_room_for`.
-        """
-        jobs = self.placement.jobs
-        if jobs.is_of_another(report.job_id, report.epoch, worker):
-            self.count("report of another worker's job")
+    def on_report(self, report: Report, worker: str, *, is_recovered: bool = False) -> None:
+        """Process a worker's report; `is_recovered`: see `StepCollector.has_room_for`."""
+        if refusal := self.placement.jobs.refusal_of(report, worker):
+            self.count(refusal)
             return
-        if not jobs.is_current(report.job_id, report.epoch):
-            self.count("report of an old epoch")
-            return
-        if not self.collector.has_room_for(report, is_told_late=is_told_late):
-            self.count("report far ahead, or beside too many")
+        if not self.collector.has_room_for(report, is_recovered=is_recovered):
+            self.count(NO_ROOM)
             return
         in_time = self.collector.on_report(report)
-        self.placement.reported(report, in_time=in_time)
+        self.placement.on_report(report, in_time=in_time)
         if not in_time:
             self.count("report late")
 
@@ -287,7 +210,7 @@ class CoordinatorState(Part):
 
     @property
     def awaits_reports(self) -> bool:
-        """Whether no step can be applied now: none is open, or a report is missing."""
+        """Whether no step can be applied now: no step is open, or a report is missing."""
         reports = self.collector.oldest_reports
         unhurried = self.ensemble.unhurried if self.collector.waits_for_no_search else ()
         return reports is None or any(
@@ -296,22 +219,21 @@ class CoordinatorState(Part):
         )
 
     def ready(self, now_ns: int) -> ReadyStep | None:
-        """Return the next step if it is due, which must be applied then; else None."""
+        """Return the next step if it is due, else None; the caller must apply a returned step."""
         if self.collector.oldest_scan is None:
             return None
-        expected = self.placement.waited_for(self.ensemble.expected)
+        expected = list(filter(self.placement.waits_for, self.ensemble.expected))
         placed_ns, unhurried = self.placement.jobs.placed_ns, self.ensemble.unhurried
         return self.collector.ready(expected, placed_ns, now_ns, unhurried)
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
-        """Decide a step."""
         self._use(ready.scan.settings)
-        self._notice_overload(ready, now_ns)
+        self._detect_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
         patient = self.overload.is_overloaded
-        self.placement.step_decided(expected, outcome.missing, now_ns, patient=patient)
+        self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.placement.jobs.step_applied(ready.scan.step)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
@@ -331,14 +253,14 @@ class CoordinatorState(Part):
             return True
         return False
 
-    def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
+    def _detect_overload(self, ready: ReadyStep, now_ns: int) -> None:
         """Postpone periodic searches while the machine is overloaded.
 
-        A search takes its time, and a recording that waits for each belief has it.
+        Steps of a search, and of a recording that waits for each belief, may take longer.
         """
         if ready.scan.lockstep or (self.outcome is not None and self.outcome.searching):
             return
-        self.overload.step_decided(now_ns - ready.arrived_ns)
+        self.overload.on_step_decided(now_ns - ready.arrived_ns)
         if self.overload.is_overloaded:
             self.ensemble.postpone_search(ready.scan.step)
 
@@ -354,18 +276,18 @@ class CoordinatorState(Part):
         self._follow(outcome, applied)
         return True
 
-    def count_anew(self, scan: Scan) -> None:
-        """Search for the robot: the bridge was restarted, and steps and odometry begin again."""
-        self.count("steps counted anew")
-        self._begin_anew(scan, "steps restarted")
+    def on_steps_restarted(self, scan: Scan) -> None:
+        """Search for the robot: the bridge was restarted, and numbers steps from a new start."""
+        self.count("steps restarted")
+        self._search_again(scan, "steps restarted")
 
     def _change_map(self, scan: Scan) -> None:
-        """Change to the bridge's new map: keep the places if so configured, or search again."""
+        """Use the bridge's new map: keep the places if so configured, or search again."""
         self.count("map changed")
         self.map_digest = scan.map_digest
         applied = self.collector.applied
         if not (self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)):
-            self._begin_anew(scan, "new map")
+            self._search_again(scan, "new map")
             return
         places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
         self.collector.restart(scan.step - 1, replace(scan, step=scan.step - 1))
@@ -380,18 +302,17 @@ class CoordinatorState(Part):
             scan.odom_from_robot,
             self.ensemble.settings.motion,
         )
-        return self._drawn_anew(
-            cluster.cluster, cluster.probability, mean, covariance, scan, scan.step - 1
-        )
+        moved = replace(cluster, mean=mean, covariance=covariance)
+        return self._redrawn(moved, cluster.probability, scan, scan.step - 1)
 
-    def _begin_anew(self, scan: Scan, cause: EndedCause) -> None:
-        """Forget all places; if a search has begun before, begin one from this scan on."""
+    def _search_again(self, scan: Scan, cause: EndedCause) -> None:
+        """Forget all places and search from this scan on, unless the first search is still due."""
         self.collector.restart(scan.step - 1)
         if self.ensemble.searches:
             self._follow(self.ensemble.relocalize(scan.step - 1, cause), scan)
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
-        """Begin and end the jobs of an outcome."""
+        """Carry out what follows from the outcome of a step or a command."""
         self.outcome, self.changed = outcome, True
         self.founded |= len(self.ensemble.clusters) > 0
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
@@ -403,7 +324,10 @@ class CoordinatorState(Part):
     # --- from one coordinator to the next
 
     def hand_on(self, now_ns: int) -> CheckpointState:
-        """Return the state without particles that workers hold; from now on it is unchanged."""
+        """Return the state for a successor, without particles that workers hold.
+
+        Sets `changed` to False.
+        """
         self.changed = False
         return CheckpointState(
             version=STATE_VERSION,
@@ -428,7 +352,8 @@ class CoordinatorState(Part):
         """Continue from another coordinator's state.
 
         Returns:
-            The step that follows; None if the state is of no use, and nothing was changed.
+            The step that follows; None if the state cannot be used. Then at most commands were
+            taken from it.
         """
         try:
             state = state_in(checkpoint)
@@ -444,7 +369,7 @@ class CoordinatorState(Part):
             self.count("checkpoint of another map")
             return None
         if newest and applied and newest.step < applied.step and newest.stamp_ns > applied.stamp_ns:
-            self.count("checkpoint of another count of steps")
+            self.count("checkpoint of other step numbers")
             return None
         self._restore(state, checkpoint.term, now_ns)
         self.founded = checkpoint.founded or len(self.ensemble.clusters) > 0
@@ -458,8 +383,7 @@ class CoordinatorState(Part):
         self.map_digest = state.map_digest
         settings, self.ensemble = self.ensemble.settings, state.ensemble
         self.ensemble.use(settings)
-        rebuilt = partial(self._rebuilt, state)
-        self.placement.resume(state.jobs, rebuilt, now_ns, term)
+        self.placement.resume(state.jobs, partial(self._rebuilt, state), now_ns, term)
         self._begin_standing_jobs(state.collector.applied)
         self.collector.resume(state.collector)
         self.commands.resume(state.commands)
@@ -484,51 +408,40 @@ class CoordinatorState(Part):
         """Begin the standing jobs that the other coordinator, with other settings, did not have."""
         standing = self.ensemble.standing_jobs(applied.step + 1 if applied else 0)
         jobs = self.placement.jobs
-        jobs.begin({job_id: job for job_id, job in standing.items() if jobs.get(job_id) is None})
+        jobs.begin({job_id: job for job_id, job in standing.items() if job_id not in jobs.placed})
 
     def _rebuilt(self, state: CheckpointState, job_id: str) -> TrackJob:
         """Draw a cluster from its Gaussian: its particles were lost with its worker."""
         applied = state.collector.applied
-        assert applied is not None  # `state_checks` has looked
+        assert applied is not None  # checked by `ensemble_problem`
         tracked = (*state.ensemble.clusters.all(), *state.ensemble.decoy.places)
         cluster = next(c for c in tracked if c.job_id == job_id)
         scan = mirrored(applied) if cluster.mirrored else applied
-        again = self._drawn_anew(
-            cluster.cluster, 1.0, cluster.mean, cluster.covariance, scan, applied.step
-        )
         return TrackJob(
             cluster=cluster.cluster,
-            start=again.sample,
+            start=self._redrawn(cluster, 1.0, scan, applied.step).sample,
             exact=False,
             particles=cluster.particles,
             particles_from=cluster.particles_from,
             mirrored=cluster.mirrored,
         )
 
-    def _drawn_anew(
-        self,
-        cluster: int,
-        probability: float,
-        mean: PoseTuple,
-        covariance: Covariance,
-        scan: Scan,
-        step: int,
-    ) -> Place:
-        """Return a place after `step`, with particles drawn from its Gaussian."""
+    def _redrawn(self, cluster: Cluster, probability: float, scan: Scan, step: int) -> Place:
+        """Return a cluster's place after `step`, with particles drawn from its Gaussian."""
         return candidate(
             probability,
-            mean,
-            covariance,
+            cluster.mean,
+            cluster.covariance,
             seed=self.filter_settings.seed,
             purpose=Purpose.REBUILT,
-            entity=cluster,
+            entity=cluster.cluster,
             step=step,
             odom_from_robot=scan.odom_from_robot,
         )
 
 
 def _moved(ready: ReadyStep) -> Pose | None:
-    """Return the motion since the step that was applied last, or None without one."""
+    """Return the motion since the step applied before, (3,); None: there was no such step."""
     if ready.before is None:
         return None
     return between(np.array(ready.before.odom_from_robot), np.array(ready.scan.odom_from_robot))

@@ -163,17 +163,17 @@ class StepCollector(Part):
             return None
         return newest + 1, scan.step - 1
 
-    def wait_anew(self, now_ns: int) -> None:
+    def restart_deadlines(self, now_ns: int) -> None:
         """Restart the deadlines: no report could arrive while the link was lost."""
         for opened in self.open_steps.values():
             opened.arrived_ns = now_ns
 
-    def has_room_for(self, report: Report, *, is_told_late: bool = False) -> bool:
+    def has_room_for(self, report: Report, *, is_recovered: bool = False) -> bool:
         """Return whether a report may wait for its step.
 
         Args:
             report: of a job's present worker.
-            is_told_late: a worker repeats it after a take-over, before the scans are fetched.
+            is_recovered: a worker repeats it after a take-over, before the scans are fetched.
         """
         if self._is_over(report.step):
             return True
@@ -181,7 +181,7 @@ class StepCollector(Part):
         is_far = newest is not None and report.step > newest + REPORTS_AHEAD
         if report.step not in self.open_steps and len(self.open_steps) > KEPT_AHEAD:
             return False
-        if is_far and not is_told_late:
+        if is_far and not is_recovered:
             return False
         return not is_bulky(report) or self._bulky_of(report) < BULKY_REPORTS
 

@@ -12,14 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event, HistoryArrived, ScanArrived
 from coordinator.instructions import Instruction, PublishBelief, PublishEvents
 from coordinator.recorder.records import (
-    EventTold,
     Happened,
     Head,
-    Started,
+    RecordedEvent,
     freeze,
     happened,
     happened_to,
@@ -41,7 +40,7 @@ MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded coarser: each file of the ring begins with it."""
 LOST = "event not recorded"
 
-_Entry: TypeAlias = Head | EventTold | Json | list[PublishBelief | PublishEvents]
+_Entry: TypeAlias = Head | RecordedEvent | Json | list[PublishBelief | PublishEvents]
 
 _log = logging.getLogger(__name__)
 
@@ -71,7 +70,7 @@ class FlightRecorder:
         self._asked, self._failed = True, False
         self._wall_from_now_ns, self._at_ns = 0, 0
         self._map: Json | None = None
-        self._batch: list[EventTold] = []
+        self._batch: list[RecordedEvent] = []
 
     @property
     def lost(self) -> dict[str, int]:
@@ -119,7 +118,7 @@ class FlightRecorder:
         if self._recording and len(self._queue) >= MAX_QUEUED:
             self._recording, self._begin_file = False, True
         if self._recording:
-            self._queue.append(EventTold(now_ns, event))
+            self._queue.append(RecordedEvent(now_ns, event))
         else:
             self._dropped += 1
 
@@ -151,7 +150,7 @@ class FlightRecorder:
         for entry in [self._queue.popleft() for _ in range(len(self._queue))]:
             if isinstance(entry, Head):
                 self._guarded(self._flush, ring)
-            self._unflushed += isinstance(entry, EventTold)
+            self._unflushed += isinstance(entry, RecordedEvent)
             self._guarded(self._write, ring, entry)
         self._guarded(self._flush, ring)
         due = ring.is_full if ring.log else time.monotonic() >= self._retry_s
@@ -191,7 +190,7 @@ class FlightRecorder:
                 self._map = entry
                 if ring.log is not None:
                     ring.log.write(GRID, entry, self._at_ns)
-            case EventTold() if ring.log is not None:
+            case RecordedEvent() if ring.log is not None:
                 self._at_ns = self._wall_from_now_ns + entry.now_ns
                 self._write_event(ring.log, entry)
             case list() if ring.log is not None:
@@ -205,7 +204,7 @@ class FlightRecorder:
         if self._map is not None:
             log.write(GRID, self._map, self._at_ns)
 
-    def _write_event(self, log: RunLog, told: EventTold) -> None:
+    def _write_event(self, log: RunLog, told: RecordedEvent) -> None:
         self._batch.append(without_bulk(told))
         match told.event:
             case ScanArrived(scan):

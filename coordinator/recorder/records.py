@@ -15,20 +15,17 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.checkpoint import from_bytes, to_bytes
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import (
     CommandArrived,
     Event,
-    LinkBack,
-    LinkLost,
+    LinkChanged,
     OrderAnswered,
     WorkerJoined,
     WorkerLeft,
     WorkerReturned,
 )
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.job_events import Began, event_text
@@ -40,25 +37,6 @@ NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
 NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
 NO_WEIGHTS = ArrayBlob(dtype="float64", shape=(0,), data=b"")
 NO_PARTICLES = ArrayBlob(dtype="float32", shape=(0, 3), data=b"")
-
-
-class Started(msgspec.Struct, frozen=True, kw_only=True):
-    """The arguments with which a coordinator was made."""
-
-    sender: str
-    filter_settings: FilterSettings
-    settings: CoordinatorSettings
-    version: str
-    now_ns: int
-    term: int
-    known: Checkpoint | None
-    usual_delay_ns: int | None = None
-    kept: Checkpoint | None = None
-    bridge: BridgeSettings = BridgeSettings()
-
-    def coordinator(self) -> Coordinator:
-        """Return the coordinator as it was before its first event."""
-        return Coordinator.of(**{name: getattr(self, name) for name in self.__struct_fields__})
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,7 +57,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """The coordinator, see `freeze`; empty before the first event."""
 
 
-class EventTold(msgspec.Struct, frozen=True, array_like=True):
+class RecordedEvent(msgspec.Struct, frozen=True, array_like=True):
     """An event, written before the coordinator processes it."""
 
     now_ns: int
@@ -103,10 +81,8 @@ def happened(event: Event) -> Iterator[Happened]:
             yield Happened("worker left", worker)
         case WorkerReturned(worker):
             yield Happened("worker is back", worker)
-        case LinkLost():
-            yield Happened("link lost", "to the router")
-        case LinkBack():
-            yield Happened("link is back", "to the router")
+        case LinkChanged(up):
+            yield Happened("link is back" if up else "link lost", "to the router")
         case OrderAnswered(worker, answer) if answer.problem:
             yield Happened("order refused", f"by {worker}: {answer.problem}")
         case CommandArrived(command):
@@ -210,5 +186,5 @@ def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
         state = from_bytes(checkpoint.state)
     except ValueError:
         return checkpoint
-    jobs = state.jobs.without_held(lambda _, placed: isinstance(placed.job, TrackJob))
+    jobs = state.jobs.without_particles_of(lambda _, placed: isinstance(placed.job, TrackJob))
     return replace(checkpoint, state=to_bytes(replace(state, jobs=jobs)))

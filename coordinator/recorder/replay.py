@@ -10,7 +10,7 @@ import msgspec
 
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
-from coordinator.recorder.records import EventTold, Happened, Head, happened, happened_to, thaw
+from coordinator.recorder.records import Happened, Head, RecordedEvent, happened, happened_to, thaw
 from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from protocol.answers import Belief
 from protocol.codec import encode
@@ -117,15 +117,17 @@ class _SeriesReplay:
         assert coordinator is not None  # the file's head has made one
         self._events += 1
         yield from happened(entry.told.event)
-        had_begun = coordinator.begun
+        had_begun = coordinator.term.begun
         instructions = self._handled(path, coordinator, entry.told)
         self._check_map(path, coordinator)
-        if coordinator.begun and not had_begun:
+        if coordinator.term.begun and not had_begun:
             yield _begins(instructions)
         yield from happened_to(instructions)
         yield from _compared(instructions, entry)
 
-    def _handled(self, path: Path, coordinator: Coordinator, told: EventTold) -> list[Instruction]:
+    def _handled(
+        self, path: Path, coordinator: Coordinator, told: RecordedEvent
+    ) -> list[Instruction]:
         try:
             return coordinator.handle(told.event, told.now_ns)
         except Exception as error:  # a bug that was recorded, or a forged file
@@ -152,7 +154,7 @@ def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Beli
 class _Entry:
     """An event, and the beliefs that were published because of it."""
 
-    told: EventTold
+    told: RecordedEvent
     beliefs: list[Belief] = field(default_factory=list)
     is_followed: bool = False
     """Whether the file goes on after the event and its beliefs."""
@@ -185,7 +187,7 @@ T = TypeVar("T")
 
 _VERSIONS = msgspec.msgpack.Decoder(_Version)
 _HEADS = msgspec.msgpack.Decoder(Head)
-_EVENTS = msgspec.msgpack.Decoder(list[EventTold])
+_EVENTS = msgspec.msgpack.Decoder(list[RecordedEvent])
 
 
 def _head(path: Path, message: LogMessage, version: str) -> Head:

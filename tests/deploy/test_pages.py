@@ -46,7 +46,7 @@ def causes() -> set[str]:
         found |= set(re.findall(r'_causes\.warn\(\s*_log, "([^"]+)"', source))
         found |= set(re.findall(r'\._warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'Warn\(\s*"([^"]+)"', source))
-        found |= set(re.findall(r'return "(order [^"]+)"', source))
+        found |= set(re.findall(r'(?:return|else|=) "((?:order|report) [^"]+)"', source))
     maker = (REPOSITORY / "sensor_bridge" / "stages.py").read_text()
     for text in re.findall(r'^[A-Z_]+ = "(\w+)"', maker, re.MULTILINE):
         found.add(f"reading refused: {text.replace('_', ' ')}")
@@ -55,6 +55,7 @@ def causes() -> set[str]:
 
 def test_there_are_causes_to_look_for() -> None:
     assert {"report late", "no scan history", "reading refused: no odometry"} <= causes()
+    assert {"report of an old epoch", "report far ahead, or too many wait"} <= causes()
 
 
 @pytest.mark.parametrize("cause", sorted(causes()))

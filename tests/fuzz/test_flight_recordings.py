@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.recorder.records import EventTold, Head
+from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.replay import replayed
 from coordinator.recorder.ring import EVENTS, HEAD, files_in
 from grid_maps.grid_map import GridMap
@@ -48,9 +48,9 @@ def recording() -> tuple[bytes, list[LogMessage]]:
         return file.read_bytes(), list(LogFile(file).messages())
 
 
-def parts() -> tuple[Head, list[EventTold]]:
+def parts() -> tuple[Head, list[RecordedEvent]]:
     head, *batches = (m.data for m in recording()[1] if m.topic in (HEAD, EVENTS))
-    decode = msgspec.msgpack.Decoder(list[EventTold]).decode
+    decode = msgspec.msgpack.Decoder(list[RecordedEvent]).decode
     events = [event for batch in batches for event in decode(batch)]
     return msgspec.msgpack.decode(head, type=Head), events
 
@@ -97,7 +97,7 @@ def test_heads_and_events_with_other_numbers_are_replayed_or_refused(
     changed = data.draw(with_other_numbers(st.just(msgspec.msgpack.encode(head))))
     at = data.draw(st.integers(0, len(events) - 1))
     other = data.draw(with_other_numbers(st.just(msgspec.msgpack.encode(events[at]))))
-    with_other: list[EventTold | msgspec.Raw] = [*events]
+    with_other: list[RecordedEvent | msgspec.Raw] = [*events]
     with_other[at] = msgspec.Raw(other)
     for begin in (msgspec.Raw(changed), head):
         write_file(folder / NAME, begin, *with_other)

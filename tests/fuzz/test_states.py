@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Started
 from coordinator.events import (
     CommandArrived,
     ScanArrived,
     TimePassed,
     WorkerJoined,
     WorkerSnapshot,
-    WorkerToldState,
+    WorkerStateArrived,
 )
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.state_file import file_of, read, write
@@ -74,13 +74,19 @@ def given_pose(command_id: str) -> SetPose:
 
 def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     """What a coordinator does that finds the checkpoint, and then lives for some steps."""
-    coordinator = Coordinator.of(
-        "c", SETTINGS, CoordinatorSettings(), "test", 0, term=1, known=checkpoint
-    )
+    coordinator = Started(
+        sender="c",
+        filter_settings=SETTINGS,
+        settings=CoordinatorSettings(),
+        version="test",
+        now_ns=0,
+        term=1,
+        known=checkpoint,
+    ).coordinator()
     nothing = WorkerSnapshot(term=0)
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     told = (
-        *(WorkerJoined("w0"), WorkerToldState("w0", nothing), TimePassed(), *scans),
+        *(WorkerJoined("w0"), WorkerStateArrived("w0", nothing), TimePassed(), *scans),
         *(CommandArrived(given_pose("2")), TimePassed()),
     )
     done = []
@@ -90,7 +96,7 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
         for answer in (coordinator.pose, coordinator.hypotheses):
             encode(answer(now_ns))
         encode(coordinator.status(now_ns, {}))
-    assert coordinator.begun
+    assert coordinator.term.begun
     return done
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from coordinator import events
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -15,7 +15,6 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from coordinator.recorder.records import Started
 from coordinator.replica import Replica
 from protocol.codec import decode, encode
 from protocol.steps import OdometryReading, Scan
@@ -151,7 +150,7 @@ class CoordinatorNode(Node):
         newest = self._replica.newest.checkpoint
         if newest is None or checkpoint.rank >= newest.rank:
             self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
-        self.tell(events.CheckpointHeard(checkpoint))
+        self.tell(events.CheckpointArrived(checkpoint))
 
     def on_scan(self, scan: Scan) -> None:
         self.tell(events.ScanArrived(scan))
@@ -172,8 +171,8 @@ class CoordinatorNode(Node):
             check_term(state, self._now_us() * 1_000)
             if self._replica.role == "recovering":
                 self._life.heard_terms.append(heard_term)
-            told = events.told_by(decode(encode(state), WorkerState))
-            self.tell(events.WorkerToldState(worker, told))
+            told = events.snapshot_of(decode(encode(state), WorkerState))
+            self.tell(events.WorkerStateArrived(worker, told))
 
     def on_pose_asked(self) -> None:
         """Answer an observer; the answer is compared with the truth."""

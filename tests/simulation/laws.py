@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 from coordinator import events
 from coordinator.checkpoint import arrival, state_in
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.recorder.records import Started, without_bulk
+from coordinator.recorder.records import without_bulk
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import ReadyStep
 from protocol.answers import Belief, PoseAnswer

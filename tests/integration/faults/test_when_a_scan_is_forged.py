@@ -60,7 +60,7 @@ def test_one_scan_of_a_step_far_ahead_changes_no_belief(step: int) -> None:
         tested.wait_for_steps(10)
         cause = "malformed Scan: field" if step == HIGHEST else "scan far ahead"
         assert counted(tested, cause) == 1
-        assert counted(tested, "steps counted anew") == 0
+        assert counted(tested, "steps restarted") == 0
         assert_same(list(tested.beliefs), alone_of(tested))
 
 

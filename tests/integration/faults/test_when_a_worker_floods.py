@@ -68,7 +68,7 @@ def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept(
             flooder.report(step, replace(huge, step=step))
         for n in range(FLOOD):
             flooder.report(2_000_000 + n)
-        wait_until(lambda: counter("report far ahead, or beside too many") >= FLOOD)
+        wait_until(lambda: counter("report far ahead, or too many wait") >= FLOOD)
         assert counter("snapshot with too many particles") > 0
         wait_until(lambda: resident_mb(tested) - before_mb < 300.0)
         step = tested.step

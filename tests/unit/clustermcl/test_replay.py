@@ -14,7 +14,7 @@ from clustermcl import replay
 from clustermcl.command import app
 from coordinator.belief import cluster_set
 from coordinator.events import WorkerReturned
-from coordinator.recorder.records import EventTold, Head
+from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
@@ -164,7 +164,7 @@ def test_a_named_pipe_in_the_folder_is_ignored(recording: Path) -> None:
 def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> None:
     """A bug that was recorded, or a forged file."""
     path = tmp_path / f"{7:017d}-000000.mcap"
-    write_file(path, head(), EventTold(1, WorkerReturned("never seen")))
+    write_file(path, head(), RecordedEvent(1, WorkerReturned("never seen")))
     assert "the coordinator fails at event 1: KeyError: 'never seen'" in complaint(tmp_path)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import (
     CommandArrived,
     HistoryArrived,
@@ -21,8 +21,8 @@ from coordinator.events import (
     TimePassed,
     WorkerJoined,
     WorkerLeft,
-    WorkerToldState,
-    told_by,
+    WorkerStateArrived,
+    snapshot_of,
 )
 from coordinator.instructions import (
     AskState,
@@ -33,7 +33,6 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from coordinator.recorder.records import Started
 from particle_filter.arrays import OCCUPIED
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
@@ -258,8 +257,8 @@ class Living:
                 self._tell(lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    told = told_by(decode(encode(self.state(name, question)), WorkerState))
-                    self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
+                    told = snapshot_of(decode(encode(self.state(name, question)), WorkerState))
+                    self._tell(lambda c, now: c.handle(WorkerStateArrived(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), WorkOrder)

@@ -11,8 +11,8 @@ from coordinator.checkpoint import (
     from_bytes,
     to_bytes,
 )
-from coordinator.coordinator import Coordinator
-from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
+from coordinator.coordinator import Coordinator, Started
+from coordinator.events import ScanArrived, WorkerJoined, WorkerStateArrived
 from coordinator.instructions import PublishCheckpoint
 from coordinator.recovery import WorkerSnapshot
 from coordinator.state import CoordinatorState
@@ -92,6 +92,17 @@ def test_a_state_that_cannot_be_used_is_refused_with_the_reason(
         from_bytes(changed(state, **changes))
 
 
+def coordinator(known: Checkpoint) -> Coordinator:
+    return Started(
+        sender="c",
+        filter_settings=FilterSettings(),
+        settings=CoordinatorSettings(),
+        version="test",
+        now_ns=0,
+        known=known,
+    ).coordinator()
+
+
 @pytest.mark.parametrize("length", [0, 1, -3])
 def test_what_is_not_a_whole_state_is_refused(state: CheckpointState, length: int) -> None:
     with pytest.raises(ValueError, match="not a coordinator's state"):
@@ -101,10 +112,10 @@ def test_what_is_not_a_whole_state_is_refused(state: CheckpointState, length: in
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
     broken = Checkpoint(sender="c", term=5, serial=1, step=9, founded=True, state=data)
-    made = Coordinator.of("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=broken)
+    made = coordinator(known=broken)
     made.handle(WorkerJoined("w"), 0)
-    made.handle(WorkerToldState("w", NOTHING), 1)
-    assert made.begun
+    made.handle(WorkerStateArrived("w", NOTHING), 1)
+    assert made.term.begun
     done = made.handle(ScanArrived(scan(0)), 2)
     (handed_on,) = (i for i in done if isinstance(i, PublishCheckpoint))
     assert handed_on.checkpoint.term > broken.term
@@ -115,10 +126,10 @@ def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -
     other = Checkpoint(
         sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, map_digest="old")
     )
-    made = Coordinator.of("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
+    made = coordinator(known=other)
     made.handle(WorkerJoined("w"), 0)
     made.handle(ScanArrived(scan(40)), 1)
-    made.handle(WorkerToldState("w", NOTHING), 2)
+    made.handle(WorkerStateArrived("w", NOTHING), 2)
     assert made.status(3, {}).counters == {"checkpoint of another map": 1}
     assert made.status(3, {}).clusters == 0
 

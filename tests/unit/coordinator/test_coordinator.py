@@ -3,11 +3,10 @@
 import msgspec
 import pytest
 
-from coordinator.coordinator import STEPS_AT_ONCE, Coordinator
+from coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE, Coordinator, Started
 from coordinator.events import (
     CommandArrived,
-    LinkBack,
-    LinkLost,
+    LinkChanged,
     MapArrived,
     OdometryArrived,
     OrderAnswered,
@@ -16,7 +15,7 @@ from coordinator.events import (
     TimePassed,
     WorkerJoined,
     WorkerLeft,
-    WorkerToldState,
+    WorkerStateArrived,
 )
 from coordinator.instructions import (
     AnswerCommand,
@@ -64,9 +63,15 @@ class Story:
             search=SearchSettings(shards=1),
             belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
-        self.coordinator = Coordinator.of(
-            "coordinator", settings, rules, "test", 0, known=known, kept=kept
-        )
+        self.coordinator = Started(
+            sender="coordinator",
+            filter_settings=settings,
+            settings=rules,
+            version="test",
+            now_ns=0,
+            known=known,
+            kept=kept,
+        ).coordinator()
         self.has_map = True
         self.checkpoints: list[Checkpoint] = []
         self.epochs: dict[str, int] = {}
@@ -91,7 +96,7 @@ class Story:
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
                 case AskState(worker=worker):
                     nothing = WorkerSnapshot(term=0)
-                    self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
+                    self.follow(self.coordinator.handle(WorkerStateArrived(worker, nothing), 0))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
@@ -538,11 +543,22 @@ def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_a
     for step in range(1, 4):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
-    story.coordinator.handle(LinkLost(), 0)
+    story.coordinator.handle(LinkChanged(up=False), 0)
     story.follow(story.coordinator.handle(TimePassed(), int(15 * SECOND)))
     assert story.beliefs[-1].step == 3
-    story.follow(story.coordinator.handle(LinkBack(), int(16 * SECOND)))
+    story.follow(story.coordinator.handle(LinkChanged(up=True), int(16 * SECOND)))
     assert story.beliefs[-1].step == 3
     story.report(tracked("c1", 4, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=16.1)
     assert story.beliefs[-1].missing == ()
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
+
+
+def test_an_unchanged_state_is_published_again_as_a_sign_of_life() -> None:
+    story = Story("a")
+    story.scan(0, at_s=1.0)
+    newest = story.checkpoints[-1]
+    assert [one.serial for one in story.checkpoints] == list(range(len(story.checkpoints)))
+    due_ns = SECOND + SIGN_OF_LIFE_NS
+    assert story.coordinator.handle(TimePassed(), due_ns - 1) == []
+    assert story.coordinator.handle(TimePassed(), due_ns) == [PublishCheckpoint(newest)]
+    assert story.coordinator.handle(TimePassed(), due_ns + 1) == []

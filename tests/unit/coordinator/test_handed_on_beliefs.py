@@ -4,7 +4,7 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.events import CheckpointHeard, TimePassed
+from coordinator.events import CheckpointArrived, TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from protocol.message import MAX_SCAN_STEP
@@ -132,7 +132,7 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     reachable, living.workers = living.workers, {}
     living.revive()
     assert living.coordinator is not None
-    assert living.coordinator.begun
+    assert living.coordinator.term.begun
     for step in (16, 17):
         living.drive(step)
         assert all(not b.hypotheses for b in living.beliefs.pop(step, [])), "it has begun to search"
@@ -214,14 +214,14 @@ def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     woken = living.coordinator
     living.coordinator = old
     living.drive(17)
-    assert old.outranked_by is None, "no job began, so nobody has told it yet"
+    assert old.term.outranked_by is None, "no job began, so nobody has told it yet"
     assert set(living.beliefs) == set(range(18))
     assert {b.term for b in living.beliefs[17]} == {1}, "of a lower term than was heard before"
     living.kill_worker("w0")  # it gives the jobs to others, who refuse
-    assert old.outranked_by is None, "a worker deposes nobody"
+    assert old.term.outranked_by is None, "a worker deposes nobody"
     assert living.kept is not None
-    old.handle(CheckpointHeard(living.kept), 10**12)
-    assert old.outranked_by == living.kept.term, "the state of the one that carried on does"
+    old.handle(CheckpointArrived(living.kept), 10**12)
+    assert old.term.outranked_by == living.kept.term, "the state of the one that carried on does"
     assert old.handle(TimePassed(), 10**12) == []
     living.coordinator = woken
     assert {name: living.jobs(name) for name in living.workers} == {

@@ -1,4 +1,6 @@
-from coordinator.jobs import MISSED_NS, Jobs, Move
+from msgspec.structs import replace
+
+from coordinator.jobs import AWAITED_NS, Jobs
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
@@ -11,7 +13,7 @@ TERM = 0
 def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
     made = Jobs()
     made.begin(dict.fromkeys(job_ids, TRACK))
-    made.carry_out([Move(job_id, worker) for job_id in job_ids], term, now_ns=1)
+    made.move(dict.fromkeys(job_ids, worker), term, now_ns=1)
     return made
 
 
@@ -25,18 +27,20 @@ def handed_on(jobs: Jobs, *present: str) -> Jobs:
 def test_an_epoch_stands_above_those_of_all_terms_before() -> None:
     made = jobs_of("a", "c0", term=70)
     assert made.by_worker() == {"a": {"c0": 71}}
-    made.carry_out([Move("c0", "b")], 70, now_ns=2)
+    made.move({"c0": "b"}, 70, now_ns=2)
     assert made.by_worker() == {"b": {"c0": 72}}
-    assert not made.is_current("c0", 71)
-    assert made.is_of_another("c0", 72, "a")
+    report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0), epoch=72)
+    assert made.refusal_of(replace(report, epoch=71), "b") == "report of an old epoch"
+    assert made.refusal_of(report, "a") == "report of another worker's job"
+    assert made.refusal_of(report, "b") == ""
 
 
 def test_a_job_is_fresh_until_its_worker_has_reported_in_time() -> None:
     made = jobs_of("a", "c0")
     report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0))
-    made.reported(report, in_time=False)
+    made.on_report(report, in_time=False)
     assert made.placed_ns("c0") == 1
-    made.reported(report, in_time=True)
+    made.on_report(report, in_time=True)
     assert made.placed_ns("c0") == 0
 
 
@@ -44,8 +48,8 @@ def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> Non
     made = Jobs()
     made.begin({"s0.0": SEARCH, "c0": TRACK})
     assert made.may_move("s0.0")
-    made.reported(searched("s0.0", 0, {}), in_time=True)
-    made.reported(tracked("c0", 1, 0.1, (0.0, 0.0, 0.0)), in_time=True)
+    made.on_report(searched("s0.0", 0, {}), in_time=True)
+    made.on_report(tracked("c0", 1, 0.1, (0.0, 0.0, 0.0)), in_time=True)
     assert not made.may_move("s0.0")
     assert made.may_move("c0")
 
@@ -53,7 +57,7 @@ def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> Non
 def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_step_that_is_over() -> None:
     made = Jobs()
     made.begin({"e0": ElsewhereJob(first_step=3)})
-    made.reported(elsewhere(7, -2.0), in_time=True)
+    made.on_report(elsewhere(7, -2.0), in_time=True)
     assert made.assignment("e0").job == ElsewhereJob(first_step=3)
     made.step_applied(6)
     assert made.assignment("e0").job == ElsewhereJob(first_step=7)
@@ -65,17 +69,16 @@ def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_step_that_is_ove
 
 def test_jobs_of_one_who_is_missed_are_kept_for_a_while() -> None:
     made = handed_on(jobs_of("a", "c0"), "b")
-    assert made.misses("a")
-    made.miss_no_longer(MISSED_NS - 1)
+    made.give_up_awaited(AWAITED_NS - 1)
     assert "a" in made.by_worker()
-    made.miss_no_longer(MISSED_NS)
+    made.give_up_awaited(AWAITED_NS)
     assert set(made.by_worker()) == {None}
 
 
 def test_one_who_comes_in_time_keeps_its_jobs() -> None:
     made = handed_on(jobs_of("a", "c0"))
-    made.came("a")
-    made.miss_no_longer(10 * MISSED_NS)
+    del made.awaited_until_ns["a"]  # as `Placement` does
+    made.give_up_awaited(10 * AWAITED_NS)
     assert made.by_worker() == {"a": {"c0": 1}}
 
 

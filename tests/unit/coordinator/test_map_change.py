@@ -1,10 +1,10 @@
-from coordinator.state import MapChangeDetector
+from coordinator.change_detectors import MapChangeDetector
 from tests.unit.coordinator.reports import scan
 
 
 def followed(*scans: tuple[int, str]) -> list[bool]:
     detector = MapChangeDetector()
-    return [detector.is_another(scan(step, digest=digest), "ours") for step, digest in scans]
+    return [detector.has_changed(scan(step, digest=digest), "ours") for step, digest in scans]
 
 
 def test_three_scans_of_another_map_in_a_row_are_a_bridge_that_has_it() -> None:

@@ -1,6 +1,6 @@
+from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
 from coordinator.events import TimePassed
 from coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
-from coordinator.state import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH
@@ -10,14 +10,14 @@ from tests.unit.coordinator.test_slow_workers import StoryWithFrozen, with_two_c
 def overloaded() -> OverloadDetector:
     detector = OverloadDetector()
     for _ in range(STEPS):
-        detector.step_decided(2 * LATE_NS)
+        detector.on_step_decided(2 * LATE_NS)
     return detector
 
 
 def test_most_steps_must_wait_not_a_few() -> None:
     detector = OverloadDetector()
     for number in range(5 * STEPS):
-        detector.step_decided(10 * LATE_NS if number % 5 < 2 else 1_000)
+        detector.on_step_decided(10 * LATE_NS if number % 5 < 2 else 1_000)
         assert not detector.is_overloaded
     assert overloaded().is_overloaded
 
@@ -25,10 +25,10 @@ def test_most_steps_must_wait_not_a_few() -> None:
 def test_it_is_over_when_steps_are_well_in_time_again() -> None:
     detector = overloaded()
     for _ in range(STEPS):
-        detector.step_decided(IN_TIME_NS + 1)
+        detector.on_step_decided(IN_TIME_NS + 1)
     assert detector.is_overloaded, "it would soon be again"
     for _ in range(STEPS):
-        detector.step_decided(IN_TIME_NS)
+        detector.on_step_decided(IN_TIME_NS)
     assert not detector.is_overloaded
 
 

@@ -115,7 +115,7 @@ def test_a_worker_that_claims_a_higher_term_deposes_no_coordinator(model: Sensor
     living.wait(UNSEEN_NS / 1e9)
     living.drive(LAST + 1)
     after = living.beliefs[LAST + 1][-1]
-    assert coordinator.outranked_by is None
+    assert coordinator.term.outranked_by is None
     assert after.missing == ()
     assert after.term > forged, "workers obey it also if the claim was true"
     newest = max(place.cluster for place in before.hypotheses)
@@ -134,6 +134,6 @@ def test_a_claimed_term_leaves_room_for_coordinators_above_it() -> None:
     for _ in range(100):
         claimed = replace(claimed, term=MAX_RELAYED_AHEAD_US)
         check_term(claimed, clock_ns)
-        term.hear(claimed.term)
-        assert not term.hear(term.number)
+        term.on_term(claimed.term)
+        assert not term.on_term(term.number)
     check_term(replace(ANY_ORDER, term=term.number), clock_ns)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from coordinator.events import CheckpointHeard, Event, LinkChanged, TimePassed, TokenChanged
+from coordinator.coordinator import Started
+from coordinator.events import CheckpointArrived, Event, LinkChanged, TimePassed, TokenChanged
 from coordinator.instructions import AskState, FetchScans, PublishCheckpoint
-from coordinator.recorder.records import Started
 from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
@@ -48,8 +48,8 @@ def test_a_follower_leads_when_the_leaders_token_vanishes_and_the_link_stays() -
 @pytest.mark.parametrize(
     ("events", "dead_ns"),
     [
-        ([(CheckpointHeard(state(1)), SECOND)], 3 * SECOND),
-        ([(GONE, SECOND), (CheckpointHeard(state(1)), SECOND + 1)], 3 * SECOND + 1),
+        ([(CheckpointArrived(state(1)), SECOND)], 3 * SECOND),
+        ([(GONE, SECOND), (CheckpointArrived(state(1)), SECOND + 1)], 3 * SECOND + 1),
         ([(GONE, SECOND), (LINK_DOWN, SECOND + 1), (LINK_UP, 100 * SECOND)], 102 * SECOND),
     ],
     ids=["it is silent", "its state arrives after its token is gone", "the own link was lost"],
@@ -66,7 +66,7 @@ def test_a_follower_leads_after_a_silence_of_the_leader(
 
 def test_a_new_leader_asks_its_workers_and_rises_above_the_term_that_it_followed() -> None:
     replica = Replica(SILENCE_S, 0)
-    replica.handle(CheckpointHeard(state(term=500)), 0)
+    replica.handle(CheckpointArrived(state(term=500)), 0)
     leading(replica, SECOND, term=100)
     assert replica.role == "recovering"
     decided = replica.handle(TokenChanged("w0", alive=True), SECOND)
@@ -80,9 +80,9 @@ def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -
     replica.handle(TimePassed(), 1)
     assert replica.role == "leading"
     assert replica.may_answer(1)
-    replica.handle(CheckpointHeard(state(term=50)), 2)
+    replica.handle(CheckpointArrived(state(term=50)), 2)
     assert replica.role == "leading", "that one is older"
-    decided = replica.handle(CheckpointHeard(state(term=900)), 3)
+    decided = replica.handle(CheckpointArrived(state(term=900)), 3)
     assert replica.role == "deposed"
     assert replica.release([*decided, PublishCheckpoint(state(100))], 3) == []
     replica.follow(4)
@@ -107,7 +107,7 @@ def test_a_leader_that_was_stopped_publishes_and_answers_nothing_until_it_has_li
 
 def test_a_state_of_a_lower_term_is_no_sign_of_life() -> None:
     replica = Replica(SILENCE_S, 0)
-    replica.handle(CheckpointHeard(state(term=2)), SECOND)
-    replica.handle(CheckpointHeard(state(term=1)), 2 * SECOND)
+    replica.handle(CheckpointArrived(state(term=2)), SECOND)
+    replica.handle(CheckpointArrived(state(term=1)), 2 * SECOND)
     assert replica.newest.checkpoint == state(term=2)
     assert replica.is_leader_dead(3 * SECOND)

@@ -33,7 +33,7 @@ class Search:
             self.now_ns += TICK_NS
             given_up += self.policy.given_up(self.shards, self.step, self.now_ns)
             for job_id in reporting:
-                self.policy.reported(job_id, self.step)
+                self.policy.on_report(job_id, self.step)
             self.step += 1
         return given_up
 

@@ -2,7 +2,7 @@ import math
 
 from msgspec.structs import replace
 
-from coordinator.events import WorkerSnapshot, told_by
+from coordinator.events import WorkerSnapshot, snapshot_of
 from coordinator.recovery import (
     KNOWN_NS,
     SILENT_NS,
@@ -41,7 +41,7 @@ def is_over_after(recovery: StateRecovery, wait_ns: int) -> bool:
 def test_who_has_heard_all_waits_no_longer() -> None:
     recovery = asked("w1")
     assert not recovery.is_over(BEGAN_NS)
-    recovery.answered("w1", NOTHING)
+    recovery.on_answer("w1", NOTHING)
     assert recovery.is_over(BEGAN_NS)
 
 
@@ -54,9 +54,9 @@ def test_with_a_checkpoint_in_hand_the_last_worker_is_hardly_waited_for() -> Non
 def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> None:
     recovery = asked("w1", "w2", "w3")
     assert is_over_after(recovery, SILENT_NS)
-    recovery.answered("w1", NOTHING)  # it was just started
+    recovery.on_answer("w1", NOTHING)  # it was just started
     assert is_over_after(recovery, SILENT_NS)
-    recovery.answered("w2", NOTHING)
+    recovery.on_answer("w2", NOTHING)
     assert is_over_after(recovery, UNKNOWN_NS)
 
 
@@ -64,9 +64,9 @@ def test_the_file_counts_as_soon_as_a_worker_knows_its_term() -> None:
     recovery = asked("w1", "w2", kept=KEPT)
     assert recovery.checkpoints == [], "all may have been started again"
     assert is_over_after(recovery, SILENT_NS)
-    recovery.answered("w1", of_it(terms=(9,), founded=0))
+    recovery.on_answer("w1", of_it(terms=(9,), founded=0))
     assert recovery.checkpoints == []
-    recovery.answered("w2", of_it())
+    recovery.on_answer("w2", of_it())
     assert recovery.checkpoints == [KEPT]
     recovery.forget("w2")
     assert recovery.checkpoints == [KEPT], "also when that one has gone since"
@@ -74,21 +74,21 @@ def test_the_file_counts_as_soon_as_a_worker_knows_its_term() -> None:
 
 def test_the_file_counts_nothing_where_a_later_coordinator_had_a_belief() -> None:
     recovery = asked("w1", "w2", kept=KEPT)
-    recovery.answered("w1", of_it())
-    recovery.answered("w2", of_it(terms=(1, 5, 9), founded=5))
+    recovery.on_answer("w1", of_it())
+    recovery.on_answer("w2", of_it(terms=(1, 5, 9), founded=5))
     assert recovery.checkpoints == []
 
 
 def test_one_that_took_over_without_a_belief_leaves_the_file_as_it_is() -> None:
     recovery = asked("w1", kept=KEPT)
-    recovery.answered("w1", of_it(terms=(1, 5, 9)))
+    recovery.on_answer("w1", of_it(terms=(1, 5, 9)))
     assert recovery.checkpoints == [KEPT]
 
 
 def test_states_of_a_coordinator_without_places_displace_no_state_with_places() -> None:
     recovery = asked("w1", known=KNOWN)
     for serial in range(10):
-        recovery.hear(replace(KNOWN, term=7, serial=serial, founded=False))
+        recovery.on_checkpoint(replace(KNOWN, term=7, serial=serial, founded=False))
     assert recovery.checkpoints[0] == KNOWN
 
 
@@ -107,7 +107,7 @@ def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
         sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
-    read = told_by(told)
+    read = snapshot_of(told)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
     assert read.reports == (elsewhere(3, -1.0),)

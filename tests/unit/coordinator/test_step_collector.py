@@ -180,7 +180,7 @@ def test_a_report_of_a_step_far_above_all_scans_finds_no_room() -> None:
     assert made.has_room_for(tracked("c0", 7 + REPORTS_AHEAD, 1.0, HERE))
     far = tracked("c0", 8 + REPORTS_AHEAD, 1.0, HERE)
     assert not made.has_room_for(far)
-    assert made.has_room_for(far, is_told_late=True), "its scan is still to be fetched"
+    assert made.has_room_for(far, is_recovered=True), "its scan is still to be fetched"
     made.ready([], never_placed, 0)
     assert not made.has_room_for(far)
     assert made.has_room_for(tracked("c0", 3, 1.0, HERE)), "it is over, and kept nowhere"
@@ -191,10 +191,10 @@ def test_what_is_told_late_is_of_a_bounded_number_of_steps() -> None:
     made.on_scan(scan(0), 0)
     for step in range(2 * KEPT_AHEAD):
         report = tracked("c0", step, 1.0, HERE)
-        if made.has_room_for(report, is_told_late=True):
+        if made.has_room_for(report, is_recovered=True):
             made.on_report(report)
-    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE), is_told_late=True)
-    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE), is_told_late=True)
+    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE), is_recovered=True)
+    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE), is_recovered=True)
 
 
 def test_particles_wait_with_no_step() -> None:

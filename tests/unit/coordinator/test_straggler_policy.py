@@ -14,7 +14,7 @@ SECOND = 1_000_000_000
 def proven() -> StragglerPolicy:
     """Worker ``slow`` has reported before."""
     policy = StragglerPolicy()
-    policy.heard("slow", in_time=True)
+    policy.on_report("slow", in_time=True)
     return policy
 
 
@@ -23,7 +23,7 @@ def miss(policy: StragglerPolicy, steps: int, at_ns: int = 0) -> list[str]:
     last."""
     given_up: list[str] = []
     for _ in range(steps):
-        given_up = policy.step_decided({"other"}, {"slow"}, at_ns)
+        given_up = policy.on_step_decided({"other"}, {"slow"}, at_ns)
     return given_up
 
 
@@ -33,7 +33,7 @@ def test_who_has_missed_one_step_is_not_waited_for_until_it_speaks_again() -> No
     assert miss(policy, 1) == []
     assert not policy.waits_for("slow")
     assert policy.waits_for("other")
-    policy.heard("slow", in_time=False)
+    policy.on_report("slow", in_time=False)
     assert policy.waits_for("slow")
 
 
@@ -48,7 +48,7 @@ def test_late_reports_save_nobody_and_one_in_time_does() -> None:
     late, back = proven(), proven()
     for policy, in_time in ((late, False), (back, True)):
         miss(policy, GIVEN_UP_AFTER - 1)
-        policy.heard("slow", in_time=in_time)
+        policy.on_report("slow", in_time=in_time)
     assert miss(late, 1) == ["slow"]
     assert miss(back, 1) == []
 
@@ -56,14 +56,14 @@ def test_late_reports_save_nobody_and_one_in_time_does() -> None:
 def test_when_all_are_missing_it_is_nobodys_fault() -> None:
     policy = StragglerPolicy()
     for _ in range(10):
-        assert policy.step_decided(set(), {"a", "b"}, 0) == []
+        assert policy.on_step_decided(set(), {"a", "b"}, 0) == []
     assert policy.waits_for("a")
 
 
 def test_who_reports_with_one_of_its_jobs_is_not_late_with_the_other() -> None:
     policy = StragglerPolicy()
     for _ in range(10):
-        assert policy.step_decided({"a"}, {"a"}, 0) == []
+        assert policy.on_step_decided({"a"}, {"a"}, 0) == []
     assert policy.waits_for("a")
 
 
@@ -106,12 +106,12 @@ def test_sixty_names_of_one_origin_are_given_up_as_one() -> None:
     policy = StragglerPolicy()
     for step in range(GIVEN_UP_AFTER):
         assert policy.waits_for("liar-7") == (step == 0), "until one of them has missed a step"
-        given_up = policy.step_decided({"other-0"}, {"liar-0", "liar-1"}, 0)
+        given_up = policy.on_step_decided({"other-0"}, {"liar-0", "liar-1"}, 0)
     assert given_up == ["liar-0", "liar-1"]
     assert not any(policy.may_work(name, FIRST_PAUSE_NS - 1, answers=True) for name in NAMES)
     assert policy.may_work("liar-9", FIRST_PAUSE_NS, answers=True)
     assert not policy.waits_for("liar-9"), "a trial holds up no step"
-    policy.heard("liar-9", in_time=False)
+    policy.on_report("liar-9", in_time=False)
     assert policy.waits_for("liar-9")
     assert policy.waits_for("other-0")
 
@@ -126,11 +126,11 @@ def test_while_none_has_reported_all_are_trusted_but_those_that_were_given_up() 
 
 def test_those_are_trusted_of_whose_origin_one_has_reported() -> None:
     policy = StragglerPolicy()
-    policy.heard("good-0", in_time=True)
+    policy.on_report("good-0", in_time=True)
     assert policy.trusted(["good-0", "good-1", "liar-0", "alone"]) == ["good-0", "good-1"]
     policy.give_up("good-1", SECOND)
     assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0"], "each has to prove itself"
-    policy.heard("good-2", in_time=False)
+    policy.on_report("good-2", in_time=False)
     assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0", "good-2"]
 
 

@@ -1,4 +1,3 @@
-from coordinator.coordinator import SIGN_OF_LIFE_NS, CheckpointSeries
 from coordinator.recovery import APART_US, UNSEEN_NS, Term
 from protocol.work import Checkpoint
 
@@ -9,25 +8,25 @@ def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None
     term = Term.of(5, KNOWN)
     raised = term.number
     assert raised > KNOWN.term
-    assert not term.hear(raised), "that is its own"
-    assert term.hear(raised + 20)
+    assert not term.on_term(raised), "that is its own"
+    assert term.on_term(raised + 20)
     assert term.number > raised + 20
     assert term.outranked_by is None
 
 
 def test_the_epochs_of_one_term_are_over_where_the_next_one_begins() -> None:
     term = Term.of(KNOWN.term + 3, None)
-    assert term.hear(KNOWN.term), "it began a moment before, and may have given jobs since"
+    assert term.on_term(KNOWN.term), "it began a moment before, and may have given jobs since"
     assert term.number >= KNOWN.term + APART_US
 
 
 def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
     term = Term.of(5, None)
     term.begun = True
-    assert not term.hear(5)
+    assert not term.on_term(5)
     assert term.outranked_by is None
-    assert not term.hear(7), "it stays as it is"
-    term.hear(6)
+    assert not term.on_term(7), "it stays as it is"
+    term.on_term(6)
     assert (term.number, term.outranked_by) == (5, 7)
 
 
@@ -43,15 +42,3 @@ def test_a_worker_deposes_nobody_and_a_term_rises_above_its_claim_when_no_coordi
     assert term.rises_above_workers(UNSEEN_NS)
     assert term.number > 9
     assert not term.rises_above_workers(2 * UNSEEN_NS)
-
-
-def test_checkpoints_are_numbered_and_the_last_is_repeated_when_nothing_new_is_said() -> None:
-    series = CheckpointSeries("c")
-    assert series.sign_of_life(SIGN_OF_LIFE_NS) == []
-    first, second = (
-        series.next(state, term=1, step=2, founded=True, now_ns=0) for state in (b"one", b"two")
-    )
-    assert [c.checkpoint.serial for c in (first, second)] == [0, 1]
-    assert series.sign_of_life(SIGN_OF_LIFE_NS - 1) == []
-    assert series.sign_of_life(SIGN_OF_LIFE_NS) == [second]
-    assert series.sign_of_life(SIGN_OF_LIFE_NS + 1) == []

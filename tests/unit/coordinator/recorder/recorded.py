@@ -5,13 +5,14 @@ from pathlib import Path
 
 import msgspec
 
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event
 from coordinator.instructions import Instruction
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import EventTold, Head, Started
+from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.replay import Believed, Happening, replayed
 from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
+from coordinator.recovery import Term
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
@@ -40,12 +41,12 @@ def head(version: str = VERSION) -> Head:
 def events_in(folder: Path) -> list[Event]:
     """All that were written, in order."""
     messages = (message for file in files_in(folder) for message in LogFile(file).messages())
-    decode = msgspec.msgpack.Decoder(list[EventTold]).decode
+    decode = msgspec.msgpack.Decoder(list[RecordedEvent]).decode
     batches = [decode(message.data) for message in messages if message.topic == EVENTS]
     return [told.event for batch in batches for told in batch]
 
 
-def write_file(path: Path, head: Head | msgspec.Raw, *events: EventTold | msgspec.Raw) -> None:
+def write_file(path: Path, head: Head | msgspec.Raw, *events: RecordedEvent | msgspec.Raw) -> None:
     """A file as the recorder writes it."""
     with RunLog(path) as log:
         log.write(HEAD, head, 0, packed=True)
@@ -62,16 +63,12 @@ class RecordedCoordinator:
         weakref.finalize(self, ring.close)
 
     @property
-    def begun(self) -> bool:
-        return self.coordinator.begun
+    def term(self) -> Term:
+        return self.coordinator.term
 
     @property
     def map_digest(self) -> str:
         return self.coordinator.map_digest
-
-    @property
-    def outranked_by(self) -> int | None:
-        return self.coordinator.outranked_by
 
     def handle(self, event: Event, now_ns: int) -> list[Instruction]:
         instructions = self.recorder.handle(event, now_ns)

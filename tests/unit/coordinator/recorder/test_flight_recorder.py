@@ -74,7 +74,7 @@ def test_a_folder_that_cannot_be_written_is_told_once_and_tried_again(
     with caplog.at_level(logging.WARNING):
         for now_ns in range(20):
             recorded.handle(TimePassed(), now_ns)
-    assert recorded.begun, "the coordinator does its work"
+    assert recorded.term.begun, "the coordinator does its work"
     assert len(caplog.records) == 1
     assert "cannot write" in caplog.text
     assert recorded.recorder.lost == {LOST: 20}

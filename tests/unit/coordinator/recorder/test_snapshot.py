@@ -10,11 +10,11 @@ import msgspec
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event, ScanArrived, WorkerJoined, WorkerLeft
 from coordinator.instructions import Instruction, PublishBelief
 from coordinator.part import Part
-from coordinator.recorder.records import Started, freeze, thaw, without_bulk
+from coordinator.recorder.records import freeze, thaw, without_bulk
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
 from tests.unit.coordinator.living import Living, symmetric_room
