@@ -1,4 +1,4 @@
-"""Access control of the page: each request is checked by its headers before it is answered."""
+"""Access control of the page: checks the headers of each request before it is answered."""
 
 import hmac
 import ipaddress
@@ -22,7 +22,7 @@ class Address:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only programs on this machine can reach it."""
+        """Whether only programs on this machine can reach the address."""
         if self.host == "localhost":
             return True
         try:
@@ -37,7 +37,9 @@ class Address:
 
 
 def parsed_address(text: str) -> Address:
-    """Parse ``HOST:PORT``, ``HOST`` or ``:PORT``; an IPv6 address is in brackets.
+    """Parse ``HOST:PORT``, ``HOST`` or ``:PORT``, with an IPv6 address in brackets.
+
+    The default host is 127.0.0.1, the default port `DEFAULT_PORT`.
 
     Raises:
         SettingsError: the text is not such an address.
@@ -54,11 +56,11 @@ def parsed_address(text: str) -> Address:
 
 @dataclass(frozen=True)
 class Admission:
-    """Accepts or refuses requests.
+    """The rules by which requests are accepted or refused.
 
-    On loopback, requests must name this machine: another site could make its own name resolve to
-    127.0.0.1 (DNS rebinding). Elsewhere they need a token, from the link or from the cookie that
-    is sent with the page.
+    On loopback, the host in a request must be this machine: another site could make its own name
+    resolve to 127.0.0.1 (DNS rebinding). Otherwise a request needs a token, which is in the page's
+    link, and in a cookie that the browser gets with the page.
 
     Args:
         address: address of the page, with the port that was bound.
@@ -72,14 +74,14 @@ class Admission:
 
     @property
     def link(self) -> str:
-        """Link of the page, with the token."""
+        """Link of the page, with the token if there is one."""
         token = f"?token={self.token}" if self.token else ""
         scheme = "https" if self.is_tls else "http"
         return f"{scheme}://{self.address.netloc}/{token}"
 
     @property
     def cookie(self) -> str:
-        """The cookie for later requests; empty without a token."""
+        """Value of the header ``Set-Cookie`` with the token; empty without a token."""
         if not self.token:
             return ""
         secure = "; Secure" if self.is_tls else ""
@@ -89,9 +91,9 @@ class Admission:
         """Return why a request is refused, or an empty text if it is accepted.
 
         Args:
-            target: path and query.
-            headers: headers of the request, by lower-case name.
-            socket: whether it opens a WebSocket, which only our own page may.
+            target: path and query of the request.
+            headers: headers of the request by their lower-case names.
+            socket: whether the request opens a WebSocket, which only this page may do.
         """
         host = headers.get("host", "")
         if self.address.is_loopback and host not in self._own_names():
@@ -119,4 +121,4 @@ class Admission:
 
     @property
     def _cookie_name(self) -> str:
-        return f"clustermcl-{self.address.port}"  # a cookie holds for all ports of a host
+        return f"clustermcl-{self.address.port}"  # a browser sends a cookie to all ports of a host

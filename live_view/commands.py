@@ -1,4 +1,4 @@
-"""Requests of a browser: parses them, and converts commands to messages of the system."""
+"""Parses the requests of a browser, and converts its commands to messages of the system."""
 
 from typing import Annotated, TypeAlias
 
@@ -17,15 +17,16 @@ _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class _Request(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
-    """A JSON object of the page, with its kind in the field ``type``."""
+    """A JSON object from the page; the field ``type`` names its class."""
 
 
 class Drawn(_Request, frozen=True, tag="drawn"):
-    """Acknowledgement of drawn messages; a slow page acknowledges each one."""
+    """Acknowledgement of drawn messages."""
 
     count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
+    """Number of messages drawn since the last acknowledgement."""
     slow: bool = False
-    """Whether drawing takes long, so that each message must wait for the last one."""
+    """Whether drawing takes long, so that the page wants the next message only now."""
 
 
 class ShowPast(_Request, frozen=True, tag="past"):
@@ -35,15 +36,16 @@ class ShowPast(_Request, frozen=True, tag="past"):
 
 
 class ShowEarlier(_Request, frozen=True, tag="earlier"):
-    """Request for the rows before a step."""
+    """Request for the history rows before a step."""
 
     before: _Step
 
 
 class PlaceRobot(_Request, frozen=True, tag="set_pose"):
-    """Command to set the pose."""
+    """Command to set the robot's pose."""
 
     pose: _Pose
+    """The pose: x [m], y [m], heading [rad]."""
     position_sigma_m: _Sigma = 0.5
     heading_sigma_rad: _Sigma = 0.26
 
@@ -53,14 +55,14 @@ class SearchAgain(_Request, frozen=True, tag="relocalize"):
 
 
 class UpdateOnce(_Request, frozen=True, tag="update"):
-    """Command to make a step from the next scan, even if the robot stands still."""
+    """Command to make a step of the next scan, even if the robot stands still."""
 
 
 class KidnapRobot(_Request, frozen=True, tag="kidnap"):
     """Command to kidnap the simulated robot."""
 
     pose: _Pose | None = None
-    """New pose; None: a random one far away."""
+    """The new pose: x [m], y [m], heading [rad]; None: a random pose far away."""
 
 
 class DriveRobot(_Request, frozen=True, tag="drive"):
@@ -69,6 +71,7 @@ class DriveRobot(_Request, frozen=True, tag="drive"):
     speed_m_s: _Rate = 0.0
     turn_rate_rad_s: _Rate = 0.0
     by_hand: bool = True
+    """False: end manual driving."""
 
 
 Question: TypeAlias = ShowPast | ShowEarlier

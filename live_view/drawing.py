@@ -1,4 +1,4 @@
-"""Draws the map with all places as a picture."""
+"""Draws a picture of the map and the places where the robot may be."""
 
 import math
 import zlib
@@ -14,19 +14,19 @@ from protocol.steps import MapMessage
 PALETTE = (
     "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
 )  # fmt: skip
-"""Colours of places, the same as in `palette.js`."""
+"""Colours of places by slot, the same as in `palette.js`."""
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
 _SCAN, _INK = "#c0262d", "#1a2027"
 LONG_SIDE_PX = 1400
 _MARGIN_PX = 24
 _FINER = 2
-"""Oversampling factor, for smooth edges."""
+"""Factor by which the drawing is larger than the picture, for smooth edges."""
 _SIGMAS = 2.0
 _LABELLED = 8
 
 
 class _View(NamedTuple):
-    """Conversion from the map to pixels, before the picture is reduced."""
+    """Conversion from the map to pixels of the drawing."""
 
     left_m: float
     top_m: float
@@ -39,12 +39,12 @@ class _View(NamedTuple):
 def drawn_picture(
     grid_map: MapMessage, step: Mapping[str, Any] | None, long_side_px: int = LONG_SIDE_PX
 ) -> Image.Image:
-    """Draw the whole map, and a step's places, scan and true pose.
+    """Draw the whole map, and the places, the scan and the true pose of a step.
 
     Args:
         grid_map: map of at most 4,096 cells a side.
-        step: frame of a step; None: draw the map only.
-        long_side_px: long side of the map; symbols and labels keep their size.
+        step: frame of the step, as of `step_frame`; None: draw the map only.
+        long_side_px: long side of the map in the picture, without margins.
     """
     view, size = _view_of(grid_map, long_side_px)
     canvas = Image.new("RGB", size, _UNKNOWN_RGB)
@@ -62,7 +62,7 @@ def drawn_picture(
 
 
 def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
-    """Return left, right, lower and upper edge of a map's picture [m]."""
+    """Return the left, right, lower and upper edge of a map's picture [m]."""
     view, (width, height) = _view_of(grid_map, LONG_SIDE_PX)
     right_m = view.left_m + width / view.px_per_m
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
@@ -87,7 +87,7 @@ def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[_View, tuple[int,
 
 
 def map_picture(grid_map: MapMessage) -> Image.Image:
-    """Return a picture with a pixel for each cell; the first line has the lowest y."""
+    """Return a picture with one pixel for each cell; its first line has the lowest y."""
     cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
     cells = cells.reshape(grid_map.rows, grid_map.cols)
     colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
@@ -96,7 +96,7 @@ def map_picture(grid_map: MapMessage) -> Image.Image:
 
 
 def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
-    """Draw the cells, rotated by the map's heading."""
+    """Draw the cells, rotated by the heading of the grid in the map."""
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
     k, cell = 1.0 / view.px_per_m, 1.0 / grid_map.cell_m
@@ -154,7 +154,7 @@ def _draw_place(
 
 
 def percent(probability: float) -> str:
-    """Format a probability like `palette.js`; a small one is ``< 0.1 %``."""
+    """Format a probability as percent, like `palette.js`; below 0.001 as ``< 0.1 %``."""
     if probability >= 0.9995:
         return "100 %"
     if probability < 0.001:

@@ -1,6 +1,6 @@
-"""Converts messages to JSON objects for the page: short names, rounded numbers.
+"""Converts messages to frames: JSON objects for the page, with short names and rounded numbers.
 
-The page's `app.js` is the only reader and is served by the same process, so these have no versions.
+Frames have no versions: only the page's scripts read them, which the same process serves.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,21 +19,21 @@ from protocol.work import Particles, TrackReport
 Frame: TypeAlias = dict[str, Any]
 
 ROW_PLACES = 16
-"""Number of places of a past step, the most probable ones, in plots and trails."""
+"""Limit for the places of a step in plot and trails; the most probable are kept."""
 SIMULATOR = "robot_simulator"
-"""Sender of the simulator's health; only a simulated robot can be kidnapped and driven."""
+"""Name of the simulator in a status; only a simulated robot can be kidnapped and driven."""
 MAX_BEAMS = 360
-"""Limit for the beams of a scan; of a larger scan every second, third, ... beam is drawn."""
+"""Limit for the drawn beams of a laser; of more beams, only every second, third, ... is drawn."""
 MAX_PARTICLES = 250
-"""Limit for the particles of a cluster, which are resampled by weight."""
+"""Limit for the drawn particles of a cluster; of more particles, a resampled set is drawn."""
 MARK = b"track_report/"
-"""Text near the beginning of each report that may have particles, unlike search reports."""
+"""Text near the beginning of each encoded track report; only track reports have particles."""
 MIN_BYTES = 3000
-"""Reports without particles are smaller; reports of a hundred particles are larger."""
+"""A size between that of a report without particles and that of one with a hundred."""
 
 
 def map_frame(message: MapMessage) -> Frame:
-    """Return position and size of the map; the page fetches the cells by the digest."""
+    """Return the digest, size and position of the map; the page fetches its cells separately."""
     return {
         "digest": message.digest,
         "rows": message.rows,
@@ -46,7 +46,14 @@ def map_frame(message: MapMessage) -> Frame:
 def step_frame(
     belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
 ) -> Frame:
-    """Return all that is drawn after one step."""
+    """Return what the page draws of a step.
+
+    Args:
+        belief: the belief after the step.
+        slots: slot of each cluster in the belief.
+        scan: the step's scan; None: unknown.
+        truth: true pose at the step; None: unknown.
+    """
     return {
         "step": belief.step,
         "stamp_s": belief.stamp_ns / 1e9,
@@ -65,7 +72,11 @@ def step_frame(
 
 
 def scan_frame(scan: Scan | None) -> Frame:
-    """Return the part of a step that shows its scan: end points and laser [cm], robot's frame."""
+    """Return the part of a step's frame that shows the scan.
+
+    ``scan`` are the beams' end points (see `scan_points_cm`), ``laser`` is the position of the
+    first laser [cm]; both are in the robot's frame.
+    """
     return {
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
@@ -85,7 +96,10 @@ def _place(place: Hypothesis, slot: int) -> Frame:
 
 
 def history_row(frame: Frame) -> list[Any]:
-    """Return a step for trails and plot: step, places as (cluster, slot, p, x, y), truth."""
+    """Return a step's row for trails and plot: its number, its places, and the true pose.
+
+    A place is (cluster, slot, probability, x [m], y [m]).
+    """
     places = [
         (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
         for p in frame["places"][:ROW_PLACES]
@@ -94,7 +108,7 @@ def history_row(frame: Frame) -> list[Any]:
 
 
 def scan_points_cm(scan: Scan) -> list[int]:
-    """Return the end points of all returns in the robot's frame [cm]: x, y, x, y, ..."""
+    """Return the end points of all beams that returned: x, y, x, y, ..., robot's frame [cm]."""
     cm = _points_cm(scan)
     for other in scan.others:
         cm += _points_cm(other)
@@ -116,13 +130,13 @@ def _points_cm(scan: Scan | LaserBeams) -> list[int]:
 
 @lru_cache(maxsize=4)
 def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
-    """Return (count, 2) end points of beams of one metre [cm]; cached for each laser."""
+    """Return (count, 2) offsets of one metre along each beam, in the robot's axes [cm]."""
     angles = first_rad + apart_rad * np.arange(count)
     return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def pose_frame(answer: PoseAnswer) -> Frame:
-    """Return the robot's present pose, with standard deviations."""
+    """Return the present pose with its state, ages and standard deviations [m, m, rad]."""
     frame: Frame = {
         "state": answer.state,
         "freshness": answer.freshness,
@@ -142,7 +156,6 @@ def pose_frame(answer: PoseAnswer) -> Frame:
 
 
 def status_frame(status: Status) -> Frame:
-    """Return state and counters of the system."""
     return {
         "version": status.version,
         "state": status.state,
@@ -174,7 +187,6 @@ def _rates(name: str, status: Status) -> Frame:
 
 
 def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
-    """Return events of clusters and searches with their causes, oldest first."""
     return [
         {
             "number": numbered.number,
@@ -189,20 +201,21 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
 
 
 def may_have_particles(payload: bytes) -> bool:
-    """Return whether an encoded report may have particles; nine of ten have none."""
+    """Return whether an encoded report may have particles, without decoding the report."""
     return len(payload) >= MIN_BYTES and MARK in payload[:100]
 
 
 def cluster_of(report: TrackReport) -> int | None:
-    """Return the number of the cluster that a job tracks; None: it tracks none."""
+    """Return the number of the cluster that a report's job tracks; None: the job tracks none."""
     number = report.job_id.removeprefix("c")
     return int(number) if number.isascii() and number.isdigit() and len(number) < 16 else None
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
-    """Return the particles of a cluster, which the page moves by odometry.
+    """Return particles of a cluster, which the page moves with later odometry.
 
-    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is their odometry pose.
+    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is the odometry pose to which
+    the points belong.
     """
     chosen = _drawn(particles.log_weights.array(), MAX_PARTICLES)
     points = np.rint(particles.map_from_robot.array()[chosen] * (100.0, 100.0, 1000.0)).astype(

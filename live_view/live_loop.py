@@ -1,4 +1,4 @@
-"""The page's loop, which turns messages of one robot's system into frames for browsers."""
+"""The loop of the page: turns messages of a robot's system into frames for browsers."""
 
 import logging
 import statistics
@@ -34,21 +34,21 @@ _REPORTS_EVERY_S = 0.2
 _POLL_S = 0.1
 _EVENTS_PER_PICTURE = 64
 _CONNECT_TIMEOUT_S = 0.5
-"""Limit for an attempt to connect, during which browsers wait [s]."""
+"""Limit for an attempt to connect; browsers get no answer meanwhile [s]."""
 _STATUS_EVERY_S = 1.0
 _MAX_UNANSWERED = 2
-"""Unanswered status queries in a row after which the system counts as gone."""
+"""Number of consecutive unanswered status queries after which no system seems to run."""
 _MAP_TIMEOUT_S = 30.0
 _COMMAND_TIMEOUT_S = 5.0
 LAST_STEPS = 100
-"""Steps of which the latency is shown."""
+"""Number of steps whose latency is shown."""
 _WAITING_SCANS = 64
 
 M = TypeVar("M", bound=Message)
 
 
 def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> None:
-    """Answer the request of a page."""
+    """Send a page all frames when it joins, or the past steps that it requests."""
     match asked:
         case Joined(browser):
             room.send(browser, picture.everything())
@@ -59,11 +59,11 @@ def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> 
 
 
 class LiveLoop:
-    """The loop of one robot's page. It alone uses the picture, so there is no lock.
+    """The loop of one robot's page. No other thread uses the picture, so there is no lock.
 
     Args:
         settings: the router's endpoint and the robot's name.
-        about: constants for pages, such as whether commands are allowed.
+        about: constants for the page, such as whether commands are allowed.
         stop: flag that ends the loop.
     """
 
@@ -74,7 +74,7 @@ class LiveLoop:
         self.room = Room(name, self.node.inbox.put)
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
         self.map: MapMessage | None = None
-        """The map, reduced to a size for browsers; None: not known yet."""
+        """The map, reduced for browsers; None: not received yet."""
         self._latency = StepLatency()
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
@@ -88,16 +88,16 @@ class LiveLoop:
         node.subscribe(
             keys.EVENTS, JobEvents, self._on_events, kind=keys.EVENTS, kept=_KEPT_MESSAGES
         )
-        # These do not wake the loop: they are drawn with the belief of their step, or soon after.
+        # These messages do not wake the loop: they are drawn with a belief, or soon after.
         self._scans: Inbox[Event] = Inbox({keys.SCAN: _KEPT_MESSAGES})
-        """With their times of arrival."""
+        """Scans with their arrival times, which `Node.drain` would leave out."""
         node.declare(lambda session: subscribe(session, keys.SCAN, self._scans, keys.SCAN))
         self._reports, self._truth, self._pose = (
             node.poll(key, key, _KEPT_MESSAGES) for key in (keys.ALL_REPORTS, keys.TRUTH, keys.POSE)
         )
 
     def run(self) -> None:
-        """Connect, and draw the system, until the process is stopped."""
+        """Run until the stop flag is set, connecting whenever there is no connection."""
         try:
             while not self._stop.is_set():
                 self.turn()
@@ -105,14 +105,14 @@ class LiveLoop:
             self.node.close()
 
     def turn(self) -> None:
-        """Handle what arrived, or wait a moment for it; publish one picture of all of it."""
+        """Handle received messages, or wait briefly for one; then send browsers what changed."""
         node = self.node
         if not node.is_open:
             try:
                 node.open(_CONNECT_TIMEOUT_S)
             except UnreachableError as error:
                 _log.debug("%s", error)
-        self._ask_what_is_due()
+        self._query_status_and_map()
         if node.turn(_POLL_S) is not None:
             for _ in range(_EVENTS_PER_PICTURE - 1):
                 if node.turn(0.0) is None:
@@ -128,7 +128,10 @@ class LiveLoop:
     # --- the system
 
     def _draw_waiting(self) -> None:
-        """Take scans and true poses in. A scan may come after its belief: one thread per key."""
+        """Handle received scans and true poses.
+
+        A scan may arrive after its belief, because Zenoh delivers each key in its own thread.
+        """
         while isinstance(scan := self._scans.get(0.0), Received):
             self.node.attempt(self._on_scan, scan)
         self.node.drain(self._truth, self._on_truth)
@@ -162,7 +165,7 @@ class LiveLoop:
         self.picture.on_link("no system" if link.up else "no router")
         self._next_status_s = 0.0
 
-    def _ask_what_is_due(self) -> None:
+    def _query_status_and_map(self) -> None:
         now_s = time.monotonic()
         if not self.node.is_open or now_s < self._next_status_s:
             return
@@ -189,7 +192,7 @@ class LiveLoop:
 
     def _on_status(self, status: Status) -> None:
         if not self._has_link:
-            return  # its router has gone since
+            return  # the link was lost after this answer
         was = self.picture.link
         self.picture.on_status(status, self._latency.frame())
         self._unanswered = 0
@@ -213,7 +216,7 @@ class LiveLoop:
         self._asking_map = False
 
     def ask_for_places(self) -> None:
-        """Query and show the present places, because a standing robot publishes no step."""
+        """Query and show the present places: while the robot stands, no belief arrives."""
         self._ask(keys.HYPOTHESES, Hypotheses, lambda now: self.picture.on_belief(_belief_of(now)))
 
     # --- browsers
@@ -245,7 +248,7 @@ class LiveLoop:
 
 
 def _belief_of(answer: Hypotheses) -> Belief:
-    """Return the present places as a belief, without odometry."""
+    """Return the present places as a belief, with odometry at the origin."""
     return Belief(
         sender=answer.sender,
         step=answer.pose.step,
@@ -259,26 +262,26 @@ def _belief_of(answer: Hypotheses) -> Belief:
 
 
 class StepLatency:
-    """Measures the time from scan to belief by the clock of this process."""
+    """The time from the arrival of a scan to that of its belief, both in this process."""
 
     def __init__(self) -> None:
         self._scans_ns: dict[int, int] = {}
         self._late_ms: deque[float] = deque(maxlen=LAST_STEPS)
 
     def on_scan(self, step: int, at_ns: int) -> None:
-        """Store the arrival time of a scan [ns]."""
+        """Store the arrival time of a scan."""
         self._scans_ns[step] = at_ns
         while len(self._scans_ns) > _WAITING_SCANS:
             del self._scans_ns[next(iter(self._scans_ns))]
 
     def on_belief(self, step: int, at_ns: int) -> None:
-        """Measure a step at its first belief; commands publish further ones."""
+        """Measure the latency of a step, at its first belief only: commands cause further ones."""
         scan_ns = self._scans_ns.pop(step, None)
         if scan_ns is not None:
             self._late_ms.append((at_ns - scan_ns) / 1e6)
 
     def frame(self) -> dict[str, Any] | None:
-        """Return last, median and largest latency [ms]; None: no step was measured yet."""
+        """Return the last, the median and the largest latency [ms]; None: none is known yet."""
         late_ms = self._late_ms
         if not late_ms:
             return None

@@ -1,4 +1,4 @@
-"""Reduces a large map for a browser, without unpacking it at once."""
+"""Reduces a large map for a browser, a few rows at a time."""
 
 import zlib
 from collections.abc import Iterator
@@ -11,13 +11,14 @@ from protocol.errors import MalformedMessageError
 from protocol.steps import MapMessage
 
 MAX_SIDE = 4096
-"""Maximum number of rows and columns of the page's map."""
+"""Limit for the rows and for the columns of the page's map."""
 
 
 def reduced(message: MapMessage) -> MapMessage:
     """Return the map with at most `MAX_SIDE` cells a side.
 
-    A coarse cell is occupied if any of its cells is; otherwise it is free if any is free.
+    A larger cell replaces a square of cells. It is occupied if any of them is occupied, and free
+    if any is free but none occupied.
 
     Raises:
         MalformedMessageError: the packed cells are damaged or too few.
@@ -38,7 +39,7 @@ def reduced(message: MapMessage) -> MapMessage:
 
 
 def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
-    """Yield bands of `every` rows from the lowest; the last band may have fewer."""
+    """Yield the map's rows from the lowest, `every` rows at a time; the last may be fewer."""
     unpacker, left = zlib.decompressobj(), message.zlib_cells
     for row in range(0, message.rows, every):
         size = min(every, message.rows - row) * message.cols

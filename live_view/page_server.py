@@ -1,4 +1,4 @@
-"""Serves the page's files, the map and the WebSocket in its own thread."""
+"""The web server: serves the page's files, the map and the WebSocket in a thread."""
 
 import asyncio
 import logging
@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
@@ -40,7 +39,7 @@ SOCKET_PATH = "live"
 ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
 MAX_UNREAD_BYTES = 8_000_000
-"""Limit for unsent bytes to a browser; the largest message has a tenth."""
+"""Limit for the bytes that wait to be sent to a browser; the largest message has a tenth."""
 _STARTED_WITHIN_S = 10.0
 _CONTENT_TYPES = {
     "html": "text/html; charset=utf-8",
@@ -64,23 +63,25 @@ class PageOptions:
     """Address and features of the page."""
 
     address: Address
-    """Address of the page; except on loopback, its link contains a token."""
+    """Address of the page; elsewhere than on loopback, the link contains a token."""
     allow_commands: bool = False
-    """Accept commands from other machines too."""
+    """Accept commands from browsers on other machines too."""
     open_browser: bool = False
+    """Open the page in a browser of this machine."""
     by_hand: bool = False
-    """Start with manual driving of the simulated robot."""
+    """Begin with manual driving of the simulated robot."""
     story: str = ""
     """Name of the world for which captions are shown; empty: no captions."""
     beside: str = ""
-    """Name under which AMCL localizes the same robot, for a second map; empty: no second map."""
+    """Robot's name in the system of AMCL's filter, for a second map; empty: no second map."""
     certificate: Path | None = None
-    """PEM file, to serve the page by HTTPS."""
+    """PEM file of the certificate for HTTPS; None: plain HTTP."""
     private_key: Path | None = None
+    """PEM file of the certificate's key; needed together with `certificate`."""
 
     @property
     def obeys_commands(self) -> bool:
-        """Whether commands are offered and accepted."""
+        """Whether the page offers commands, and accepts them."""
         return self.allow_commands or self.address.is_loopback
 
 
@@ -88,12 +89,12 @@ class PageOptions:
 def opened_page(
     options: PageOptions, rooms: Sequence[Room], on_link: Callable[[str], None]
 ) -> Iterator[None]:
-    """Serve until the ``with`` block ends.
+    """Serve the page within the ``with`` block.
 
     Args:
         options: address and features of the page.
         rooms: a room for each robot.
-        on_link: called with the link once it can be opened.
+        on_link: called with the page's link, once the page is served.
 
     Raises:
         SettingsError: the address or the certificate cannot be used.
@@ -126,14 +127,17 @@ def _tls_context(options: PageOptions) -> ssl.SSLContext | None:
 
 
 class PageServer:
-    """Serves until its ``with`` block ends. The other methods may be called from any thread.
+    """A web server that runs in a thread within its ``with`` block.
 
     Args:
         address: address to listen at; port 0 selects a free port.
         token: token that each browser must present; empty: none.
-        rooms: a room for each robot; the first is also the page at ``/``.
+        rooms: a room for each robot; the path ``/`` leads to the first.
         commands: whether commands are accepted.
         tls: certificate and key; None: plain HTTP.
+
+    Raises:
+        SettingsError: the address is not of this machine, or in use.
     """
 
     def __init__(
@@ -152,41 +156,29 @@ class PageServer:
         self._rooms = {room.name: room for room in rooms}
         self._first, self._commands = rooms[0], commands
         self._files = static_files()
-        self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
-        self._started: Future[None] = Future()
-        self._thread = threading.Thread(target=self._run, name="page server", daemon=True)
+        self._started: Future[asyncio.AbstractEventLoop] = Future()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve()), name="page server", daemon=True
+        )
 
     @property
     def link(self) -> str:
         return self._admission.link
 
     def __enter__(self) -> Self:
-        """Start the thread of the server, and wait until it listens."""
-        for room in self._rooms.values():
-            room.loop = self._loop
         self._thread.start()
         self._started.result(_STARTED_WITHIN_S)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the connections of all pages."""
-        self._loop.call_soon_threadsafe(self._stopping.set)
+    def __exit__(self, *_error: object) -> None:
+        self._started.result().call_soon_threadsafe(self._stopping.set)
         self._thread.join()
 
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve())
-        finally:
-            self._loop.close()
-
     async def _serve(self) -> None:
+        loop = asyncio.get_running_loop()
+        for room in self._rooms.values():
+            room.loop = loop
         quiet = logging.getLogger("live_view.websockets")
         quiet.setLevel(logging.CRITICAL)  # refused connections are not logged
         async with serve(
@@ -200,7 +192,7 @@ class PageServer:
             close_timeout=0.5,
             logger=quiet,
         ):
-            self._started.set_result(None)
+            self._started.set_result(loop)
             await self._stopping.wait()
 
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
@@ -219,7 +211,10 @@ class PageServer:
         return self._content(room, path or "index.html")
 
     def _asked(self, target: str) -> tuple[Room | None, str]:
-        """Parse ``/robot/NAME/app.js`` or ``/app.js``: the robot's room and the file."""
+        """Return the room (None: no such robot) and the file name of a path.
+
+        Paths are ``/robot/NAME/app.js``, or ``/app.js`` for the first robot.
+        """
         path = urlsplit(target).path.removeprefix("/")
         if not path.startswith(ROBOT_PATH):
             return self._first, path
@@ -231,7 +226,7 @@ class PageServer:
         if digest and name == f"map/{digest}":
             packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
             return _response(HTTPStatus.OK, cells, packed)
-        if name == "browsers":  # a demo waits for the first
+        if name == "browsers":  # the demo waits for the first browser
             return _response(HTTPStatus.OK, str(len(room.browsers)).encode(), {})
         content = self._files.get(name)
         if content is None:
@@ -257,7 +252,7 @@ class PageServer:
             pass
         finally:
             room.browsers.discard(browser)
-            if browser.drives:  # the robot must not wait for keys
+            if browser.drives:  # so that the robot drives on by itself
                 room.on_event(Commanded(browser, DriveRobot(by_hand=False)))
 
     def _on_request(self, room: Room, browser: Browser, text: str | bytes) -> None:
@@ -276,7 +271,7 @@ class PageServer:
 
 
 def _send(connection: ServerConnection, data: bytes) -> None:
-    """Send without waiting; disconnect a browser that does not read."""
+    """Send without waiting; disconnect a browser that has too many bytes to read."""
     if connection.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
         connection.transport.abort()
     else:
@@ -290,11 +285,6 @@ def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Respo
 
 
 def _listening(address: Address) -> socket.socket:
-    """Return a listening socket.
-
-    Raises:
-        SettingsError: the address is not of this machine, or in use.
-    """
     try:
         return socket.create_server(
             (address.host, address.port),

@@ -1,4 +1,4 @@
-"""The frames that the page shows, updated by the messages of one robot's system."""
+"""The frames that the page of one robot shows."""
 
 from collections import deque
 from collections.abc import Container, Iterable
@@ -26,26 +26,26 @@ from protocol.steps import MapMessage, Scan, TruePose
 from protocol.work import Particles, TrackReport
 
 NEWEST_ROWS = 1000
-"""Number of rows that a page gets when it is opened; it requests older ones."""
+"""Limit for the rows in one answer; the page requests older rows when they are needed."""
 MAX_EVENTS = 1000
 SHOWN_EVENTS = 100
 _KEPT_STEPS = 64
-"""Number of scans and of true poses that are kept for the belief of their step."""
+"""Limit for the scans, and for the true poses, that are kept until their belief arrives."""
 SLOTS = 8
-"""Number of colours; slots beyond repeat them with dashed rims."""
+"""Number of colours; higher slots have the same colours with dashed outlines."""
 
 
 class Picture:
-    """Turns messages into frames by topic, and remembers which frames have changed.
+    """The newest frame of each topic, made from messages, and an archive of earlier frames.
 
-    Topics are states: the newest frame of each is the whole picture. They are ``system``, ``map``,
-    ``step``, ``pose``, ``status``, ``events``, and ``cloud N``, the particles of cluster N, which
-    is None once the cluster has ended. Only ``history``, the newest rows and the oldest kept step,
-    is sent once, and again when the steps restart; the page adds each new step itself.
+    The topics are ``system``, ``map``, ``step``, ``pose``, ``status``, ``events``, and ``cloud N``:
+    the particles of cluster N, or None once the cluster has ended. The topic ``history`` has the
+    newest rows and the number of the oldest kept step. It is sent when a page is opened and when
+    the steps restart; in between, the page itself adds each new step.
 
     Args:
-        system: constants: the robot's name, the router, whether commands are allowed.
-        archive: archive of past steps; None: a new one of the usual size.
+        system: constants for the page: the robot's name, the router, whether commands are allowed.
+        archive: archive for past steps; None: a new archive of the default size.
     """
 
     def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
@@ -60,28 +60,28 @@ class Picture:
         self._events_term = self._term = 0
         self._last_step = -1
         self.wanted_map = ""
-        """Digest of the system's map; empty: unknown, so that any map is shown."""
+        """Digest of the map that the system uses; empty: unknown, so that any map is shown."""
 
     @property
     def has_wanted_map(self) -> bool:
-        """Whether the wanted map is shown, so that none has to be queried."""
+        """Whether the map that the system uses is shown."""
         shown = self._frames.get("map")
         return shown is not None and self.wanted_map in ("", shown["digest"])
 
     @property
     def link(self) -> str:
-        """``no router``, ``no system`` behind the router, or ``running``."""
+        """State of the connection, such as ``no router``, ``no system`` or ``running``."""
         link: str = self._frames["system"]["link"]
         return link
 
     def changes(self) -> dict[str, Any]:
-        """Return the frames that have changed since the last call."""
+        """Return the frames that have changed since the last call, by topic."""
         changed = {topic: self._frame(topic) for topic in sorted(self._changed)}
         self._changed.clear()
         return changed
 
     def past(self, step: int) -> dict[str, Any]:
-        """Return the archived frames of a past step."""
+        """Return the frames of a past step by topic, as far as they are archived."""
         events = [event for event in self._events.values() if event.step <= step]
         return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
 
@@ -91,52 +91,53 @@ class Picture:
         return self._archive.everything()
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
-        """Return the last rows before a step, for trails and plot."""
+        """Return at most `NEWEST_ROWS` rows before a step, for trails and plot."""
         rows = [row for known, row in self._rows if known < step]
         return rows[-NEWEST_ROWS:]
 
     def everything(self) -> dict[str, Any]:
-        """Return all frames, for a page that was just opened."""
+        """Return the frames of all topics, for a page that was just opened."""
         return {topic: self._frame(topic) for topic in ("history", *self._frames)}
 
     def on_link(self, link: str) -> None:
-        """Show that the router, or the system behind it, appeared or disappeared."""
+        """Show the state of the connection; see `link`."""
         if link != self.link:
             self._set("system", {**self._frames["system"], "link": link})
             if link != "running":
                 self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
-        """Show another map."""
         self._set("map", map_frame(message))
 
     def on_scan(self, scan: Scan) -> None:
-        """Keep a scan until its belief arrives, or add it to the belief that overtook it."""
+        """Store a scan for its belief, or show it if its belief arrived first."""
         self.wanted_map = scan.map_digest
         _keep(self._scans, scan.step, scan)
         if shown := self._shown_at(scan.step):
             self._set_step({**shown, **scan_frame(scan)})
 
     def on_truth(self, truth: TruePose) -> None:
-        """Show the ground truth of a simulated robot at a step."""
+        """Store the true pose at a step for its belief, or show it if its belief arrived first."""
         _keep(self._truths, truth.step, truth.map_from_robot)
         if shown := self._shown_at(truth.step):
             self._set_step({**shown, "truth": truth.map_from_robot})
 
     def on_report(self, report: TrackReport) -> None:
-        """Show the particles of a worker's report, if it has any."""
+        """Show the particles of a worker's report if the report has any."""
         cluster = cluster_of(report)
         if report.snapshot is not None and cluster is not None:
             self.on_particles(cluster, report.snapshot)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        """Show the particles of a cluster."""
         frame = cloud_frame(cluster, particles)
         self._set(f"cloud {cluster}", frame)
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
-        """Show the belief after a step, or after a command that changed it."""
+        """Show a belief; ignore one of an earlier coordinator.
+
+        Drop all past steps if the count of steps has restarted.
+        """
         if belief.term < self._term:
             return
         if belief.step < self._last_step:
@@ -148,7 +149,7 @@ class Picture:
         self._set_step(step_frame(belief, slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
-        """Show the robot's present pose."""
+        """Show the robot's present pose; ignore an answer of an earlier coordinator."""
         if answer.term >= self._term:
             frame = pose_frame(answer)
             self._set("pose", frame)
@@ -159,7 +160,7 @@ class Picture:
 
         Args:
             status: the coordinator's answer.
-            latency: latency of the last steps; None: unknown.
+            latency: latency of the last steps, see `StepLatency.frame`; None: unknown.
         """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
@@ -168,7 +169,7 @@ class Picture:
         self._archive.add(self._last_step, "status", frame)
 
     def on_events(self, published: JobEvents) -> bool:
-        """Add events; return False if earlier ones are missing and have to be queried."""
+        """Add events; return False if earlier events are missing and have to be queried."""
         if published.term < self._events_term:
             return True
         if published.term > self._events_term:
@@ -185,7 +186,6 @@ class Picture:
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:
-        """Drop all past steps, because the count of steps has restarted."""
         self._rows.clear()
         self._archive.clear()
         self._events.clear()
@@ -195,12 +195,12 @@ class Picture:
         self._changed.add("history")
 
     def _shown_at(self, step: int) -> Frame | None:
-        """Return the step's frame if it is the one shown."""
+        """Return the frame of the shown step if the shown step has this number; else None."""
         shown: Frame | None = self._frames.get("step")
         return shown if shown is not None and shown["step"] == step else None
 
     def _set_step(self, frame: Frame) -> None:
-        """Show a step, and replace its frame if it is already shown."""
+        """Show a step, in place of its earlier frame if it has one."""
         step = frame["step"]
         if self._rows and self._rows[-1][0] == step:
             self._rows.pop()
@@ -227,7 +227,7 @@ class Picture:
 
 
 def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
-    """Store a value and drop the oldest by arrival, because the count of steps may restart."""
+    """Store a value; drop the values that were stored first, as the count of steps may restart."""
     of_step.pop(step, None)
     of_step[step] = value
     while len(of_step) > _KEPT_STEPS:
@@ -235,15 +235,15 @@ def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
 
 
 class ColourSlots:
-    """Assigns each cluster the slot that has been free for longest."""
+    """The slot, and so the colour, of each cluster; a new one gets the longest free slot."""
 
     def __init__(self) -> None:
         self._of: dict[int, int] = {}
         self._free = list(range(SLOTS))
-        """Free slots, the longest free first: a new cluster gets an unused colour."""
+        """Free slots, the longest free first."""
 
     def assign(self, clusters: Iterable[int]) -> dict[int, int]:
-        """Return the slots of the present clusters; those of all others become free."""
+        """Return the slot of each present cluster; the slots of all others become free."""
         alive = list(clusters)
         for gone in sorted(self._of.keys() - set(alive)):
             self._free.append(self._of.pop(gone))
@@ -253,7 +253,7 @@ class ColourSlots:
         return dict(self._of)
 
     def _take(self) -> int:
-        """Return a free slot with its own colour if there is one, else another slot."""
+        """Return a free slot: the first with a colour of its own if there is one."""
         if not self._free:
             return len(self._of)
         first = next((slot for slot in self._free if slot < SLOTS), self._free[0])

@@ -1,4 +1,4 @@
-"""The page's process, which serves one or several robots."""
+"""The process of the page, which shows one or several robots."""
 
 import argparse
 import logging
@@ -23,11 +23,10 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    """Serve the page."""
     process_main(
         "live_view",
         run_live_view,
-        describe="A page in the browser that draws the clusters as they are.",
+        describe="Serve a page that shows where the robot may be.",
         add_arguments=_add_arguments,
     )
 
@@ -36,16 +35,22 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     listen = f"127.0.0.1:{DEFAULT_PORT}"
     parser.add_argument("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
     parser.add_argument(
-        "--allow-commands", action="store_true", help="accept commands from other machines"
+        "--allow-commands", action="store_true", help="allow commands from other machines too"
     )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument(
-        "--by-hand", action="store_true", help="begin with driving by the arrow keys"
+        "--by-hand", action="store_true", help="begin with driving the robot by the arrow keys"
     )
-    parser.add_argument("--story", default="", metavar="WORLD", help="captions for this world")
-    parser.add_argument("--beside", default="", metavar="NAME", help="robot of a second map")
+    parser.add_argument(
+        "--story", default="", metavar="WORLD", help="show the captions of this world"
+    )
+    parser.add_argument(
+        "--beside", default="", metavar="NAME", help="robot's name in the system for a second map"
+    )
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
-    parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
+    parser.add_argument(
+        "--private-key", type=Path, metavar="FILE", help="PEM: key of the certificate"
+    )
     parser.add_argument(
         "--robot",
         action="append",
@@ -59,7 +64,7 @@ def run_live_view(invocation: Invocation) -> None:
     """Serve the page until the process is stopped.
 
     Raises:
-        SettingsError: the address or a certificate cannot be used.
+        SettingsError: the address, a certificate or a robot's name cannot be used.
     """
     arguments = invocation.arguments
     options = PageOptions(
@@ -87,13 +92,13 @@ def serve_page(
     *,
     robots: Sequence[str] = (),
 ) -> None:
-    """Serve the page until `stop` is set; wait for a system where none is running.
+    """Serve the page until `stop` is set, also while no system is running.
 
     Args:
         settings: the router's endpoint and the robot's name.
-        stop: checked every 0.1 s.
+        stop: flag that ends the server.
         options: address and features of the page.
-        on_link: called with the link once it can be opened.
+        on_link: called with the page's link, once the page is served.
         robots: names of robots, each with its own page; empty: the robot of the settings.
 
     Raises:
@@ -118,7 +123,7 @@ def serve_page(
 
 
 def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
-    """Run each loop in its own thread; when one fails, all end."""
+    """Run each loop in a thread until `stop` is set; if one fails, end all and raise its error."""
     with ThreadPoolExecutor(len(loops), "robot") as threads:
         running = [threads.submit(loop.run) for loop in loops]
         try:

@@ -1,4 +1,4 @@
-"""Shows a finished run on the page, and reads its log in the meantime."""
+"""Shows a recorded run on the page, which can be used while the recording is still read."""
 
 import logging
 import math
@@ -41,11 +41,14 @@ _log = logging.getLogger(__name__)
 
 
 class RecordedRun:
-    """A run that is read in small pieces, so that browsers are answered in between.
+    """The page of a recorded run.
 
     Args:
         path: a run log, or the folder of a flight recorder.
-        grid_map: map to draw; None: the one in the log.
+        grid_map: map to draw; None: the map in the recording.
+
+    Raises:
+        RecordingError: there is no recording.
     """
 
     def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
@@ -65,7 +68,7 @@ class RecordedRun:
         self._pieces = self._read(log_files(path))
 
     def run(self, stop: StopFlag) -> None:
-        """Read the run, and show it until `stop` is set.
+        """Read the recording in small pieces, and answer browsers, until `stop` is set.
 
         Raises:
             RecordingError: the recording cannot be read.
@@ -81,7 +84,7 @@ class RecordedRun:
                 self.room.publish(changes)
 
     def saved(self) -> str:
-        """Read the run, and return a page of HTML that plays it.
+        """Read the whole recording, and return a page of HTML that plays it.
 
         Raises:
             RecordingError: the recording cannot be read.
@@ -90,7 +93,7 @@ class RecordedRun:
         return saved_run(self.picture, self._map)
 
     def read_for(self, seconds: float) -> bool:
-        """Read on for a time; return whether there is more to read."""
+        """Read on for some seconds; return whether there is more to read."""
         until_s = time.monotonic() + seconds
         for _ in self._pieces:
             if time.monotonic() >= until_s:
@@ -152,7 +155,7 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
 
 
 def best_pose(belief: Belief) -> PoseAnswer:
-    """Return the most probable place as the coordinator's answer just after the step."""
+    """Return the most probable place in the form of the coordinator's answer."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return PoseAnswer(
         sender=belief.sender,

@@ -1,4 +1,4 @@
-"""Saves the page as one file that needs no server: one moment, or a run that plays."""
+"""Writes the page as one file of HTML that needs no server: a moment, or a run that plays."""
 
 import base64
 import importlib.resources
@@ -16,19 +16,19 @@ _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 
 def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at: str) -> str:
-    """Return a page of HTML.
+    """Return a page of HTML that shows one moment.
 
     Args:
-        frames: all frames, as for a page that was just opened.
-        grid_map: map reduced for a browser; None: no map.
-        saved_at: time to show.
+        frames: the frames of all topics, from `Picture.everything`.
+        grid_map: the map, reduced for a browser; None: no map.
+        saved_at: date and time to show.
     """
     system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
     return _page({**frames, "system": system}, grid_map)
 
 
 def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
-    """Return a page of HTML that plays all archived steps of a run that has ended."""
+    """Return a page of HTML that plays all archived steps of a run."""
     packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
     past = base64.b64encode(packed).decode()
     return _page({**picture.everything(), "past": past}, grid_map)
@@ -51,7 +51,7 @@ def _page(shown: dict[str, Any], grid_map: MapMessage | None) -> str:
 
 
 def _import_map(files: Mapping[str, str]) -> str:
-    """Return an import map with the scripts' contents, since inline scripts cannot import files."""
+    """Return an import map that contains the scripts: the saved page cannot load other files."""
     scripts = {
         name.removesuffix(".js"): "data:text/javascript;base64,"
         + base64.b64encode(_IMPORTED.sub(r'from "\1"', text).encode()).decode()

@@ -1,4 +1,4 @@
-"""An archive of frames, for looking back at past steps."""
+"""An archive of the page's frames, for past steps."""
 
 import zlib
 from collections import deque
@@ -9,11 +9,11 @@ import msgspec
 
 MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000
-"""Limit for all archived frames; with very many clusters, fewer steps fit."""
+"""Limit for all archived frames, compressed; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
-"""Number of later steps for which a frame is shown; particles arrive about every tenth step."""
+"""Number of steps for which a frame is shown if no newer one of its topic was archived."""
 PACKED_TOGETHER_BYTES = 32_000
-"""Frames are compressed in groups of about a second, because single frames compress badly."""
+"""Size of a group of frames, compressed together because single frames compress badly."""
 _FAST = 1
 
 ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
@@ -28,10 +28,10 @@ class _Pack(NamedTuple):
 
 
 class StepArchive:
-    """Keeps compressed frames by step and topic; drops the oldest.
+    """The frames of past steps, compressed; the oldest are dropped.
 
     Args:
-        max_steps: maximum number of steps from the first to the last.
+        max_steps: limit for the number of steps.
         max_bytes: limit for the compressed frames.
     """
 
@@ -41,7 +41,6 @@ class StepArchive:
         self.clear()
 
     def clear(self) -> None:
-        """Drop all frames."""
         self._packs: deque[_Pack] = deque()
         self._packed_bytes = self._newest_bytes = 0
         self._newest: list[ArchiveEntry] = []
@@ -49,11 +48,11 @@ class StepArchive:
         self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:
-        """Store a frame, which is valid until the next frame of its topic.
+        """Store a frame.
 
         Args:
-            step: step of the frame; steps never decrease.
-            topic: see `Picture`.
+            step: number of the frame's step; not less than in earlier calls.
+            topic: topic of the frame; see `Picture`.
             frame: a JSON object.
         """
         encoded = msgspec.json.encode(frame)
@@ -69,7 +68,7 @@ class StepArchive:
             self._packed_bytes -= len(self._packs.popleft().packed)
 
     def at(self, step: int) -> dict[str, msgspec.Raw]:
-        """Return the newest encoded frame of each topic at a step."""
+        """Return, by topic, the newest encoded frames up to a step, but not much older ones."""
         found: dict[str, msgspec.Raw] = {}
         oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
         for entries in self._entries_between(oldest, step):
@@ -84,7 +83,7 @@ class StepArchive:
         return [entry for entries in (*packs, self._newest) for entry in entries]
 
     def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
-        """Yield the packs that hold the steps `first` to `last`, the newest pack first."""
+        """Yield the entries of groups that may have the steps `first` to `last`, newest first."""
         yield self._newest
         for pack in reversed(self._packs):
             if pack.last_step < first:

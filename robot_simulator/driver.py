@@ -1,7 +1,7 @@
 """A simulated robot that publishes its readings over Zenoh, like a real robot's driver.
 
-``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The robot keeps
-driving when the bridge that reads it dies and is restarted.
+``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The robot drives
+on when the bridge that reads it dies and restarts.
 """
 
 import argparse
@@ -26,18 +26,19 @@ TRUTH_KEY = "simulator/truth"
 KIDNAP_KEY = "simulator/kidnap"
 """Any message on this key kidnaps the robot."""
 SIMULATED_HZ = 10.0
-"""Scans a second of simulated time; another `--rate-hz` speeds up or slows down that time."""
+"""Scans per second of simulated time; a higher `--rate-hz` makes simulated time run faster."""
 _FROZEN_NS = 200_000_000
-"""Delay above which the driver counts as frozen."""
+"""After a longer delay the driver counts as frozen, and the delay is left out of the stamps."""
 
 
 class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
-    """Ground truth at the time of a scan, on ``simulator/truth``, once a scan."""
+    """Ground truth at the time of a scan. Published on ``simulator/truth`` for each scan."""
 
     stamp_ns: int
+    """Time of the scan."""
     map_from_robot: PoseTuple
     kidnapped: int = 0
-    """Number of kidnappings so far."""
+    """Number of times that the robot has been kidnapped."""
 
 
 def main() -> None:
@@ -47,16 +48,17 @@ def main() -> None:
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--world", default="hall", help="simulated world (default: hall)")
     parser.add_argument(
-        "--rate-hz", type=float, default=SIMULATED_HZ, help="scans a second (default: %(default)g)"
+        "--rate-hz",
+        type=float,
+        default=SIMULATED_HZ,
+        help="scans per second (default: %(default)g)",
     )
 
 
 def run_robot(invocation: Invocation) -> None:
     settings, arguments = invocation.settings, invocation.arguments
     world = simulated_world(Simulated(arguments.world))
-    simulation = Simulation(
-        world, settings.seed, remembered_s=1.0
-    )  # ticks carry their own ground truth
+    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # ticks have the true pose
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
 
@@ -92,7 +94,7 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
 
 
 class _Clock:
-    """Converts simulated time to the time of day, without the time in which the driver was frozen.
+    """Converts simulated time to Unix time, leaving out the time in which the driver was frozen.
 
     Args:
         seconds_each: real seconds for one second of simulated time.
@@ -103,7 +105,7 @@ class _Clock:
         self._zero_ns = time.time_ns()
 
     def stamp_ns(self, simulated_ns: int) -> int:
-        """Return the time of day of a simulated time [ns]."""
+        """Return the Unix time of a simulated time, both [ns]."""
         due_ns = self._zero_ns + int(simulated_ns * self._seconds_each)
         late_ns = time.time_ns() - due_ns
         if late_ns > _FROZEN_NS:

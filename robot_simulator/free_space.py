@@ -1,4 +1,4 @@
-"""Free space of a world: clearance, a grid roadmap, and random collision-free paths."""
+"""The free space of a world: clearance, a grid roadmap, and random collision-free paths."""
 
 from math import ceil, floor, hypot
 
@@ -16,24 +16,26 @@ from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
 
 CLEARANCE_M, EDGE_CLEARANCE_M = 0.3, 0.25
-"""Distance of a node and of an edge to any obstacle [m]; the robot's radius is 0.2 m."""
+"""Minimum distance from a node, and from an edge, to any obstacle [m]."""
 _SPACING_M = 0.2
 _LEAST_EXTENT_M = 1.0
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Row and column offsets of four of the eight neighbours; edges are symmetric."""
+"""Row and column offsets to four of the eight neighbours; symmetry adds the other four."""
 _DETOUR_M = 0.3
-"""An edge at this clearance costs twice its length."""
+"""An edge with this clearance costs twice its length [m]."""
 
 Windows = tuple[tuple[slice, slice], tuple[slice, slice]]
 
 
 class NoRoomError(ClusterMclError):
-    """A map has no place where the simulated robot fits."""
+    """The free space of a map is too small for the simulated robot."""
 
     def __init__(self, extent_m: float) -> None:
         self.extent_m = extent_m
-        problem = f"the map has no free ground {extent_m} m long that is wide enough"
-        super().__init__(f"{problem} for the simulated robot, which needs 0.6 m")
+        super().__init__(
+            f"the simulated robot needs free space {2 * CLEARANCE_M} m wide and {extent_m} m long; "
+            "the map has none"
+        )
 
 
 def connected_roadmap(
@@ -46,11 +48,11 @@ def connected_roadmap(
         cell_m: side of a cell [m].
 
     Returns:
-        Sparse (n, n) edge costs: length [m], increased near obstacles; and (n, 2) row and
-        column of each node.
+        Sparse (n, n) edge costs, which are lengths [m], increased near obstacles; and the
+        (n, 2) row and column of each node.
 
     Raises:
-        NoRoomError: the component is less than 1 m long.
+        NoRoomError: no node is free, or the component is less than 1 m long.
     """
     stride = max(1, round(_SPACING_M / cell_m))
     nodes = clearance[stride // 2 :: stride, stride // 2 :: stride]
@@ -69,7 +71,7 @@ def connected_roadmap(
 def _costs(
     clearance: NDArray[np.float32], fits: NDArray[np.bool_], stride: int, cell_m: float
 ) -> csr_array:
-    """Edge costs between all nodes where the robot fits, numbered row by row."""
+    """Return sparse edge costs between the nodes where the robot fits, numbered row by row."""
     half, count = stride // 2, int(np.count_nonzero(fits))
     number = np.full(fits.shape, -1)
     number[fits] = np.arange(count)
@@ -90,7 +92,7 @@ def _costs(
 
 
 def _windows(shape: tuple[int, ...], step: tuple[int, int]) -> Windows:
-    """Return two windows of one size: nodes with a neighbour at `step`, and the neighbours."""
+    """Return the window of the nodes that have a neighbour at `step`, and of the neighbours."""
     rows, cols = shape
     here = slice(0, rows - step[0]), slice(max(0, -step[1]), cols - max(0, step[1]))
     there = slice(step[0], rows), slice(max(0, step[1]), cols - max(0, -step[1]))
@@ -111,16 +113,18 @@ class FreeSpace:
         self._cell_m = ground.cell_m
         self._map_from_grid: Pose = np.array(ground.map_from_grid)
         self._to_cells = to_cells(self._map_from_grid, ground.cell_m)
-        blocked = np.pad(
-            ground.cells != FREE, 1, constant_values=True
-        )  # cells off the map count as blocked
+        # Cells off the map count as blocked.
+        blocked = np.pad(ground.cells != FREE, 1, constant_values=True)
         self._clearance: NDArray[np.float32] = (
             distance_transform_edt(~blocked)[1:-1, 1:-1].astype(np.float32) - np.float32(0.5)
         ) * np.float32(ground.cell_m)
         self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m)
 
     def clearance_m(self, x: float, y: float) -> float:
-        """Return the distance from a point to the nearest obstacle, accurate to half a cell [m]."""
+        """Return the distance from a point to the nearest obstacle, within half a cell [m].
+
+        Unknown space is an obstacle; the distance of a point off the map is 0.
+        """
         row, col = self._cell_at(x, y)
         rows, cols = self._clearance.shape
         if not (0 <= row < rows and 0 <= col < cols):
@@ -128,7 +132,7 @@ class FreeSpace:
         return float(self._clearance[row, col])
 
     def has_room_between(self, x: float, y: float, to_x: float, to_y: float) -> bool:
-        """Return whether the straight line between two points is free."""
+        """Return whether the line between two points is `EDGE_CLEARANCE_M` from obstacles."""
         steps = max(1, ceil(hypot(to_x - x, to_y - y) / self._cell_m))
         return all(
             self.clearance_m(x + (to_x - x) * i / steps, y + (to_y - y) * i / steps)
@@ -137,13 +141,16 @@ class FreeSpace:
         )
 
     def roomiest_near(self, x: float, y: float) -> tuple[float, float]:
-        """Return the point 0.15 m away that has the largest clearance."""
+        """Return the point with the largest clearance on a circle of 0.15 m around a point."""
         bearings = np.arange(16) * np.pi / 8
         around = [(x + 0.15 * float(np.cos(b)), y + 0.15 * float(np.sin(b))) for b in bearings]
         return max(around, key=lambda place: self.clearance_m(*place))
 
     def where_it_fits(self, pose: PoseTuple, radius_m: float) -> PoseTuple:
-        """Return the pose itself if the robot fits there, else the nearest roadmap node."""
+        """Return the pose if a robot of this radius fits there.
+
+        Otherwise return the position of the nearest roadmap node, with the same heading.
+        """
         if self.clearance_m(pose[0], pose[1]) >= radius_m:
             return pose
         x, y = self._points(np.array([self._nearest_node(pose[0], pose[1])]))[0]
@@ -159,7 +166,8 @@ class FreeSpace:
     ) -> Points:
         """Return a path to a random goal, (n, 2) points about 0.2 m apart [m].
 
-        Edge costs make the path prefer wide passages. It starts at the nearest roadmap node.
+        The path starts at the roadmap node nearest to x, y. Edge costs make it prefer wide
+        passages, and sum to at most `farthest_m`.
         """
         start = self._nearest_node(x, y)
         costs, before = dijkstra(
@@ -184,7 +192,7 @@ class FreeSpace:
         return int(np.argmin((offsets**2).sum(axis=1)))
 
     def _smoothed(self, path: Points) -> Points:
-        """Return the moving average over five points, except where it would not be free."""
+        """Return the moving average over five points; keep a point where that is not free."""
         padded = np.pad(path, ((2, 2), (0, 0)), mode="edge")
         means = np.stack([padded[i : i + len(path)] for i in range(5)]).mean(axis=0)
         for i, (x, y) in enumerate(path):
@@ -195,6 +203,6 @@ class FreeSpace:
         return np.asarray(means)
 
     def _cell_at(self, x: float, y: float) -> tuple[int, int]:
-        """Return row and column, which may lie off the map."""
+        """Return the row and column of a point, which may lie off the map."""
         c, s, x0, y0 = self._to_cells
         return floor(s * x + c * y + y0), floor(c * x - s * y + x0)

@@ -9,12 +9,12 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.25
 _SPEED_M_S = 1.0
 _NEAREST_M, _FARTHEST_M = 0.8, 10.0
-"""Limits of the distance from the robot; a person farther away is placed near it again."""
+"""Limits of the distance from the robot; a person who is farther away gets a new place."""
 _TRIES = 20
 
 
 class People:
-    """A number of people near the robot.
+    """People who walk straight ahead until they are blocked.
 
     Args:
         count: number of people.
@@ -29,12 +29,15 @@ class People:
 
     @property
     def positions(self) -> Points:
-        """(P, 2) positions [m]; fewer than `count` while some have no place."""
+        """The (P, 2) positions of all people who have a place [m]."""
         here = np.isfinite(self._positions[:, 0])
         return np.asarray(self._positions[here])
 
     def walk(self, map_from_robot: PoseTuple, seconds: float) -> None:
-        """Move each person straight ahead, or turn if that is blocked."""
+        """Move each person straight ahead for some seconds; turn a person who is blocked.
+
+        Place a person who is far from the robot, or has no place yet, near the robot.
+        """
         robot = np.array(map_from_robot[:2])
         for i, position in enumerate(self._positions):
             if not np.hypot(*(position - robot)) < _FARTHEST_M:
@@ -43,13 +46,14 @@ class People:
             heading = self._headings[i]
             ahead = position + seconds * _SPEED_M_S * np.array([np.cos(heading), np.sin(heading)])
             leaves = np.hypot(*(ahead - robot)) > np.hypot(*(position - robot))
-            if self._has_room(ahead) and (leaves or _is_off(ahead, robot)):
+            is_apart = np.hypot(*(ahead - robot)) > _NEAREST_M
+            if self._has_room(ahead) and (leaves or is_apart):
                 self._positions[i] = ahead
             else:
                 self._headings[i] = self._rng.uniform(-np.pi, np.pi)
 
     def _entrance(self, robot: Points) -> Points:
-        """Return a free place near the robot; infinite if none is found in `_TRIES` attempts."""
+        """Return a random free place near the robot [m]; infinite if none was found."""
         for _ in range(_TRIES):
             distance, bearing = self._rng.uniform([_NEAREST_M, -np.pi], [_FARTHEST_M, np.pi])
             place: Points = robot + distance * np.array([np.cos(bearing), np.sin(bearing)])
@@ -59,8 +63,3 @@ class People:
 
     def _has_room(self, place: Points) -> bool:
         return self._free_space.clearance_m(place[0], place[1]) > RADIUS_M
-
-
-def _is_off(place: Points, robot: Points) -> bool:
-    """Return whether a place keeps its distance from the robot."""
-    return bool(np.hypot(*(place - robot)) > _NEAREST_M)

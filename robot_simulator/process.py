@@ -1,4 +1,4 @@
-"""The simulator process: a sensor bridge with a simulated robot."""
+"""The process of a simulated robot, in the place of a sensor bridge."""
 
 import argparse
 import logging
@@ -24,7 +24,7 @@ def main() -> None:
     process_main(
         "robot_simulator",
         run_simulator,
-        describe="Simulated robot for Cluster-MCL: wanders in a world and publishes steps.",
+        describe="Simulated robot: drives in a world, and publishes steps like a sensor bridge.",
         add_arguments=_add_arguments,
     )
 
@@ -46,8 +46,8 @@ def run_simulator(invocation: Invocation) -> None:
         SettingsError: the source is not a simulation.
         UnknownWorldError: there is no world of this name.
         MapFileError: the map cannot be used.
-        NoRoomError: the robot fits nowhere in it.
-        AlreadyRunningError: the robot has a bridge already.
+        NoRoomError: the robot does not fit into the map.
+        AlreadyRunningError: a bridge or simulator of this robot is already running.
     """
     settings, arguments = invocation.settings, invocation.arguments
     robot = parsed_source(settings.bridge.source)
@@ -76,7 +76,7 @@ def run_simulator(invocation: Invocation) -> None:
 
 
 class _Operator:
-    """Carries out kidnapping and driving; a repeated kidnapping has the same id and no effect."""
+    """Carries out the commands to kidnap and to drive; a repeated kidnapping has no effect."""
 
     def __init__(self, simulation: Simulation, sender: str) -> None:
         self._simulation, self._sender = simulation, sender

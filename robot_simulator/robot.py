@@ -14,9 +14,9 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.2
 _TOP_SPEED_M_S, _TOP_TURN_RATE_RAD_S = 0.6, 1.0
 _LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
-"""Look-ahead distance of pure pursuit, and the distance at which a point counts as reached [m]."""
+"""Distance of the point that pure pursuit steers to, and that of a reached point [m]."""
 _TURN_PER_ERROR = 2.5
-"""Turn rate per heading error [1/s]."""
+"""Turn rate for each radian of heading error [1/s]."""
 _NO_DRIVE_ERROR_RAD = 0.8
 """Heading error above which the robot turns on the spot."""
 _BLOCKED_S = 1.0
@@ -27,24 +27,24 @@ _HAND_S = 1.0
 
 
 class Drive(NamedTuple):
-    """Motion of one tick along an arc."""
+    """A motion along an arc, during which speed and turn rate are constant."""
 
     distance_m: float
     turn_rad: float
 
     def part(self, share: float) -> "Drive":
-        """Return the first part of the arc, of the given share (0 to 1) of its length."""
+        """Return the beginning of the arc, up to a share (0 to 1) of its length."""
         return Drive(self.distance_m * share, self.turn_rad * share)
 
 
 class Robot:
-    """Drives along a route, then to random goals, without collisions.
+    """A robot that drives along a route, then to random goals, and stops before obstacles.
 
     Args:
-        free_space: where it can drive.
-        map_from_robot: (3,) start pose.
-        route: (n, 2) points to visit first [m]; empty: it wanders at once.
-        rng: chooses the goals.
+        free_space: the free space of the world.
+        map_from_robot: start pose: x [m], y [m], heading [rad].
+        route: (n, 2) points to visit first [m]; empty: drive to random goals from the start.
+        rng: random numbers for the goals.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class Robot:
         self._hand_left_s = 0.0
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Drive at these rates for a second, then stand until the next command or `wander`."""
+        """Drive at these rates for one second, then stand until the next command or `wander`."""
         self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
 
     def wander(self) -> None:
-        """End manual driving and go to a random goal."""
+        """End manual driving and drive to random goals; without effect if it has not begun."""
         if self._hand is not None:
             self._hand, self._path, self._next = None, [], 0
 
@@ -80,7 +80,7 @@ class Robot:
         self._path, self._next = [], 0
 
     def move(self, seconds: float) -> Drive:
-        """Drive for a tick and update `map_from_robot`; return the motion."""
+        """Drive for some seconds, update `map_from_robot`, and return the motion."""
         self._steer(seconds)
         drive = Drive(self._speed_m_s * seconds, self._turn_rate_rad_s * seconds)
         after = driven(self.map_from_robot, drive)
@@ -92,13 +92,12 @@ class Robot:
         return drive
 
     def _bumps(self, after: PoseTuple) -> bool:
-        """Return whether a motion ends in collision and nearer to the obstacle than now."""
+        """Return whether a motion ends in a collision, and nearer to the obstacle than now."""
         room_m = self._free_space.clearance_m(after[0], after[1])
         x, y, _ = self.map_from_robot
         return room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y)
 
     def _steer(self, seconds: float) -> None:
-        """Set speed and turn rate within the acceleration limits."""
         if self._hand is None:
             wanted_speed, wanted_turn = self._rates_along_path()
         else:
@@ -109,7 +108,7 @@ class Robot:
         self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
 
     def _rates_by_hand(self, hand: tuple[float, float], seconds: float) -> tuple[float, float]:
-        """Return the commanded speed and turn rate; zero when the command has expired."""
+        """Return the commanded rates within the robot's limits; zero after the command expired."""
         if self._hand_left_s <= 0.0:
             return 0.0, 0.0
         self._hand_left_s -= seconds
@@ -118,8 +117,8 @@ class Robot:
         return speed, turn
 
     def _rates_along_path(self) -> tuple[float, float]:
-        """Return speed and turn rate towards the next goal, slower near obstacles."""
-        error = self._bearing_of_carrot()
+        """Return speed and turn rate towards the path's next point; slower near obstacles."""
+        error = self._bearing_of_next_point()
         limit = _TOP_TURN_RATE_RAD_S
         wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
         x, y, _ = self.map_from_robot
@@ -127,8 +126,11 @@ class Robot:
         top_speed = min(_TOP_SPEED_M_S, 0.1 + 2.0 * margin_m)
         return top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD), wanted_turn
 
-    def _bearing_of_carrot(self) -> float:
-        """Return the bearing of the path's look-ahead point in the robot's frame [rad]."""
+    def _bearing_of_next_point(self) -> float:
+        """Return the bearing of the path's next point in the robot's frame [rad].
+
+        At the end of the path, or when blocked for too long, choose a new path first.
+        """
         x, y, heading = self.map_from_robot
         self._advance(x, y)
         while self._next >= len(self._path) or self._blocked_s > _BLOCKED_S:
@@ -140,7 +142,7 @@ class Robot:
         return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
 
     def _advance(self, x: float, y: float) -> None:
-        """Skip points of the path that are near, unless that cuts a corner."""
+        """Skip near points of the path, except one whose next point is behind a corner."""
         while self._next < len(self._path):
             goal_x, goal_y = self._path[self._next]
             distance_m = hypot(goal_x - x, goal_y - y)
@@ -167,7 +169,7 @@ def _towards(now: float, wanted: float, most: float) -> float:
 
 
 def _dense(corners: Points) -> Points:
-    """Return the path with a point every 0.1 m, without its start."""
+    """Return points about 0.1 m apart on the lines between corners [m], without the first."""
     pieces = [
         np.linspace(a, b, max(2, int(np.hypot(*(b - a)) / 0.1) + 1))[1:]
         for a, b in pairwise(corners)

@@ -15,15 +15,16 @@ from robot_simulator.robot import Drive, driven
 
 
 class Odometer:
-    """Dead reckoning with errors. Systematic errors are drawn once, random errors each time.
+    """Wheel odometry with systematic errors, drawn once, and random errors of each motion.
+
+    Standard deviations of random errors grow with the square root of the motion.
 
     Args:
         rng: random numbers for the errors.
-        scale_error: standard deviation of the systematic scale error of distances, and of that
-            of turns (worn wheels, soft floors).
+        scale_error: standard deviation of the scale error of distances, and of turns (worn
+            wheels, soft floors).
         veer_rad_per_m: standard deviation of the systematic turn per metre (unequal wheels).
-        distance_noise_m: standard deviation of the distance after one metre. Like the noises
-            below it grows with the square root of the motion.
+        distance_noise_m: standard deviation of the distance after driving one metre.
         turn_noise_rad: standard deviation of the turn after turning by one radian.
         turn_noise_per_metre_rad: standard deviation of the turn after driving one metre.
     """
@@ -48,7 +49,7 @@ class Odometer:
         self._turn_variance_per_m = turn_noise_per_metre_rad**2
 
     def read(self, drive: Drive) -> None:
-        """Add one motion with its errors; no motion adds none."""
+        """Add a motion and its errors to `odom_from_robot`; no motion has no errors."""
         metres, radians = abs(drive.distance_m), abs(drive.turn_rad)
         along, about = self._rng.standard_normal(2).tolist()
         distance_m = self._distance_scale * drive.distance_m
@@ -61,15 +62,18 @@ class Odometer:
 
 @dataclass(frozen=True, kw_only=True)
 class LidarModel:
-    """Parameters of the scanner.
+    """Parameters of a laser scanner.
 
     Args:
-        beams: beams in a scan.
+        beams: number of beams in a scan.
         field_of_view_rad: angle from the first beam (right) to the last (left).
         range_max_m: maximum range.
         range_noise_m: standard deviation of a range.
-        drop_out_share: share of the hits that do not return.
-        robot_from_laser: mount on the robot.
+        drop_out_share: share of the beams that do not return although they hit something.
+        robot_from_laser: mount on the robot: x [m], y [m], heading [rad].
+
+    Raises:
+        ValueError: there are fewer than two beams.
     """
 
     beams: int = 181
@@ -93,10 +97,10 @@ class LidarModel:
 
 
 class Lidar:
-    """Scans a world.
+    """A simulated laser scanner.
 
     Args:
-        model: the scanner's parameters.
+        model: parameters of the scanner.
         ground: the world's true map.
         rng: random numbers for noise and drop-outs.
     """
@@ -114,12 +118,12 @@ class Lidar:
         """Simulate a scan.
 
         Args:
-            map_from_robot: (3,) pose of the robot.
-            people: (P, 2) centres of discs that occlude beams [m].
+            map_from_robot: pose of the robot: x [m], y [m], heading [rad].
+            people: (P, 2) centres of people, who are discs that occlude beams [m].
             radius_m: radius of the discs.
 
         Returns:
-            (beams,) ranges [m], counter-clockwise; infinite: no return.
+            (beams,) ranges, counter-clockwise [m]; infinite: no return.
         """
         model = self.model
         map_from_laser = compose(np.array(map_from_robot), self._robot_from_laser)
@@ -139,9 +143,9 @@ class Lidar:
 def _to_discs(
     map_from_laser: Pose, angles: NDArray[np.float64], discs: Points, radius_m: float
 ) -> NDArray[np.float64]:
-    """Return the (B,) distance to the nearest disc along each beam [m]; infinite: none is hit.
+    """Return the (B,) distances to the nearest disc along each beam [m]; infinite: no hit.
 
-    Discs that contain the laser are ignored: one would occlude all beams.
+    A disc that contains the laser is ignored, because it would occlude all beams.
     """
     headings = map_from_laser[2] + angles
     x, y = (discs - map_from_laser[:2]).T

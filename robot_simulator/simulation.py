@@ -1,4 +1,4 @@
-"""Simulates a robot in a world tick by tick: odometry, laser scans and ground truth."""
+"""Simulates a robot in a world: odometry, laser scans and ground truth."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ _PIECE_NS = 50_000_000
 _TICK_NS = 2 * _PIECE_NS
 """Interval of scans: 10 Hz."""
 _SCAN_SHARE = 0.4
-"""Time of the scan as a share of an odometry interval, so that scans lie between readings."""
+"""Time of a scan after an odometry reading, as a share of the interval of odometry readings."""
 _KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
 
 
 @dataclass(frozen=True)
 class Tick:
-    """0.1 s: two odometry readings and a scan between them."""
+    """The readings of 0.1 s: two odometry readings and a scan between them."""
 
     odometry: tuple[OdometryReading, OdometryReading]
     laser: LaserReading
@@ -36,7 +36,7 @@ class Tick:
 
     @property
     def stamp_ns(self) -> int:
-        """Time of the scan."""
+        """Time of the scan [ns]."""
         return self.laser.stamp_ns
 
     @property
@@ -51,12 +51,12 @@ class Simulation:
     Args:
         world: the world.
         seed: seed of all random numbers.
-        lidar: the scanner's parameters; None: the defaults, with the world's range.
+        lidar: parameters of the scanner; None: the defaults, with the world's range.
         people: number of people near the robot.
-        start: (3,) start pose, which replaces the world's start and route.
+        start: start pose, instead of the world's start pose and route; None: those of the world.
         start_ns: stamp of the first reading.
         sender: name of the sender in the readings.
-        remembered_s: how long past poses are kept for `truth_at`.
+        remembered_s: time for which past poses are kept for `truth_at`.
 
     Raises:
         NoRoomError: the robot fits nowhere in this world.
@@ -94,7 +94,7 @@ class Simulation:
 
     @property
     def map_from_robot(self) -> PoseTuple:
-        """Pose at the end of the last tick."""
+        """True pose at the end of the last tick."""
         return self._robot.map_from_robot
 
     def __iter__(self) -> Iterator[Tick]:
@@ -110,13 +110,11 @@ class Simulation:
         return Tick((first, second), laser, scan_pose)
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
-        """Move the robot to another place between two ticks; odometry does not show it.
+        """Move the robot, unseen by odometry, and return its new pose.
 
         Args:
-            map_from_robot: (3,) the new pose, or the nearest free one; None: a random far one.
-
-        Returns:
-            The new pose.
+            map_from_robot: the new pose: x [m], y [m], heading [rad]; the nearest free position
+                is used if the robot does not fit there. None: a random pose far away.
         """
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
         self._robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
@@ -129,10 +127,11 @@ class Simulation:
         self._robot.wander()
 
     def truth_at(self, stamp_ns: int) -> PoseTuple:
-        """Return the true pose `map_from_robot` at a past time.
+        """Return the true pose at a past time.
 
         Raises:
-            ValueError: the time is not simulated yet, or older than `remembered_s`.
+            ValueError: the time is before the start, after the last tick, or longer ago than
+                `remembered_s`.
         """
         index, rest = divmod(stamp_ns - self._now_ns, _PIECE_NS)
         if not -len(self._pieces) <= index < 0:
@@ -140,7 +139,7 @@ class Simulation:
         return self._pose_within(index, rest / _PIECE_NS)
 
     def _drive_on(self) -> OdometryReading:
-        """Return the odometry reading, then drive until the next one."""
+        """Drive until the next odometry reading, and return the reading before the motion."""
         reading = OdometryReading(
             sender=self._sender,
             stamp_ns=self._now_ns,
@@ -154,7 +153,7 @@ class Simulation:
         return reading
 
     def _pose_within(self, index: int, share: float) -> PoseTuple:
-        """Return the pose after a share of a stored motion."""
+        """Return the true pose after a share (0 to 1) of a stored motion."""
         before, drive = self._pieces[index]
         return driven(before, drive.part(share))
 
@@ -172,7 +171,7 @@ class Simulation:
         )
 
     def _far_pose(self) -> PoseTuple:
-        """Return one of the farthest of some random poses."""
+        """Return one of the ten farthest of forty random poses."""
         poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]
         x, y, _ = self.map_from_robot
         poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))

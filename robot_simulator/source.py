@@ -1,4 +1,4 @@
-"""A simulated robot as a source of readings, for the bridge and for runs without a network."""
+"""Readings and steps of a simulated robot."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -18,10 +18,10 @@ from sensor_bridge.step_maker import StepMaker
 
 
 def simulated_world(robot: Simulated) -> World:
-    """Return the world of a simulated robot: a world of the catalogue, or a map file.
+    """Return the world that a source names: one of the catalogue, or one made of a map file.
 
     Raises:
-        UnknownWorldError: `world` is neither the name of a world nor a file.
+        UnknownWorldError: there is neither a world nor a file of this name.
         MapFileError: the file cannot be used as a map.
     """
     name = robot.world
@@ -31,12 +31,12 @@ def simulated_world(robot: Simulated) -> World:
 
 
 class SimulatedSource:
-    """Readings of a simulated robot.
+    """The readings of a simulated robot, up to a number of steps.
 
     Args:
         simulation: the robot in its world.
-        steps: number of steps; None: endless.
-        kidnap_at: the robot is kidnapped after this step; None: never.
+        steps: number of steps; None: no limit.
+        kidnap_at: number of the step after which the robot is kidnapped; None: never.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class SimulatedSource:
         return self._tick.popleft()
 
     def step_made(self, scan: Scan) -> PoseTuple:
-        """Count a step and kidnap the robot if it is due; return the true pose at the step."""
+        """Count a step, and return the true pose at its scan; then kidnap the robot if due."""
         self._steps_made += 1
         truth = self._simulation.truth_at(scan.stamp_ns)
         if scan.step == self._kidnap_at:
@@ -67,7 +67,7 @@ class SimulatedSource:
 def simulated_steps(
     source: SimulatedSource, settings: BridgeSettings, map_digest: str
 ) -> Iterator[tuple[Scan, PoseTuple]]:
-    """Yield all steps with the true poses, the same steps that a bridge makes."""
+    """Yield the steps that a bridge would make of a source, each with the true pose."""
     maker = StepMaker(settings, map_digest, sender="robot_simulator")
     made = 0
     while (reading := source.next_reading()) is not None:

@@ -20,7 +20,7 @@ def world_names() -> tuple[str, ...]:
 
 
 def world(name: str) -> World:
-    """Draw a world.
+    """Return the world of a name.
 
     Raises:
         UnknownWorldError: there is no world of this name.

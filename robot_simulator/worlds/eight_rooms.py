@@ -1,7 +1,7 @@
 """Eight identical rooms: eight places remain possible, however long the robot drives.
 
-Here every cluster that is lost or duplicated is visible; in a world with distinguishable places
-the number of clusters depends on chance.
+A cluster that is lost or duplicated therefore always shows. Where places can be distinguished, the
+number of clusters depends on chance.
 """
 
 from math import hypot
@@ -20,7 +20,7 @@ _START = (1.0, 1.0, 0.0)
 
 
 def eight_rooms() -> World:
-    """Draw the rooms; the robot starts in the first one, which has no door."""
+    """Return the world of eight rooms without doors; the robot starts in the first."""
     plan = Canvas(COLUMNS * (_WIDTH_M + _GAP_M) + 1.0, ROWS * (_HEIGHT_M + _GAP_M) + 1.0)
     corners = [_corner(number) for number in range(PLACES)]
     for x, y in corners:
@@ -31,19 +31,15 @@ def eight_rooms() -> World:
         plan.block(x, y + 3.9, x + 1.5, y + _HEIGHT_M)  # a cabinet
         plan.block(x + 4.2, y, x + 5.0, y + 0.5)  # a chest
         plan.block(x + 5.5, y + 3.0, x + _WIDTH_M, y + 3.8)  # a shelf
-    grid_map = plan.grid_map()
     x, y = corners[0]
-    return world_from_map(
-        grid_map,
-        start=(x + _START[0], y + _START[1], _START[2]),
-    )
+    return world_from_map(plan.grid_map(), start=(x + _START[0], y + _START[1], _START[2]))
 
 
 def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
-    """Return the equivalent pose in each room, including the robot's own.
+    """Return the equivalent poses in all rooms, including the robot's own pose.
 
     Args:
-        map_from_robot: (3,) pose in any of the rooms.
+        map_from_robot: pose in any room: x [m], y [m], heading [rad].
     """
     x, y, heading = map_from_robot
     corners = [_corner(number) for number in range(PLACES)]
@@ -55,7 +51,7 @@ def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
 
 
 def _corner(number: int) -> tuple[float, float]:
-    """Return a room's lower left corner [m]; rooms are whole numbers of cells apart."""
+    """Return a room's lower left corner [m]."""
     row, column = divmod(number, COLUMNS)
     low = np.array([COLUMNS * (_WIDTH_M + _GAP_M), ROWS * (_HEIGHT_M + _GAP_M)]) / -2.0
     x, y = low + np.array([column * (_WIDTH_M + _GAP_M), row * (_HEIGHT_M + _GAP_M)]) + _GAP_M / 2

@@ -1,4 +1,4 @@
-"""Halls of 450 m2: one without symmetry, one symmetric, and two with an outdated map."""
+"""Halls of 450 m²: one without symmetry, one with symmetry, and two with an outdated map."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ _NICHES = (
     (7.0, -9.2, 8.0, -8.5),
 )  # fmt: skip
 _FURNITURE = ((-11.5, -7.5, -9.5, -6.7), (-6.0, -7.8, -5.2, -6.2), (-5.2, -3.6, -3.6, -2.8))
-"""Furniture around the start in the map."""
+"""Furniture around the start, according to the map."""
 _MOVED_FURNITURE = (
     (-11.8, -6.0, -11.0, -4.0), (-7.8, -7.9, -5.8, -7.1), (-5.0, -5.6, -4.2, -4.0),
     (-8.6, -2.8, -7.4, -2.0), (-2.9, -7.0, -2.1, -6.2),
@@ -31,11 +31,11 @@ _REBUILT = {
     (3.0, 8.5, 6.5, 9.2): (-1.5, 8.5, 1.5, 9.2),
     (12.5, -6.0, 13.3, -2.0): (12.5, -6.0, 13.3, -4.0),
 }
-"""Pillars and niches: true position, and position in last year's map."""
+"""Moved pillars and niches: positions in last year's map, by true positions."""
 
 
 def hall() -> World:
-    """Niches and pillars at irregular positions: a few scans leave only one place."""
+    """Return a hall with irregular niches and pillars, where a few scans leave one place."""
     plan = _hall_plan()
     _furnish(plan, _FURNITURE)
     return world_from_map(plan.grid_map())
@@ -46,28 +46,21 @@ def hall_moved() -> World:
     mapped, real = _hall_plan(), _hall_plan()
     _furnish(mapped, _FURNITURE)
     _furnish(real, _MOVED_FURNITURE)
-    return World(
-        map=mapped.grid_map(),
-        truth=real.grid_map(),
-        start=_START,
-    )
+    return World(map=mapped.grid_map(), truth=real.grid_map(), start=_START)
 
 
 def hall_last_year() -> World:
-    """Return the hall with an outdated map: 10 % of the walls have moved since."""
+    """Return the hall with last year's map, before 10 % of the walls were moved."""
     old = _hall_plan(
         tuple(_REBUILT.get(pillar, pillar) for pillar in _PILLARS),
         tuple(_REBUILT.get(niche, niche) for niche in _NICHES),
     )
     _furnish(old, _FURNITURE)
-    return World(
-        map=old.grid_map(),
-        truth=hall().truth,
-    )
+    return World(map=old.grid_map(), truth=hall().truth)
 
 
 def hall_symmetric() -> World:
-    """Return a hall as large as `hall`, with two-fold symmetry."""
+    """Return a hall of the size of `hall` with two-fold rotational symmetry."""
     plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
     plan.floor(-12.5, -8.5, 12.5, 8.5)
     for niche in _NICHES[:5]:

@@ -1,4 +1,4 @@
-"""A large office: parallel corridors of look-alike rooms."""
+"""A large office: parallel corridors with rooms that look alike."""
 
 import numpy as np
 
@@ -16,14 +16,14 @@ _UNLIKE_SHARE = 0.25
 
 
 def office(wings: int = 5, rooms: int = 18) -> World:
-    """Return wings of look-alike rooms; about every fourth room has its own furniture.
+    """Return an office in which about every fourth room has its own, random furniture.
 
-    Rooms, doors and corridors repeat exactly. Seeded random furniture and the ends of the
-    corridors distinguish them in the long run.
+    Rooms, doors and corridors repeat exactly. Only furniture and the ends of the corridors
+    distinguish places. The furniture is the same in each call.
 
     Args:
         wings: number of parallel corridors.
-        rooms: rooms on each side of a corridor.
+        rooms: number of rooms on each side of a corridor.
     """
     rng = np.random.default_rng(20)
     half_m = rooms * _PITCH_M / 2
@@ -50,7 +50,15 @@ def office(wings: int = 5, rooms: int = 18) -> World:
 def _draw_room(
     plan: Canvas, furniture: Canvas, corner: Waypoint, up: int, rng: np.random.Generator
 ) -> None:
-    """Draw a room, given x of its left wall, y of its corridor's middle and its side (1, -1)."""
+    """Draw a room with its door and furniture.
+
+    Args:
+        plan: canvas for free space.
+        furniture: canvas for furniture.
+        corner: x of the room's left wall, and y of the corridor's middle [m].
+        up: 1: the room is above the corridor; -1: below.
+        rng: random numbers for the furniture.
+    """
     x, corridor_y = corner
     width, depth = _ROOM_M
     near = _CORRIDOR_M / 2 + 0.2

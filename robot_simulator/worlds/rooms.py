@@ -1,4 +1,4 @@
-"""Symmetric worlds, with and without a single distinguishing feature: crosses and rooms."""
+"""Symmetric crosses and rooms; some have one feature that breaks the symmetry."""
 
 import numpy as np
 
@@ -6,20 +6,19 @@ from robot_simulator.worlds.world import Canvas, Waypoint, World, world_from_map
 
 _CROSS_M = 22.0
 _CORRIDOR_M = 1.25
-"""Half the width of an arm."""
+"""Half the width of an arm of the cross."""
 
 
 def cross() -> World:
     """Return a cross of four equal arms that no scan can distinguish."""
-    plan = _cross_plan().grid_map()
-    return world_from_map(plan)
+    return world_from_map(_cross_plan().grid_map())
 
 
 def cross_feature() -> World:
     """Return the cross with one cabinet, in the chamber at the end of the eastern arm.
 
-    The route first visits the other three arms, but not their chambers, so no scan there
-    distinguishes the arms. Then it enters the eastern chamber.
+    The route first visits the other three arms, but not their chambers. So no scan distinguishes
+    the arms until the robot enters the eastern chamber.
     """
     plan = _cross_plan()
     plan.block(8.4, 0.75, 9.8, 1.75)
@@ -34,7 +33,7 @@ def cross_feature() -> World:
 
 
 def _cross_plan() -> Canvas:
-    """Draw the eastern arm and rotate it three times."""
+    """Draw the eastern arm, and rotate it to the other three."""
     plan = Canvas(_CROSS_M, _CROSS_M)
     plan.floor(0.0, -_CORRIDOR_M, 7.0, _CORRIDOR_M)
     plan.floor(2.6, _CORRIDOR_M, 3.6, 1.9)  # a niche on the left
@@ -71,9 +70,9 @@ def rectangle() -> World:
 def gates() -> World:
     """Return the paper's room: two opposite doors, two benches, cabinets in three corners.
 
-    Each corner is a recess behind a wall, open along the outer wall. The wall occludes the cabinet
-    from the middle of the room. The route passes both doors and both corridors. It ends in the
-    north-eastern recess, where the cabinet is missing; the opposite recess stays out of sight.
+    Each corner is a recess behind a wall that hides its cabinet from the middle of the room. The
+    route passes both doors and both corridors. It ends in the north-eastern recess, where the
+    cabinet is missing; the opposite recess is never seen.
     """
     plan, furniture = Canvas(22.0, 10.0), Canvas(22.0, 10.0)
     plan.floor(-7.0, -4.0, 7.0, 4.0)

@@ -27,9 +27,9 @@ class World:
 
     Args:
         map: the map for the localizer.
-        truth: the true map; equal to `map` unless the map is outdated.
-        start: start pose `map_from_robot`; None: random.
-        route: points to drive to first; then the robot wanders.
+        truth: the true map, which differs from `map` if `map` is outdated.
+        start: start pose of the robot: x [m], y [m], heading [rad]; None: random.
+        route: points that the robot visits before it drives to random goals.
         lidar_range_m: range of the laser.
     """
 
@@ -52,9 +52,9 @@ _WALL_CELLS = 3
 
 
 class Canvas:
-    """A grid of unknown cells; its middle is the map's origin.
+    """A grid on which a world is drawn; cells are first unknown, and the origin is its middle.
 
-    Edges are rounded to cell boundaries, so a plan drawn with its mirror image is symmetric
+    Coordinates are rounded to boundaries of cells, so a plan and its mirror image are symmetric
     cell by cell.
     """
 
@@ -66,15 +66,15 @@ class Canvas:
         )
 
     def floor(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Make a rectangle free [m]."""
+        """Make the cells of a rectangle free; coordinates in metres."""
         self._fill(FREE, x_min, y_min, x_max, y_max)
 
     def block(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Make a rectangle occupied [m]."""
+        """Make the cells of a rectangle occupied; coordinates in metres."""
         self._fill(OCCUPIED, x_min, y_min, x_max, y_max)
 
     def add_walls(self) -> None:
-        """Make unknown cells near free cells occupied."""
+        """Make unknown cells within three cells of a free cell occupied."""
         free = np.pad(self.cells == FREE, _WALL_CELLS)
         near = np.zeros_like(self.cells, dtype=bool)
         for rows in range(2 * _WALL_CELLS + 1):
@@ -84,7 +84,7 @@ class Canvas:
         self.cells[near & (self.cells == UNKNOWN)] = OCCUPIED
 
     def repeat_turned(self, times: int) -> None:
-        """Add copies of the drawing, rotated by multiples of 1 / `times` of a full turn."""
+        """Repeat the drawing, rotated about the middle, `times` times (2 or 4) in a full turn."""
         drawn = self.cells.copy()
         for quarters in range(4 // times, 4, 4 // times):
             turned = np.rot90(drawn, quarters)
@@ -105,5 +105,7 @@ class Canvas:
         left, right = (round(x / CELL_M) + cols // 2 for x in (x_min, x_max))
         low, high = (round(y / CELL_M) + rows // 2 for y in (y_min, y_max))
         if left < 0 or low < 0 or right > cols or high > rows or left >= right or low >= high:
-            raise ValueError(f"({x_min}, {y_min}, {x_max}, {y_max}) m is not on the sheet")
+            raise ValueError(
+                f"({x_min}, {y_min}, {x_max}, {y_max}) m is not on the canvas, or empty"
+            )
         self.cells[low:high, left:right] = value

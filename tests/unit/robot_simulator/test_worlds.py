@@ -144,6 +144,6 @@ def test_a_map_makes_a_world_that_equals_it() -> None:
     assert (somewhere.start, somewhere.route) == (None, ())
 
 
-def test_drawing_off_the_sheet_is_refused() -> None:
-    with pytest.raises(ValueError, match="sheet"):
+def test_drawing_off_the_canvas_is_refused() -> None:
+    with pytest.raises(ValueError, match="canvas"):
         Canvas(4.0, 4.0).floor(-1.0, 0.0, 2.5, 1.0)
