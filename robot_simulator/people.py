@@ -9,12 +9,12 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.25
 _SPEED_M_S = 1.0
 _NEAREST_M, _FARTHEST_M = 0.8, 10.0
-"""Limits of the distance from the robot; a person who is farther away gets a new place."""
+"""Limits of the distance from the robot; a person beyond the second one gets a new place."""
 _TRIES = 20
 
 
 class People:
-    """People who walk straight ahead until they are blocked.
+    """People near the robot; each walks straight ahead until blocked.
 
     Args:
         count: number of people.
@@ -29,14 +29,14 @@ class People:
 
     @property
     def positions(self) -> Points:
-        """The (P, 2) positions of all people who have a place [m]."""
+        """(P, 2) positions, without those of people not placed yet [m]."""
         here = np.isfinite(self._positions[:, 0])
         return np.asarray(self._positions[here])
 
     def walk(self, map_from_robot: PoseTuple, seconds: float) -> None:
-        """Move each person straight ahead for some seconds; turn a person who is blocked.
+        """Move each person straight ahead for some seconds; a blocked person turns.
 
-        Place a person who is far from the robot, or has no place yet, near the robot.
+        A person far from the robot, or not placed yet, is placed near the robot.
         """
         robot = np.array(map_from_robot[:2])
         for i, position in enumerate(self._positions):

@@ -21,7 +21,7 @@ def test_the_map_is_asked_for_again_although_the_inbox_is_full(
         flood, waiting = Received("nothing", b""), 0
         while node.inbox.put(flood):
             waiting += 1
-        loop._ask_what_is_due()
+        loop._query_status_and_map()
         assert loop._asking_map
         own = 3  # the link, and that status and map are not answered
         wait_until(lambda: len(node.inbox._events.queue) >= waiting + own)
