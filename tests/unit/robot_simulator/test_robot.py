@@ -92,7 +92,7 @@ def test_random_places_are_in_the_largest_connected_part() -> None:
 @pytest.mark.parametrize("free", [(1, 1), (8, 60), (20, 20)])
 def test_a_map_too_narrow_for_the_robot_is_refused(free: tuple[int, int]) -> None:
     ground = GridMap(np.pad(np.zeros(free, np.int8), 5, constant_values=1), 0.05, (0, 0, 0))
-    with pytest.raises(NoRoomError, match="needs free space 0.6 m wide and 1.0 m long"):
+    with pytest.raises(NoRoomError, match=r"free space 0\.6 m wide and 1\.0 m long"):
         FreeSpace(ground)
 
 
