@@ -237,7 +237,7 @@ class ClusterMCL(RobotCommands):
         outcome = self._commands.carry_out(
             command, self._filter.ensemble, self._filter.applied, self._odometry, self._ground
         )
-        if problem := self._commands.problem(command.command_id):
+        if problem := self._commands.problems[command.command_id]:
             raise CommandRefusedError(command=type(command).__name__, problem=problem)
         if outcome is not None and self._filter.applied is not None:
             self._follow(outcome, self._filter.applied)

@@ -1,8 +1,7 @@
 """The state that a coordinator transfers to its successor, without particles.
 
-Each part of the coordinator defines its transferred state in its own module; this module combines
-them. A `Checkpoint` carries the state as MessagePack that only coordinators read, so its form may
-change with each `STATE_VERSION`; a state of another version is refused.
+A `Checkpoint` carries the state as MessagePack that only coordinators read. So its form may change
+with each `STATE_VERSION`; a state of another version is refused.
 """
 
 import math
@@ -28,11 +27,11 @@ from protocol.work import Assignment, Checkpoint, ElsewhereJob, SearchJob, Track
 MAX_AGE_S = 1e9
 Age = Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]
 SUM_TOLERANCE = 1e-6
-"""Tolerance of a sum of probabilities; that of ten thousand clusters is exact within 1e-12."""
+"""Tolerance of a sum of probabilities; the rounding error of 10,000 clusters is below 1e-12."""
 
 
 def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
-    """Return why no coordinator can have had this belief after the step `applied`, if so."""
+    """Return why a belief is impossible after the step `applied`; None: it is possible."""
     clusters, decoy = ensemble.clusters, ensemble.decoy
     if clusters.clusters and applied is None:
         return "no cluster can be tracked before the first step"
@@ -71,7 +70,7 @@ def _search_problem(course: SearchCourse, applied: Scan | None) -> str | None:
 
 
 def jobs_problem(jobs: Jobs, ensemble: Ensemble, applied: Scan | None) -> str | None:
-    """Return why these cannot be the jobs of this belief: each cluster has one."""
+    """Return why jobs do not fit a belief, in which each cluster has a job; None: they fit."""
     tracked = {*ensemble.clusters.job_ids, *ensemble.decoy.track_ids}
     if tracked - set(jobs.placed):
         return "a cluster that has no job"
@@ -111,12 +110,12 @@ def _job_problem(
 
 
 def commands_problem(commands: Commands) -> str | None:
-    """Return why this cannot have been commanded."""
+    """Return why the waiting command is invalid; None: it is valid, or no command waits."""
     return refusal_of(commands.waiting.command) if commands.waiting else None
 
 
 def _scan_problem(scan: Scan) -> str | None:
-    """Return why the ranges cannot be those of a scan, even of one without its beams."""
+    """Return why the ranges of a scan, with or without beams, are invalid; None: they are valid."""
     try:
         blobs = (scan.ranges, *(laser.ranges for laser in scan.others))
         shapes = [ranges.array().shape for ranges in blobs]
@@ -140,9 +139,9 @@ class CheckpointState(msgspec.Struct, frozen=True):
     missing: Annotated[tuple[Text, ...], FEW]
     """Jobs that did not report the last applied step in time."""
     age_s: Age
-    """Age of the applied scan by a live robot's stamps, else of the newest data [s]; -1: none."""
+    """Age of a live robot's applied scan, otherwise of the newest data [s]; -1: there is none."""
     age_known: bool
-    """Whether the coordinator has received data itself; otherwise the age is unknown."""
+    """Whether the coordinator has received data itself; otherwise the age is only an estimate."""
     steps_applied: Count
     reports_missing: Count
     counters: Annotated[dict[Text, Count], FEW]
@@ -169,16 +168,23 @@ def from_bytes(data: bytes) -> CheckpointState:
             raise ValueError("a state that no coordinator has written")
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
-    if problem := _problem(state):
+    applied = state.collector.applied
+    problem = (
+        (_scan_problem(applied) if applied else None)
+        or ensemble_problem(state.ensemble, applied)
+        or jobs_problem(state.jobs, state.ensemble, applied)
+        or commands_problem(state.commands)
+    )
+    if problem:
         raise ValueError(problem)
     return state
 
 
 def state_in(checkpoint: Checkpoint) -> CheckpointState:
-    """Return the state in a checkpoint; both must belong to the same step.
+    """Return the state in a checkpoint.
 
     Raises:
-        ValueError: as `from_bytes`.
+        ValueError: as `from_bytes`, or the two belong to different steps.
     """
     state = from_bytes(checkpoint.state)
     applied = state.collector.applied
@@ -187,31 +193,21 @@ def state_in(checkpoint: Checkpoint) -> CheckpointState:
     return state
 
 
-def _problem(state: CheckpointState) -> str | None:
-    """Return why the state contradicts itself, or None."""
-    applied = state.collector.applied
-    return (
-        (_scan_problem(applied) if applied else None)
-        or ensemble_problem(state.ensemble, state.collector.applied)
-        or jobs_problem(state.jobs, state.ensemble, state.collector.applied)
-        or commands_problem(state.commands)
-    )
+def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
+    """Return the stamp of a live robot's applied scan, and when the scan arrived [ns].
 
-
-def arrival(checkpoint: Checkpoint, heard_ns: int) -> tuple[int, int] | None:
-    """Return the stamp of the applied scan, and when it arrived, by the clock of `heard_ns` [ns].
-
-    None if no live robot's scan was applied, or the state cannot be read.
+    The second time is by the clock of `received_ns`. None: no such scan was applied, its age is
+    only an estimate, or the state cannot be read.
     """
     try:
         state = _AGES.decode(checkpoint.state)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError):
         return None
     applied = state.collector.applied
-    is_told = state.version == STATE_VERSION and state.age_known
-    if not is_told or applied is None or not applied.live:
+    is_known = state.version == STATE_VERSION and state.age_known
+    if not is_known or applied is None or not applied.live:
         return None
-    return applied.stamp_ns, heard_ns - int(max(state.age_s, 0.0) * 1e9)
+    return applied.stamp_ns, received_ns - int(max(state.age_s, 0.0) * 1e9)
 
 
 class _Version(msgspec.Struct, frozen=True):
@@ -233,8 +229,8 @@ class _Age(_Version, frozen=True):
     age_known: bool
 
 
-# Made once, before there are threads: msgspec learns a type when it is first decoded, and crashes
-# where another thread, as the flight recorder's, decodes it meanwhile.
+# Made before any thread starts: msgspec prepares a type at its first use, and crashes if another
+# thread, such as the flight recorder's, uses the type at the same time.
 _VERSIONS = msgspec.msgpack.Decoder(_Version)
 _AGES = msgspec.msgpack.Decoder(_Age)
 _STATES = msgspec.msgpack.Decoder(CheckpointState)

@@ -1,4 +1,4 @@
-"""Commands of persons: the robot's pose, and the start of a search."""
+"""Commands of clients: the robot's pose, and the start of a search."""
 
 from collections.abc import Mapping
 from typing import Annotated
@@ -22,29 +22,29 @@ from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 
 KEPT_COMMANDS = 20
-"""The answers of the last commands are kept, in case one is repeated."""
+"""Number of commands whose answers are kept, because a client may repeat a command."""
 
 
 class Commanded(msgspec.Struct, frozen=True):
-    """A command with the odometry at its time."""
+    """A command with the odometry at its stamp."""
 
     command: SetPose | Relocalize
     stamp_ns: int = 0
     odom_from_robot: PoseTuple | None = None
-    """None: there was none yet; the robot stood until the first."""
+    """None: no odometry had arrived; the robot is taken to have stood until the first."""
     during_search: bool = False
-    """The first search had begun already."""
+    """Whether the first search had begun."""
 
 
 class Commands(Part):
     """Carries out each command once, however often it is repeated."""
 
     problems: Annotated[dict[Text, Text], FEW] = {}
-    """Why each of the last commands was refused, by its id; empty for a command that was done."""
+    """Why each of the last commands was refused, by command id; empty: it was not refused."""
     set_poses: Count = 0
-    """Number of given poses; it selects the random stream of each."""
+    """Number of given poses, which selects the random stream of each."""
     waiting: Commanded | None = None
-    """A command that arrived before the first step, or a pose that arrived before the map."""
+    """A command from before the first step, or a pose from before the map."""
 
     def resume(self, handed_on: "Commands") -> None:
         """Continue from another coordinator's commands, and keep those of this one."""
@@ -52,13 +52,9 @@ class Commands(Part):
         self.set_poses = handed_on.set_poses
         self.waiting = handed_on.waiting or self.waiting
 
-    def problem(self, command_id: str) -> str | None:
-        """Return why a command was refused, empty if it was done; None for a new one."""
-        return self.problems.get(command_id)
-
     @property
     def forgets(self) -> bool:
-        """Whether the first search must not use a place from earlier knowledge."""
+        """Whether the first search must not use the robot's last pose."""
         waiting = self.waiting
         return waiting is not None and isinstance(waiting.command, Relocalize)
 
@@ -70,27 +66,27 @@ class Commands(Part):
         odometry: Trajectory,
         ground: FreeGround | None,
     ) -> Outcome | None:
-        """Do what is commanded, as of the last applied scan.
+        """Carry out a command after the last applied scan.
 
-        A command before the first scan waits for `carry_out_waiting`, and so does a pose before the
-        map. Of several, the last counts.
+        A command before the first step, and a pose before the map, wait for `carry_out_waiting`.
+        The newest command replaces a waiting one.
 
         Args:
             command: with a new id.
-            ensemble: carries it out.
-            applied: the scan of the last step; None before the first.
-            odometry: the robot's motion since a pose was true.
-            ground: where a robot can be; None: the map has not arrived yet.
+            ensemble: the belief, which is changed.
+            applied: the scan of the last step; None: no step was applied.
+            odometry: the robot's motion, to carry a pose to that step.
+            ground: where a robot can be; None: the map has not arrived.
 
         Returns:
-            None if nothing is done now: the command waits, or is refused.
+            The new belief; None: the command waits or was refused.
         """
-        commanded, problem = _held(command, odometry, ensemble.settings.search.regions)
+        commanded, problem = _with_odometry(command, odometry, ensemble.settings.search.regions)
         problem = problem or _ground_problem(command, ground)
         self._remember(command, problem)
         if problem:
             return None
-        if applied is None or not _can_be_judged(command, ground):
+        if applied is None or _needs_map(command, ground):
             self.waiting = replace(commanded, during_search=ensemble.searches > 0)
             return None
         return self._outcome(commanded, ensemble, applied)
@@ -102,15 +98,16 @@ class Commands(Part):
         odometry: Trajectory,
         ground: FreeGround | None,
     ) -> Outcome | str | None:
-        """Do what was commanded before the first step, or the map, came.
+        """Carry out the waiting command, if the map allows a decision.
 
-        A search that was asked for before the first one began is that one: it knows of no place.
+        A search that was requested before the first search began needs no action: the first search
+        is that one.
 
         Returns:
-            Why it is refused, where it is; None: there is nothing to do.
+            The new belief, or why the command is refused; None: nothing was done.
         """
         waiting = self.waiting
-        if waiting is None or not _can_be_judged(waiting.command, ground):
+        if waiting is None or _needs_map(waiting.command, ground):
             return None
         self.waiting = None
         if problem := _ground_problem(waiting.command, ground):
@@ -147,10 +144,10 @@ class Commands(Part):
         self.problems = dict(list(known.items())[-KEPT_COMMANDS:])
 
 
-def _held(
+def _with_odometry(
     command: SetPose | Relocalize, odometry: Trajectory, regions: str
 ) -> tuple[Commanded, str]:
-    """Return the command with the odometry of its time, and the reason to refuse it or ""."""
+    """Return a command with the odometry at its stamp, and why it is refused, if it is."""
     if isinstance(command, Relocalize):
         return Commanded(command), _region_problem(command.region, parsed_regions(regions))
     oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns
@@ -167,8 +164,8 @@ def _held(
     return Commanded(command, stamp_ns, odom_from_robot), ""
 
 
-def _can_be_judged(command: SetPose | Relocalize, ground: FreeGround | None) -> bool:
-    return ground is not None or isinstance(command, Relocalize)
+def _needs_map(command: SetPose | Relocalize, ground: FreeGround | None) -> bool:
+    return ground is None and isinstance(command, SetPose)
 
 
 def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) -> str:
@@ -191,10 +188,10 @@ def _region_problem(region: str, known: Mapping[str, object]) -> str:
 def _at_step(
     commanded: Commanded, given: SetPose, applied: Scan, motion: MotionSettings
 ) -> tuple[PoseTuple, Covariance]:
-    """Carry a given pose by odometry to the step after which it is tracked.
+    """Return a given pose and its covariance, carried by odometry to the applied step.
 
-    The motion from the pose to that step makes the pose less certain. A pose given after the step
-    is carried back without noise, because the next step adds that noise.
+    Motion from the pose to the step makes the pose less certain. A pose given after the step is
+    carried back without noise, because the next step adds the noise.
     """
     covariance = _covariance(given)
     if commanded.odom_from_robot is None:

@@ -17,7 +17,7 @@ from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 NO_NOISE: Covariance = (0.0,) * 9
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
 LEAST_GATE_M, LEAST_GATE_RAD = 0.05, 0.05
-"""A bridge whose gate is always open makes a step of each scan; here a gate has a size."""
+"""Smallest gate: a bridge with a gate of 0 makes a step of each scan [m], [rad]."""
 
 
 def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -> float:
@@ -37,7 +37,7 @@ def carried(
     now: PoseTuple,
     motion: MotionSettings | None,
 ) -> tuple[PoseTuple, Covariance]:
-    """Return a place and its covariance after the robot has moved by odometry alone.
+    """Return a pose and its covariance after the robot has moved by odometry alone.
 
     Args:
         mean: pose in the map before the motion.
@@ -55,10 +55,10 @@ def carried(
 
 
 class DeadReckoning(Part):
-    """Adds up the odometry since a step, in pieces as long as a step.
+    """Adds up the odometry since a step, in pieces of one gate.
 
-    Particles get independent noise once a step. So the uncertainty is that of particles which no
-    scan has weighed.
+    Each piece has independent noise, as particles get it at each step. So the covariance is that
+    of particles without measurement updates.
     """
 
     motion: MotionSettings
@@ -74,12 +74,11 @@ class DeadReckoning(Part):
     now: PoseTuple = ORIGIN
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """Begin at the odometry of a step; all motion since then counts as one piece."""
+        """Begin at the odometry of a step."""
         self.covariance = NO_NOISE
         self.step = self.piece = odom_from_robot
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """Take the robot's present odometry."""
         self.now = odom_from_robot
         if gates_between(self.piece, self.now, self.bridge) >= 1.0:
             self.covariance = covariance_tuple(self.moved()[1])
@@ -97,19 +96,19 @@ class DeadReckoning(Part):
 
 
 class DrivenGates(Part):
-    """The distance driven since the last scan that counted, in multiples of the bridge's gate."""
+    """The distance driven since the last weighed scan, in multiples of the bridge's gate."""
 
     bridge: BridgeSettings
     counted: PoseTuple | None = None
-    """Odometry up to which the distance is counted."""
+    """Odometry at the end of the counted distance; None: there was no odometry."""
     gates: float = 0.0
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """Begin again at the odometry of a scan that counted."""
+        """Begin at the odometry of a scan."""
         self.counted, self.gates = odom_from_robot, 0.0
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """Add the robot's motion once it makes up a gate; less may be noise of the odometry."""
+        """Add the motion since the counted distance once it reaches a gate; less may be noise."""
         self.counted = self.counted or odom_from_robot
         gates = gates_between(self.counted, odom_from_robot, self.bridge)
         if gates >= 1.0:

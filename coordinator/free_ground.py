@@ -1,4 +1,4 @@
-"""The free ground of a map on a coarse grid: all places where a robot can be."""
+"""The free ground of a map on a coarse grid, which shows where a robot can be."""
 
 import math
 
@@ -13,13 +13,13 @@ from protocol.pose_arrays import covariance_matrix
 
 LEAF_M = 0.2
 MAX_LEAVES = 1_000_000
-"""A larger map has larger leaves: 125 kB in memory and in recordings, before compression."""
+"""Limit of memory and recordings to 125 kB; a larger map has larger leaves."""
 REACH_SIGMAS = 3.0
-"""A pose is believed to be no further off than this."""
+"""A given pose may be this many standard deviations off."""
 
 
 class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
-    """A map's squares that hold a free cell."""
+    """The squares (leaves) of a map that contain a free cell."""
 
     map_digest: str
     leaf_m: float
@@ -27,7 +27,7 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
     rows: int
     cols: int
     bits: bytes
-    """(rows x cols) one bit a leaf; row 0 has the lowest y."""
+    """(rows x cols) one bit for each leaf; row 0 has the lowest y."""
 
     def __post_init__(self) -> None:
         if len(self.bits) != -(-self.rows * self.cols // 8):
@@ -35,7 +35,6 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, grid_map: GridMap) -> "FreeGround":
-        """Return the free ground of a map."""
         cells, side = grid_map.cells, LEAF_M / grid_map.cell_m
         leaf = max(round(side), math.ceil(math.sqrt(cells.size / MAX_LEAVES)), 1)
         first = range(0, cells.shape[1], leaf)
@@ -59,13 +58,13 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
-            covariance: of the pose.
+            covariance: of the pose, (3 x 3) row by row, in m and rad.
         """
         bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
         free = bits.reshape(self.rows, self.cols)
         x, y, _ = between(np.array(self.map_from_grid), np.array(map_from_robot)).tolist()
         variances, axes = np.linalg.eigh(covariance_matrix(covariance)[:2, :2])
-        # A leaf counts as reached from anywhere in it: its own spread is added.
+        # The robot may be anywhere in a leaf, so the variance of its side is added.
         spread = np.maximum(variances, 0.0) + self.leaf_m**2 / 12
         reach_m = REACH_SIGMAS * math.sqrt(float(spread[-1]))
         rows, cols = self._near(y, reach_m), self._near(x, reach_m)
@@ -83,6 +82,6 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def _near(self, at_m: float, reach_m: float) -> slice:
-        """Rows or columns of leaves within reach; those beyond the map's rim are left out."""
+        """Return the rows or columns of leaves within reach; negative ones are cut off."""
         first, last = (at_m - reach_m) / self.leaf_m, (at_m + reach_m) / self.leaf_m
         return slice(max(math.floor(first), 0), max(math.ceil(last), 0))

@@ -1,4 +1,4 @@
-"""The parts of a coordinator's state: each is a tree whose encoding is all that it holds."""
+"""The base of the parts of a coordinator's state, which are encoded as a tree."""
 
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
@@ -6,9 +6,9 @@ import msgspec
 from msgspec import Meta
 
 MAX_ITEMS = 2_000
-"""Clusters, jobs, places or causes: fifty times those of the largest robot known."""
+"""Largest number of clusters, jobs, places or causes: fifty times a large robot's."""
 Count: TypeAlias = Annotated[int, Meta(ge=0, lt=2**52)]
-"""A number that a coordinator counts on from: half of what a message may contain."""
+"""A number that a coordinator increases; at most half of the highest number in a message."""
 Text: TypeAlias = Annotated[str, Meta(max_length=500)]
 """A name, or the cause of a counter."""
 LogProbability: TypeAlias = Annotated[float, Meta(le=1e-6)]
@@ -18,15 +18,15 @@ FEW = Meta(max_length=MAX_ITEMS)
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
-    """A part of the state: settings, and all that has changed since the start, as fields."""
+    """A part of the state, with its settings and all that changes as fields."""
 
     local: ClassVar[frozenset[str]] = frozenset()
-    """Fields that stay with this coordinator: settings, times by its own clock, and what its
-    successor receives again."""
+    """Fields that are not transferred: settings, times by the own clock, and data that a successor
+    receives again."""
 
 
 def handed_on(value: Any) -> Any:
-    """Return what a successor needs of a part, as maps that decode to the same type."""
+    """Return a part without its local fields, as nested maps that decode to the same type."""
     match value:
         case Part():
             names = (name for name in value.__struct_fields__ if name not in value.local)
@@ -41,5 +41,5 @@ P = TypeVar("P", bound=Part)
 
 
 def successor_of(part: P) -> P:
-    """Return a part as another coordinator has it; local fields have their default values."""
+    """Return a copy of a part as a successor has it: local fields have their default values."""
     return msgspec.msgpack.decode(msgspec.msgpack.encode(handed_on(part)), type=type(part))

@@ -17,13 +17,13 @@ from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 WINDOW_NS = 5_000_000_000
-"""Usual is the promptest of the last one to two windows: clocks drift by microseconds a second."""
+"""The usual delay is the least of one to two windows: clocks drift by microseconds a second."""
 MOST_NS = 5_000_000_000
-"""Nothing is held up for longer, links break before: such a delay is a clock that was set back."""
+"""A longer delay shows that a clock was set back: links break before data is so late [ns]."""
 
 
 class LatencyEstimator(Part):
-    """Compares a robot's stamps with the time of their arrival; the clocks need not agree."""
+    """Compares a robot's stamps with times of arrival; the clocks need not agree."""
 
     begun_ns: int | None = None
     """Start of the present window [ns]; None: nothing has arrived."""
@@ -32,42 +32,38 @@ class LatencyEstimator(Part):
     least_before_ns: int = 0
     """Least delay of the window before [ns]."""
 
-    def of(self, stamp_ns: int, now_ns: int) -> int:
-        """Return how much later this has arrived than the promptest recent data; never negative
-        [ns].
+    @property
+    def usual_ns(self) -> int | None:
+        """Usual difference of arrival and stamp, each by its clock; None: nothing has arrived."""
+        return None if self.begun_ns is None else min(self.least_ns, self.least_before_ns)
+
+    def on_arrival(self, stamp_ns: int, now_ns: int) -> int:
+        """Return by how much data is later than usual; never negative [ns].
 
         Args:
             stamp_ns: by the robot's clock.
             now_ns: time of arrival, by this process's clock.
         """
-        delay_ns = now_ns - stamp_ns
-        if self.begun_ns is None or delay_ns - self._usual_ns() > MOST_NS:
+        delay_ns, usual_ns = now_ns - stamp_ns, self.usual_ns
+        if self.begun_ns is None or usual_ns is None or delay_ns - usual_ns > MOST_NS:
             self.begun_ns = now_ns
             self.least_ns = self.least_before_ns = delay_ns
         elif now_ns - self.begun_ns >= WINDOW_NS:
             self.begun_ns = now_ns
             self.least_before_ns, self.least_ns = self.least_ns, delay_ns
         self.least_ns = min(self.least_ns, delay_ns)
-        return delay_ns - self._usual_ns()
-
-    @property
-    def usual_ns(self) -> int | None:
-        """Delay from a stamp to a prompt arrival, by both clocks; None: nothing has arrived."""
-        return None if self.begun_ns is None else self._usual_ns()
-
-    def _usual_ns(self) -> int:
-        return min(self.least_ns, self.least_before_ns)
+        return delay_ns - min(self.least_ns, self.least_before_ns)
 
 
 MAX_WAITING_SCANS = 1_000
-"""More scans than this have arrived and were not applied: those are not waited for."""
+"""Largest number of scans, not applied yet, whose times of arrival are kept."""
 
 
 def recent_odometry() -> Trajectory:
-    """Return a trajectory for the last five seconds or more: a given pose may be of that time.
+    """Return an empty trajectory that keeps at least five seconds, for poses that clients give.
 
-    Between poses 0.1 s apart the robot goes straight. Before the oldest, that holds for a second: a
-    client that gives a pose has another clock.
+    Its poses are 0.1 s apart. The oldest pose also holds for the second before it: a client has
+    another clock.
     """
     return Trajectory(most=51, every_ns=100_000_000, held_ns=1_000_000_000)
 
@@ -78,7 +74,7 @@ class PoseTracker(Part):
     sender: str
     """Name of the process."""
     settings: CoordinatorSettings
-    """Define when a pose is stale or dead reckoning."""
+    """Limits after which a pose is stale or dead reckoning."""
     since_step: DeadReckoning
     driven: DrivenGates
     history: Trajectory = field(default_factory=recent_odometry)
@@ -88,18 +84,20 @@ class PoseTracker(Part):
     stamp_ns: int = 0
     """Stamp of the newest data [ns]."""
     arrived_ns: int | None = None
-    """When the newest data would have arrived in time [ns]; None: there is none."""
-    told_ns: int = 0
-    """When another coordinator's state with the newest stamp arrived."""
+    """When the newest data would have arrived in time [ns]; None: no data arrived."""
+    indirect_ns: int = 0
+    """When data of the newest stamp arrived in another coordinator's state or in a fetched scan
+    [ns]."""
     age_known: bool = False
-    """Whether this coordinator has received data itself: only then the age of the rest is known."""
+    """Whether this coordinator has received odometry or a scan directly."""
     waiting_ns: dict[int, int] = {}
     """Times of arrival of scans that are not applied yet, by stamp [ns]."""
     scan_ns: int | None = None
-    """When the last weighed scan would have arrived in time [ns]; None: there is none."""
+    """When the last weighed scan would have arrived in time [ns]; None: no scan was weighed."""
     by_scan: bool = True
     """Whether the newest odometry came with a scan."""
     lateness: LatencyEstimator | None = None
+    """None: the data does not come from a live robot."""
 
     @classmethod
     def of(
@@ -109,11 +107,9 @@ class PoseTracker(Part):
         motion: MotionSettings,
         bridge: BridgeSettings,
     ) -> "PoseTracker":
-        """Return a tracker that has received nothing."""
         return cls(sender, settings, DeadReckoning(motion, bridge), DrivenGates(bridge))
 
     def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
-        """Continue with another motion model and another gate."""
         self.since_step.motion, self.since_step.bridge = motion, bridge
         self.driven.bridge = bridge
 
@@ -123,24 +119,23 @@ class PoseTracker(Part):
 
     @property
     def live(self) -> bool:
-        """Whether stamps come from a clock at the usual rate, by the flag in the newest scan.
+        """Whether stamps run at the usual rate, so that they show delays of the network.
 
-        Such stamps show how long the network has delayed data. Recordings may be played at any
-        rate.
+        Recordings may be played at any rate.
         """
         return self.lateness is not None
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
-        """Take the robot's odometry; a repeated stamp is ignored: the robot's clock has stopped."""
+        """Process odometry; ignore a repeated stamp, because the robot's clock has stopped."""
         if self.age_known and stamp_ns == self.stamp_ns:
             return
         is_known = self.arrived_ns is not None and stamp_ns == self.stamp_ns
-        heard_ns = self.told_ns if is_known else now_ns  # others' data came before it
+        received_ns = self.indirect_ns if is_known else now_ns
         self.age_known = True
-        late_ns = self.lateness.of(stamp_ns, heard_ns) if self.lateness else 0
+        late_ns = self.lateness.on_arrival(stamp_ns, received_ns) if self.lateness else 0
         self.stamp_ns, self.odom_now = stamp_ns, odom_from_robot
         self.history.add(stamp_ns, odom_from_robot)
-        self.arrived_ns = heard_ns - late_ns
+        self.arrived_ns = received_ns - late_ns
         self.by_scan = False
         self.since_step.on_odometry(odom_from_robot)
         self.driven.on_odometry(odom_from_robot)
@@ -154,15 +149,15 @@ class PoseTracker(Part):
         live: bool = False,
         fetched: bool = False,
     ) -> None:
-        """Process a step's scan, which is older than the newest odometry.
+        """Process the scan of a step.
 
-        A fetched scan does not show the network's delay and does not replace newer data. If it is
+        A fetched scan does not show the network's delay, and does not replace newer data. If it is
         the first data, the pose is stale.
         """
         if live != self.live:
             self.lateness = self._lateness_so_far() if live else None
         if fetched:
-            self._heard_of(stamp_ns, odom_from_robot, now_ns - self._stale_ns, now_ns)
+            self._on_indirect_data(stamp_ns, odom_from_robot, now_ns - self._stale_ns, now_ns)
         elif self.by_scan or stamp_ns > self.stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
             self.by_scan = True
@@ -171,7 +166,7 @@ class PoseTracker(Part):
             del self.waiting_ns[next(iter(self.waiting_ns))]
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        """Record that a scan was applied and that at least one worker had weighed it."""
+        """Record that a scan was applied which at least one worker had weighed."""
         self.driven.begin_at(odom_from_robot)
         self.driven.on_odometry(self.odom_now)
         if stamp_ns in self.waiting_ns:
@@ -186,9 +181,9 @@ class PoseTracker(Part):
         self.since_step.on_odometry(self.odom_now)
 
     def begin(self, usual_delay_ns: int, now_ns: int) -> None:
-        """Use the delay [ns] with which a live robot's data reached other coordinators."""
+        """Begin with the usual delay of a live robot's data at other coordinators [ns]."""
         self.lateness = LatencyEstimator()
-        self.lateness.of(now_ns - usual_delay_ns, now_ns)
+        self.lateness.on_arrival(now_ns - usual_delay_ns, now_ns)
 
     def resume(
         self,
@@ -201,32 +196,32 @@ class PoseTracker(Part):
     ) -> None:
         """Continue with the newest data that another coordinator received.
 
-        The data is stale, unless `begin` or this coordinator's own data show when it arrived.
+        The data is stale, unless the usual delay is known: then its stamp shows when it arrived.
         """
         if live and not self.live:
             self.lateness = self._lateness_so_far()
         unless_known_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
         if self.arrived_ns is None:
-            self._heard_of(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
+            self._on_indirect_data(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
         due_ns = self._due_ns(stamp_ns, now_ns)
         self.scan_ns = unless_known_ns if due_ns is None else due_ns
         self.driven.begin_at(odom_from_robot)
         self.driven.on_odometry(self.odom_now)
 
     def _lateness_so_far(self) -> LatencyEstimator:
-        """Return an estimator that has seen the newest data, if its arrival time is known."""
+        """Return an estimator that begins with the newest data, if its arrival is known."""
         lateness = LatencyEstimator()
         if self.age_known and self.arrived_ns is not None:
-            lateness.of(self.stamp_ns, self.arrived_ns)
+            lateness.on_arrival(self.stamp_ns, self.arrived_ns)
         return lateness
 
-    def _heard_of(
+    def _on_indirect_data(
         self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int
     ) -> None:
-        """Store data that another coordinator received, unless newer data is known."""
+        """Store data of a fetched scan or another coordinator's state, unless newer is known."""
         if self.arrived_ns is not None and stamp_ns <= self.stamp_ns:
             return
-        self.stamp_ns, self.told_ns, self.odom_now = stamp_ns, now_ns, odom_from_robot
+        self.stamp_ns, self.indirect_ns, self.odom_now = stamp_ns, now_ns, odom_from_robot
         self.since_step.on_odometry(odom_from_robot)
         self.driven.on_odometry(odom_from_robot)
         due_ns = self._due_ns(stamp_ns, now_ns)
@@ -236,7 +231,7 @@ class PoseTracker(Part):
             self.arrived_ns = unless_known_ns
 
     def _due_ns(self, stamp_ns: int, now_ns: int) -> int | None:
-        """Return when another coordinator must have received data of this stamp, if known."""
+        """Return when data of this stamp arrives by the usual delay; None: that is unknown."""
         usual_ns = self.lateness.usual_ns if self.lateness else None
         return None if usual_ns is None else min(stamp_ns + usual_ns, now_ns)
 
@@ -245,16 +240,16 @@ class PoseTracker(Part):
         return _since_s(self.arrived_ns, now_ns)
 
     def age_of_s(self, stamp_ns: int, now_ns: int) -> float:
-        """Return the age of the data with this stamp [s], as if it had arrived in time.
+        """Return the age of data with this stamp [s], as if it had arrived in time.
 
-        Of other sources than a live robot: the age of the newest data. -1 before any data arrived.
+        Without a live robot: the age of the newest data. -1 before any data arrived.
         """
         if self.arrived_ns is None or not self.live:
             return self.age_s(now_ns)
         return _since_s(self._taken_ns(stamp_ns, now_ns), now_ns)
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
-        """Return the present pose, marked stale or dead reckoning after a gap in the data."""
+        """Return the present pose and its freshness; `workers`: number of live workers."""
         best = self.outcome.hypotheses[0] if self.outcome and self.outcome.hypotheses else None
         carried = self._carried(best) if best else None
         return PoseAnswer(
@@ -274,7 +269,7 @@ class PoseTracker(Part):
         )
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Return all places, moved by the odometry since; most probable first."""
+        """Return all hypotheses, moved by the odometry since; most probable first."""
         known = self.outcome.hypotheses if self.outcome else ()
         return tuple(self._carried(hypothesis) for hypothesis in known)
 
@@ -283,19 +278,17 @@ class PoseTracker(Part):
             return "none"
         if not 0.0 <= self.age_s(now_ns) <= self.settings.stale_after_s:
             return "stale"
-        is_dead_reckoning = (
-            workers == 0 or self.driven.gates >= self.settings.dead_reckoning_after_gates
-        )
-        return "dead_reckoning" if is_dead_reckoning else "fresh"
+        is_far = self.driven.gates >= self.settings.dead_reckoning_after_gates
+        return "dead_reckoning" if workers == 0 or is_far else "fresh"
 
     def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """Return when a scan would have arrived in time; a live robot's stamps show its delay."""
+        """Return when a scan would have arrived in time: its stamp shows a live robot's delay."""
         if self.lateness is None or self.arrived_ns is None:
             return now_ns
         return min(self.arrived_ns - (self.stamp_ns - stamp_ns), now_ns)
 
     def _carried(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Return a hypothesis moved by the odometry since its step, with the noise of that."""
+        """Return a hypothesis moved by the odometry since its step, with the motion's noise."""
         moved, noise = self.since_step.moved()
         mean = np.array(hypothesis.mean)
         covariance = composed_covariance(

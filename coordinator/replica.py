@@ -1,8 +1,7 @@
 """One coordinator process as follower or leader, from its start to its end.
 
-A follower watches the leader. When the leader dies, the follower recovers the state from the
-checkpoints it has received and the workers' reports, and leads. A leader is deposed by a message
-with a higher term.
+A follower watches the leader. When the leader dies, the follower recovers the state from received
+checkpoints and the workers' reports, and leads. A message with a higher term deposes a leader.
 """
 
 from collections.abc import Callable
@@ -24,12 +23,12 @@ from coordinator.pose_tracker import LatencyEstimator
 from protocol.work import Checkpoint
 
 SETTLE_NS = 100_000_000
-"""Zenoh reports tokens as gone up to some milliseconds before the link through which they came."""
+"""Zenoh reports tokens as gone some milliseconds before the lost link that caused it [ns]."""
 PAUSE_NS = 1_000_000_000
 """A process that has done nothing for longer was stopped [ns]."""
 LISTEN_NS = 1_200_000_000
-"""Within this time a process that was stopped receives the state of its successor: that one asks
-the workers for up to half a second, then publishes its state at least twice a second [ns]."""
+"""Within this time a process that was stopped receives its successor's state: a successor asks the
+workers for up to half a second, then publishes its state at least twice a second [ns]."""
 GRACE_NS = 2_000_000_000
 """After the link is back: twice the longest pause between two attempts to connect [ns]."""
 
@@ -38,7 +37,7 @@ Change: TypeAlias = WorkerJoined | WorkerLeft | WorkerReturned
 
 
 class Replica:
-    """A follower at first; see `lead`.
+    """A coordinator process, which begins as a follower.
 
     Args:
         take_over_after_s: silence of a leader after which a follower takes over [s].
@@ -60,7 +59,7 @@ class Replica:
         return "leading" if self.coordinator.term.begun else "recovering"
 
     def follow(self, now_ns: int) -> None:
-        """Watch another coordinator, which was seen a moment ago."""
+        """Watch another coordinator, which was present a moment ago."""
         self.coordinator: Coordinator | None = None
         self._detector = FailureDetector(self._take_over_after_s, now_ns)
 
@@ -77,9 +76,9 @@ class Replica:
         """Recover the state, then lead.
 
         Args:
-            coordinator: knows what the follower and the file have kept.
+            coordinator: made with the states that the follower and the file have kept.
             now_ns: by the monotonic clock of all events.
-            handle: passes events on to it, as a recorder does; None: its own.
+            handle: passes events on to the coordinator, as a recorder does; None: directly.
         """
         self.coordinator, self._decide = coordinator, handle or coordinator.handle
         self.newest = NewestState()
@@ -107,19 +106,23 @@ class Replica:
         return []
 
     def release(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
-        """Return what may be done now, just before it is done; the rest comes later, or never."""
+        """Return the instructions that may be carried out now, among them instructions held back.
+
+        Call it directly before the instructions are carried out.
+        """
         if self.role in ("follower", "deposed"):
             return []
         return self._fencing.cleared(instructions, now_ns)
 
     def may_answer(self, now_ns: int) -> bool:
-        """Return whether queries can be answered: no other coordinator can be leading."""
+        """Return whether this coordinator leads, and no other one can be leading."""
         if self.role != "leading":
             return False
         self._fencing.turn(now_ns)
         return not self._fencing.is_listening(now_ns)
 
     def _meaning_of(self, event: Event | TokenChanged, now_ns: int) -> list[Event]:
+        """Return the coordinator's events that follow from an event of the process."""
         match event:
             case TokenChanged(worker, alive):
                 # Coordinators' tokens matter to followers only.
@@ -148,24 +151,23 @@ class NewestState:
         return self._lateness.usual_ns
 
     def on_state(self, checkpoint: Checkpoint, now_ns: int) -> bool:
-        """Store the state of another coordinator; return whether it is the newest.
+        """Store the state of another coordinator; return whether it is the newest one.
 
-        A repeated state is a sign of life, but not used to estimate the delay, because its age
-        is that of the first publication.
+        The delay is estimated from the first publication only: a repeated state has an old age.
         """
         if self.checkpoint is not None and checkpoint.rank <= self.checkpoint.rank:
             return checkpoint.rank == self.checkpoint.rank
         self.checkpoint = checkpoint
         if (arrived := arrival(checkpoint, now_ns)) is not None:
-            self._lateness.of(*arrived)
+            self._lateness.on_arrival(*arrived)
         return True
 
 
 class FailureDetector:
     """Detects that the leader is dead.
 
-    If the leader's token vanishes while the own link is up, the router has lost the leader. In
-    other cases the time-out is longer, so that a lost link on either side can recover first.
+    If the leader's token vanishes while the own link is up, the router has lost the leader.
+    Otherwise the time-out is longer, so that a lost link on either side can recover first.
     """
 
     def __init__(self, take_over_after_s: float, now_ns: int) -> None:
@@ -197,8 +199,8 @@ class FailureDetector:
 class SelfFencing:
     """Holds back what a leader has decided until no other coordinator can be leading.
 
-    A process that was stopped or cut off does not know for how long. Its successor publishes its
-    state at least twice a second.
+    A process that was stopped or cut off may have been replaced. It waits until a successor's state
+    would have arrived.
     """
 
     def __init__(self, now_ns: int) -> None:
@@ -207,22 +209,23 @@ class SelfFencing:
         self._held: list[Instruction] = []
 
     def turn(self, now_ns: int) -> None:
-        """Note that the process runs; after a pause, listen."""
+        """Record that the process runs; after a pause, wait for a successor's state first."""
         if now_ns - self._last_turn_ns > PAUSE_NS:
             self.listen(now_ns)
         self._last_turn_ns = now_ns
 
     def listen(self, now_ns: int) -> None:
+        """Hold back instructions for `LISTEN_NS`."""
         self._until_ns = now_ns + LISTEN_NS
 
     def is_listening(self, now_ns: int) -> bool:
         return now_ns < self._until_ns
 
     def cleared(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
-        """Return what may be done now, older instructions first.
+        """Return the instructions that may be carried out now, older ones first.
 
-        Lost scans are requested at once: the bridge keeps them for a limited time, and a request
-        misleads no process.
+        Scans are always requested: the bridge keeps them for a limited time, and a request does no
+        harm.
         """
         self.turn(now_ns)
         held = [*self._held, *instructions]
@@ -236,9 +239,9 @@ class SelfFencing:
 class Membership:
     """The workers that are present, by their tokens and the coordinator's own link.
 
-    A coordinator that loses its link sees all tokens vanish, although the workers still run. So
-    while the link is down, and for `GRACE_NS` after, no worker counts as gone, and a vanished
-    token counts only if the link stays up for `SETTLE_NS`.
+    A coordinator that loses its link sees all tokens vanish, although the workers still run. So no
+    worker counts as gone while the link is down, or for `GRACE_NS` after it. A vanished token
+    counts only if the link stays up for `SETTLE_NS`.
     """
 
     def __init__(self) -> None:
@@ -254,7 +257,7 @@ class Membership:
         self.linked = up
 
     def token(self, worker: str, alive: bool, now_ns: int) -> list[Change]:
-        """Process the appearance or loss of a worker's token; return changes that are certain."""
+        """Process a worker's token; return the changes that are certain."""
         if not alive:
             if worker in self._present:
                 self._gone_ns.setdefault(worker, now_ns)

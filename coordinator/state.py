@@ -211,9 +211,12 @@ class CoordinatorState(Part):
     @property
     def awaits_reports(self) -> bool:
         """Whether no step can be applied now: no step is open, or a report is missing."""
-        reports = self.collector.oldest_reports
+        scan = self.collector.oldest_scan
+        if scan is None:
+            return True
+        reports = self.collector.open_steps[scan.step].reports
         unhurried = self.ensemble.unhurried if self.collector.waits_for_no_search else ()
-        return reports is None or any(
+        return any(
             job_id not in reports and job_id not in unhurried and self.placement.waits_for(job_id)
             for job_id in self.ensemble.expected
         )

@@ -1,6 +1,6 @@
-"""Steps in their order: when all reports are in, or none can be waited for any longer."""
+"""Gives out steps in order, each when all its reports have arrived or its deadline has passed."""
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -52,13 +52,13 @@ def check_places(report: Report, settings: FilterSettings) -> None:
 
 
 FETCH_NS = 500_000_000
-"""A step waits this long for an earlier scan, which is requested from the bridge [ns]."""
+"""A step waits this time for an earlier scan, which is requested from the bridge [ns]."""
 REPORTS_AHEAD = 300
-"""Reports of steps further above the newest scan are refused; it is the length of the history."""
+"""Reports of steps further above the newest scan are refused: longer than the bridge's history."""
 KEPT_AHEAD = 1_000
-"""Reports of at most this number of different steps are kept."""
+"""Largest number of steps whose reports are kept."""
 BULKY_REPORTS = 16
-"""Waiting reports of one job that contain places: the number of steps that a search pools."""
+"""Largest number of bulky reports kept for a job: a search pools this number of steps."""
 
 
 class OpenStep(Part):
@@ -77,7 +77,7 @@ def is_bulky(report: Report) -> bool:
 
 
 def without_snapshot(report: Report) -> Report:
-    """Return the report without particles, which are stored once, with the job."""
+    """Return the report without particles, which are stored with the job."""
     if isinstance(report, TrackReport) and report.snapshot is not None:
         return msgspec.structs.replace(report, snapshot=None)
     return report
@@ -89,39 +89,39 @@ class ReadyStep:
 
     scan: Scan
     before: Scan | None
-    """The scan of the step that was applied last."""
+    """The scan of the step that was applied before."""
     reports: tuple[Report, ...]
     arrived_ns: int = 0
-    """When the scan came, by the clock of all events."""
+    """When the scan arrived, by the clock of all events."""
 
 
 class StepCollector(Part):
-    """Collects scans and reports; gives out steps strictly in order."""
+    """Collects scans and reports of steps that are not applied yet."""
 
     local: ClassVar = frozenset({"settings", "open_steps", "late", "base"})
     settings: CoordinatorSettings = CoordinatorSettings()
     open_steps: dict[int, OpenStep] = {}
     late: list[SearchReport] = []
-    """Reports of searches on steps that are over, for the next step."""
+    """Searches' reports on applied steps, for the next step."""
     base: int | None = None
-    """The step after which the first one should be; None: any may be the first."""
+    """Number before the first step; None: any step may be the first."""
     applied: Scan | None = None
-    """The scan of the last applied step, without its beams; None: no step of this count is over."""
+    """The scan of the last applied step, without its beams; None: no step was applied."""
     steps_lost: Count = 0
-    """Steps left out because their scans never came."""
+    """Number of steps whose scans never arrived."""
 
     def begin_after(self, step: int) -> None:
-        """Start after `step`; discard earlier steps."""
+        """Start after `step` and discard earlier steps, unless a step was applied."""
         if self.applied is None:
             self.base = step
             self.open_steps = {one: opened for one, opened in self.open_steps.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
-        """Drop all open steps, and count further steps from `before` + 1.
+        """Drop all open steps, and continue with step `before` + 1.
 
         Args:
             before: number of the step before the next one.
-            applied: scan to use as that of step `before`; None: no place is known from it.
+            applied: the scan of step `before`; None: the robot is searched for.
         """
         self.open_steps.clear()
         self.late.clear()
@@ -129,24 +129,18 @@ class StepCollector(Part):
 
     @property
     def oldest_scan(self) -> Scan | None:
-        """The oldest scan that waits to be applied."""
+        """The oldest scan that is not applied; None: there is none."""
         waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
         return min(waiting, key=lambda scan: scan.step, default=None)
 
     @property
-    def oldest_reports(self) -> Mapping[str, Report] | None:
-        """Reports of the oldest step that waits to be applied, by job; None: no step waits."""
-        step = min((step for step, opened in self.open_steps.items() if opened.scan), default=None)
-        return None if step is None else self.open_steps[step].reports
-
-    @property
     def newest_scan(self) -> Scan | None:
-        """The newest scan that waits to be applied."""
+        """The newest scan that is not applied; None: there is none."""
         waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
         return max(waiting, key=lambda scan: scan.step, default=None)
 
     def on_scan(self, scan: Scan, now_ns: int) -> bool:
-        """Take a scan; return False if it is old or known."""
+        """Store a scan; return False if it is old or known."""
         if self.before is not None and scan.step <= self.before:
             return False
         opened = self.open_steps.setdefault(scan.step, OpenStep())
@@ -156,7 +150,7 @@ class StepCollector(Part):
         return True
 
     def lost_before(self, scan: Scan) -> tuple[int, int] | None:
-        """Return the first and last of the steps lost just before `scan`; None: none is lost."""
+        """Return the first and last of the steps lost just before `scan`; None: no step is lost."""
         arrived = (step for step, opened in self.open_steps.items() if opened.scan)
         newest = max((step for step in arrived if step < scan.step), default=self.before)
         if newest is None or newest + 1 == scan.step:
@@ -172,41 +166,33 @@ class StepCollector(Part):
         """Return whether a report may wait for its step.
 
         Args:
-            report: of a job's present worker.
-            is_recovered: a worker repeats it after a take-over, before the scans are fetched.
+            report: from a job's present worker.
+            is_recovered: whether a worker repeats it after a take-over, before scans are fetched.
         """
         if self._is_over(report.step):
             return True
-        newest = self._newest_scan_step
-        is_far = newest is not None and report.step > newest + REPORTS_AHEAD
         if report.step not in self.open_steps and len(self.open_steps) > KEPT_AHEAD:
             return False
+        scan = self.newest_scan
+        newest = scan.step if scan else self.before
+        is_far = newest is not None and report.step > newest + REPORTS_AHEAD
         if is_far and not is_recovered:
             return False
-        return not is_bulky(report) or self._bulky_of(report) < BULKY_REPORTS
-
-    @property
-    def _newest_scan_step(self) -> int | None:
-        known = [step for step, opened in self.open_steps.items() if opened.scan]
-        return max(known, default=self.before)
-
-    def _bulky_of(self, report: Report) -> int:
-        """Return the number of bulky reports of this job that wait for other steps."""
-        return sum(
-            is_bulky(waiting)
-            for step, opened in self.open_steps.items()
-            if step != report.step and (waiting := opened.reports.get(report.job_id)) is not None
-        )
+        if not is_bulky(report):
+            return True
+        others = (opened for step, opened in self.open_steps.items() if step != report.step)
+        of_job = (opened.reports.get(report.job_id) for opened in others)
+        return sum(kept is not None and is_bulky(kept) for kept in of_job) < BULKY_REPORTS
 
     def on_report(self, report: Report) -> bool:
-        """Store a report; return False if its step is over and the report adds nothing."""
+        """Store a report; return False if it is useless because its step was applied."""
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
             return True
         if not isinstance(report, SearchReport):
             return False
-        self.late.append(report)  # it may arrive a step later
+        self.late.append(report)  # the next step uses it
         of_job = [late for late in self.late if late.job_id == report.job_id]
         if len(of_job) > BULKY_REPORTS:
             self.late.remove(min(of_job, key=lambda late: late.step))
@@ -226,31 +212,36 @@ class StepCollector(Part):
 
         Args:
             expected: ids of the jobs whose reports the step needs.
-            placed_ns: returns the time at which a job was given to its worker [ns]; a step waits
-                longer for a new job.
-            now_ns: time by the same clock as in `on_scan` [ns].
+            placed_ns: returns when a job was given to its worker [ns], as `Jobs.placed_ns`; a step
+                waits longer for a new job.
+            now_ns: by the same clock as in `on_scan`.
             unhurried: ids of jobs that may report a step later.
         """
-        step = min((s for s, opened in self.open_steps.items() if opened.scan), default=None)
-        if step is None:
+        scan, settings = self.oldest_scan, self.settings
+        if scan is None:
             return None
-        opened = self.open_steps[step]
-        follows = self.before is None or step == self.before + 1
-        if not follows and now_ns < opened.arrived_ns + FETCH_NS:
+        opened = self.open_steps[scan.step]
+        waited_ns = now_ns - opened.arrived_ns
+        follows = self.before is None or scan.step == self.before + 1
+        if not follows and waited_ns < FETCH_NS:
             return None
+        no_search = not scan.lockstep and waited_ns >= int(settings.search_deadline_s * 1e9)
         missing = [
             job_id
             for job_id in expected
-            if job_id not in opened.reports
-            and not (job_id in unhurried and self._is_late_for_searches(opened, now_ns))
+            if job_id not in opened.reports and not (no_search and job_id in unhurried)
         ]
-        if missing and now_ns < self._deadline(opened, missing, placed_ns):
-            return None
-        return self._close(step)
+        if missing:
+            wait_s = settings.lockstep_deadline_s if scan.lockstep else settings.step_deadline_s
+            newest_ns = max(map(placed_ns, missing))
+            is_new = newest_ns > 0 and now_ns < newest_ns + HAND_OVER_NS
+            if is_new or waited_ns < int(wait_s * 1e9):
+                return None
+        return self._closed(scan, opened)
 
     @property
     def before(self) -> int | None:
-        """The step after which the next one should be; None: any may be the first."""
+        """Number before the next step; None: any step may be the first."""
         return self.base if self.applied is None else self.applied.step
 
     @property
@@ -259,37 +250,18 @@ class StepCollector(Part):
         oldest = self.oldest_scan
         return oldest is not None and not oldest.lockstep and self.settings.search_deadline_s == 0.0
 
-    def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
-        """Return whether the search deadline of a step has passed; a lockstep step has none."""
-        wait_ns = int(self.settings.search_deadline_s * 1e9)
-        lockstep = opened.scan is not None and opened.scan.lockstep
-        return not lockstep and now_ns >= opened.arrived_ns + wait_ns
-
-    def _deadline(
-        self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
-    ) -> int:
-        lockstep = opened.scan is not None and opened.scan.lockstep
-        settings = self.settings
-        wait_s = settings.lockstep_deadline_s if lockstep else settings.step_deadline_s
-        newest = max(placed_ns(job_id) for job_id in missing)
-        return max(opened.arrived_ns + int(wait_s * 1e9), newest + HAND_OVER_NS if newest else 0)
-
-    def _close(self, step: int) -> ReadyStep:
-        opened = self.open_steps.pop(step)
-        assert opened.scan is not None  # `ready` chose a step that has one
-        for older in [other for other in self.open_steps if other < step]:
-            del self.open_steps[older]
-        lost = 0 if self.before is None else step - self.before - 1
-        before, self.applied = self.applied, _without_beams(opened.scan)
-        self.steps_lost += lost
-        late, self.late = self.late, []
-        reports = (*late, *opened.reports.values())
-        return ReadyStep(opened.scan, before, reports, opened.arrived_ns)
+    def _closed(self, scan: Scan, opened: OpenStep) -> ReadyStep:
+        """Return a step, which is applied now; discard older steps."""
+        self.open_steps = {s: other for s, other in self.open_steps.items() if s > scan.step}
+        self.steps_lost += 0 if self.before is None else scan.step - self.before - 1
+        before, self.applied = self.applied, _without_beams(scan)
+        reports, self.late = (*self.late, *opened.reports.values()), []
+        return ReadyStep(scan, before, reports, opened.arrived_ns)
 
     def resume(self, handed_on: "StepCollector") -> None:
-        """Continue from another coordinator's state; waiting scans of later steps stay.
+        """Continue from another coordinator's state; keep scans of later steps.
 
-        Waiting reports are dropped: the other coordinator's jobs may have the same ids.
+        Reports are dropped: the other coordinator's jobs may have the same ids.
         """
         self.applied, self.steps_lost = handed_on.applied, handed_on.steps_lost
         self.late.clear()

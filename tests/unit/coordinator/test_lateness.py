@@ -11,27 +11,27 @@ def prompt(clock_ahead_ns: int, seconds: float) -> LatencyEstimator:
     lateness = LatencyEstimator()
     for tick in range(int(seconds * 20)):
         now_ns = tick * 50 * MS
-        lateness.of(now_ns - 5 * MS + clock_ahead_ns, now_ns)
+        lateness.on_arrival(now_ns - 5 * MS + clock_ahead_ns, now_ns)
     return lateness
 
 
 @given(st.integers(-(10**18), 10**18))
 def test_what_was_held_up_is_late_by_that_whatever_the_robots_clock_says(ahead_ns: int) -> None:
     lateness = prompt(ahead_ns, 30.0)
-    assert lateness.of(30 * SECOND - 5 * MS + ahead_ns, 30 * SECOND) == 0
-    assert lateness.of(30 * SECOND - 5 * MS + ahead_ns, 31 * SECOND) == SECOND
+    assert lateness.on_arrival(30 * SECOND - 5 * MS + ahead_ns, 30 * SECOND) == 0
+    assert lateness.on_arrival(30 * SECOND - 5 * MS + ahead_ns, 31 * SECOND) == SECOND
 
 
 def test_an_outage_of_some_seconds_is_not_forgotten_while_it_lasts() -> None:
     lateness = prompt(0, 30.0)
-    assert lateness.of(30 * SECOND - 5 * MS, 34 * SECOND) == 4 * SECOND
-    assert lateness.of(31 * SECOND - 5 * MS, 34 * SECOND) == 3 * SECOND
+    assert lateness.on_arrival(30 * SECOND - 5 * MS, 34 * SECOND) == 4 * SECOND
+    assert lateness.on_arrival(31 * SECOND - 5 * MS, 34 * SECOND) == 3 * SECOND
 
 
 def test_a_clock_that_drifts_is_followed() -> None:
     lateness = LatencyEstimator()
     late_ns = [
-        lateness.of(tick * 50 * MS - tick * 50 * MS // 10_000, tick * 50 * MS)
+        lateness.on_arrival(tick * 50 * MS - tick * 50 * MS // 10_000, tick * 50 * MS)
         for tick in range(20 * 600)
     ]
     assert max(late_ns) <= 2 * MS, "a tenth of a millisecond a second, over at most ten seconds"
@@ -39,11 +39,11 @@ def test_a_clock_that_drifts_is_followed() -> None:
 
 def test_a_clock_that_is_set_back_far_makes_nothing_late() -> None:
     lateness = prompt(0, 30.0)
-    assert lateness.of(30 * SECOND - 3600 * SECOND, 30 * SECOND) == 0
-    assert lateness.of(31 * SECOND - 3600 * SECOND, 31 * SECOND) == 0
+    assert lateness.on_arrival(30 * SECOND - 3600 * SECOND, 30 * SECOND) == 0
+    assert lateness.on_arrival(31 * SECOND - 3600 * SECOND, 31 * SECOND) == 0
 
 
 def test_a_clock_that_is_set_forward_makes_nothing_late() -> None:
     lateness = prompt(0, 30.0)
-    assert lateness.of(30 * SECOND + 7 * SECOND, 30 * SECOND) == 0
-    assert lateness.of(30 * SECOND + 8 * SECOND, 31 * SECOND) == 0
+    assert lateness.on_arrival(30 * SECOND + 7 * SECOND, 30 * SECOND) == 0
+    assert lateness.on_arrival(30 * SECOND + 8 * SECOND, 31 * SECOND) == 0
