@@ -1,7 +1,7 @@
 """Localization that knows when it is not sure: the library, the client, and the command.
 
-`ClusterMCL` localizes in the caller's process; `Client` queries a running system. Names are
-imported when first used, so that ``import clustermcl`` is fast.
+`ClusterMCL` localizes in the caller's process; `Client` queries and controls a running system.
+Names are imported when they are first used, so that ``import clustermcl`` is fast.
 """
 
 from importlib import import_module
@@ -27,33 +27,26 @@ if TYPE_CHECKING:
     from protocol.errors import UnreachableError as UnreachableError
     from recordings.map_file import load_map_with_obstacles as load_map  # noqa: F401 - public
 
-_WHERE = {
-    "Belief": "clustermcl.localizer",
-    "Client": "clustermcl.client",
-    "ClusterMCL": "clustermcl.localizer",
-    "ClusterMclError": "protocol.errors",
-    "CommandRefusedError": "protocol.errors",
-    "Hypothesis": "protocol.answers",
-    "MalformedMessageError": "protocol.errors",
-    "MapFileError": "protocol.errors",
-    "NotLocalizedError": "clustermcl.client",
-    "OutputError": "process_runtime.output_files",
-    "Reading": "clustermcl.readings",
-    "RecordingError": "protocol.errors",
-    "SettingsError": "protocol.errors",
-    "StateFileError": "protocol.errors",
-    "UnreachableError": "protocol.errors",
-    "load_map": "recordings.map_file",
-    "read_recording": "clustermcl.readings",
-    "register": "particle_filter.extensions",
-}
-__all__ = [*_WHERE]  # noqa: PLE0604 - names
+_NAMES = {
+    "clustermcl.client": ("Client", "NotLocalizedError"),
+    "clustermcl.localizer": ("Belief", "ClusterMCL"),
+    "clustermcl.readings": ("Reading", "read_recording"),
+    "particle_filter.extensions": ("register",),
+    "process_runtime.output_files": ("OutputError",),
+    "protocol.answers": ("Hypothesis",),
+    "protocol.errors": (
+        "ClusterMclError", "CommandRefusedError", "MalformedMessageError", "MapFileError",
+        "RecordingError", "SettingsError", "StateFileError", "UnreachableError",
+    ),
+    "recordings.map_file": ("load_map",),
+}  # fmt: skip
+_MODULES = {name: module for module, names in _NAMES.items() for name in names}
+__all__ = sorted(_MODULES)  # noqa: PLE0605 - names
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     inside = "load_map_with_obstacles" if name == "load_map" else name
-    found = getattr(import_module(_WHERE[name]), inside)
-    globals()[name] = found
+    found = globals()[name] = getattr(import_module(_MODULES[name]), inside)
     return found

@@ -1,15 +1,14 @@
-"""Starts the command, before slow imports."""
+"""Starts the command `clustermcl`."""
 
 import signal
 
 
 def main() -> None:
-    """Run the command.
+    """Run the command, so that Ctrl-C during the slow imports ends the process silently.
 
-    Until the command handles signals itself, Ctrl-C ends the process silently. An interrupt that
-    is raised during an import would print a traceback, or be ignored.
+    With Python's own handler, an interrupt during an import would print a traceback or be ignored.
     """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, by nohup
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # nohup ignores SIGINT
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from clustermcl.command import main as command  # noqa: PLC0415 - see above
 

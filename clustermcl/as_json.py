@@ -1,4 +1,4 @@
-"""Converts messages to JSON for programs: units in the names, covariances as 3 x 3 lists."""
+"""Converts messages to JSON objects, with units in the names and covariances as 3 x 3 lists."""
 
 from typing import Any
 
@@ -12,19 +12,17 @@ JsonObject = dict[str, Any]
 
 
 def dumped(value: JsonObject) -> str:
-    """Return JSON text in one line; NaN and infinity become null."""
+    """Return an object as one line of JSON; NaN and infinity become null."""
     return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
 def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
-    """Return a pose [m, rad] and its (3, 3) covariance as a JSON object."""
     x_m, y_m, heading_rad = map_from_robot
     rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
 
 
 def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
-    """Return a hypothesis as a JSON object."""
     return {
         "cluster": hypothesis.cluster,
         "probability": hypothesis.probability,
@@ -35,7 +33,7 @@ def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
 
 
 def belief_object(belief: Belief) -> JsonObject:
-    """Return a belief; its pose is that of the most probable hypothesis."""
+    """Convert a belief; ``pose`` and ``probability`` are of the most probable hypothesis."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return {
         "step": belief.step,
@@ -78,7 +76,7 @@ def hypotheses_object(answer: Hypotheses) -> JsonObject:
 
 
 def event_object(numbered: NumberedEvent) -> JsonObject:
-    """Return an event of a cluster or search as a flat object."""
+    """Convert an event of a cluster or search to an object without nested objects."""
     plain: JsonObject = msgspec.to_builtins(numbered)
     event: JsonObject = plain.pop("event")
     return {**plain, **event}
@@ -89,7 +87,6 @@ def events_object(answer: JobEvents) -> JsonObject:
 
 
 def status_object(status: Status) -> JsonObject:
-    """Return all fields of a status, with processes as a list."""
     processes = [
         {"name": process.sender, **_fields(process, "sender")} for process in status.processes
     ]
@@ -97,6 +94,6 @@ def status_object(status: Status) -> JsonObject:
 
 
 def _fields(message: Message, *without: str) -> JsonObject:
-    """Return the fields of a message, without its schema and some others."""
+    """Return the fields of a message, but not its schema and the fields `without`."""
     plain: JsonObject = msgspec.to_builtins(message)
     return {name: value for name, value in plain.items() if name not in ("schema", *without)}

@@ -1,4 +1,4 @@
-"""Converts messages to text for people."""
+"""Converts messages to lines of text."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -9,12 +9,11 @@ from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
 
 SILENT_AFTER_S = 3.0
-"""Processes publish their health every second; an older one is marked as silent [s]."""
+"""A process counts as silent if its health, published every second, is older than this [s]."""
 OFF_MAP = 0.5
-"""Above this probability, the text includes 'probably not on this map'."""
-
+"""Probability above which the text says that the robot is probably not on this map."""
 DOUBT = 0.01
-"""Below this probability, the text does not mention other places."""
+"""Probability above which the text says that the robot may be elsewhere."""
 
 
 def pose_text(pose: PoseTuple) -> str:
@@ -24,20 +23,20 @@ def pose_text(pose: PoseTuple) -> str:
 
 
 def spread(covariance: Covariance) -> tuple[float, float]:
-    """Return standard deviations of the position, along its longer axis [m], and heading [rad]."""
+    """Return the largest standard deviation of the position [m], and that of the heading [rad]."""
     xx, xy, yy, heading = covariance[0], covariance[1], covariance[4], covariance[8]
     longer = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
     return math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
 
 
 def spread_text(covariance: Covariance) -> str:
-    """Return standard deviations as ``+-0.06 m, 3.6 deg``; see `spread`."""
+    """Return the standard deviations of `spread` as text, such as ``+-0.06 m, 3.6 deg``."""
     position_m, heading_rad = spread(covariance)
     return f"+-{position_m:.2f} m, {math.degrees(heading_rad):.1f} deg"
 
 
 def pose_lines(answer: PoseAnswer) -> Iterator[str]:
-    """Yield the robot's pose, and reasons to doubt it."""
+    """Yield the robot's pose as text, and the reasons to doubt the pose."""
     if answer.freshness == "none":
         yield f"{answer.state}: no scan has arrived yet"
     elif answer.map_from_robot is None or answer.covariance is None:
@@ -56,7 +55,7 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
 
 
 def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
-    """Yield all places, the most probable first."""
+    """Yield all places as text, or the pose's text if no place is known."""
     if not answer.hypotheses:
         yield from pose_lines(answer.pose)
         return
@@ -73,7 +72,7 @@ def _off_map(answer: PoseAnswer) -> Iterator[str]:
 
 
 def _doubts(answer: PoseAnswer) -> Iterator[str]:
-    """Yield a warning if the pose is old or dead reckoning."""
+    """Yield a warning if the pose is stale or comes from dead reckoning."""
     match answer.freshness:
         case "stale":
             yield f"stale: the newest data is {answer.age_s:.1f} s old"
@@ -86,12 +85,12 @@ def _last_scan(scan_age_s: float) -> str:
 
 
 def progress_text(search_progress: float) -> str:
-    """Return the progress of a search as `` 50 %``; empty before it has begun."""
+    """Return a progress from 0 to 1 as text, such as `` 50 %``; empty for 0."""
     return f" {100.0 * search_progress:.0f} %" if search_progress > 0.0 else ""
 
 
 def belief_line(belief: Belief) -> str:
-    """Return the state, pose and probabilities of a belief as one line of text."""
+    """Return a belief as one line: its state, best pose, and the largest six probabilities."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
     search += progress_text(belief.search_progress)
     note = ", dead reckoning" if is_unweighed(belief) else ""
@@ -108,18 +107,18 @@ def belief_line(belief: Belief) -> str:
 
 
 def is_unweighed(belief: Belief) -> bool:
-    """Return whether no worker weighed any place in this step, so that all are dead reckoning."""
+    """Return whether all places are dead reckoning: no worker weighed any of them in the step."""
     jobs = {f"c{hypothesis.cluster}" for hypothesis in belief.hypotheses}
     return bool(jobs) and jobs <= set(belief.missing)
 
 
 def event_line(numbered: NumberedEvent) -> str:
-    """Return an event as ``step 200: c3 merged into c1 (0.02)``."""
+    """Return an event as text, such as ``step 200: c3 merged into c1 (0.02)``."""
     return f"step {numbered.step}: {event_text(numbered.event)}"
 
 
 def status_lines(status: Status) -> Iterator[str]:
-    """Yield state, steps, workers and processes of the system."""
+    """Yield a status as text: state, steps, map, workers and processes."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
     search += progress_text(status.search_progress)
@@ -145,7 +144,7 @@ def status_lines(status: Status) -> Iterator[str]:
 
 
 def _process_lines(process: Health) -> Iterator[str]:
-    """Yield a process: version, uptime and memory, its work, and what it dropped or refused."""
+    """Yield a process's health as text, with the work it did and the messages it dropped."""
     memory = f", {process.memory_bytes / 1e6:.0f} MB" if process.memory_bytes else ""
     silent = f", silent for {process.age_s:.0f} s" if process.age_s > SILENT_AFTER_S else ""
     yield (

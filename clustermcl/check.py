@@ -23,7 +23,7 @@ from recordings.map_file import load_map_with_obstacles
 from sensor_bridge.recorded import steps_of
 
 MOST_CELLS = 2**26
-"""Limit for the known cells; the check needs about 42 bytes per cell."""
+"""Limit for the cells of a map; the check needs about 42 bytes for each."""
 EXIT_ANOTHER_MAP = 1
 """Exit code for a recording that is probably of another map."""
 _MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
@@ -39,11 +39,22 @@ def run_check(
     as_json: bool,
     report_file: Path | None = None,
 ) -> None:
-    """Check a map, and a recording of a robot in it, and print the report.
+    """Check a map, and whether a recording matches the map; print a report.
+
+    The exit code is `EXIT_ANOTHER_MAP` if the recording is probably of another map.
+
+    Args:
+        map_file: the map.
+        recording: recording of a robot in the map; None: check the map only.
+        settings: settings of the filter, and of the recording's topics and frames.
+        laser_range_m: range of the laser for which places are compared.
+        places: number of random places to compare.
+        as_json: print one JSON object instead of text.
+        report_file: file for a page with the report; None: no page.
 
     Raises:
         ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
-            file of the report cannot be written.
+            page cannot be written.
     """
     if report_file is not None:
         check_output_file(report_file)
@@ -75,7 +86,6 @@ def run_check(
 
 
 def lines_of(report: MapReport) -> Iterator[str]:
-    """Yield the lines of a report."""
     ground = report.ground
     yield (
         f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "

@@ -6,7 +6,6 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import zenoh
@@ -48,7 +47,7 @@ _SENDER = "client"
 
 
 class NotLocalizedError(ClusterMclError):
-    """The robot was not localized in time; `answer` has the last pose."""
+    """The robot was not localized in time; `answer` is the last answer to the query."""
 
     def __init__(self, *, answer: PoseAnswer, waited_s: float) -> None:
         self.answer, self.waited_s = answer, waited_s
@@ -61,13 +60,14 @@ class NotLocalizedError(ClusterMclError):
 class Client(RobotCommands):
     """A connection to the system of one robot; use it in a ``with`` or ``async with`` block.
 
-    Queries and commands are repeated until they are answered or time out. A repeated command has
-    the same id and no further effect. Use a client in one thread at a time.
-
         with Client(robot="r1") as client:
             print(client.pose().pose)
 
-    In asyncio, methods run in a thread, ``await asyncio.to_thread(client.pose)``, and
+    Queries and commands are repeated until they are answered or time out; the system carries out
+    a repeated command only once. Use a client in one thread at a time.
+
+    An asyncio program iterates over beliefs, and calls the methods in a thread, such as
+    ``await asyncio.to_thread(client.pose)``:
 
         async with Client(robot="r1") as client:
             async for belief in client:
@@ -76,12 +76,12 @@ class Client(RobotCommands):
     Args:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
             defaults, with `CLUSTERMCL_ROBOT` and `CLUSTERMCL_ROUTER` of the environment.
-        robot: the robot's name; replaces that of the settings.
-        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``; replaces that of the
+        robot: the robot's name, instead of that in the settings.
+        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, instead of that in the
             settings.
         timeout_s: limit for connecting, and for each query and command [s]. None:
             `zenoh.connect_timeout_s` and `zenoh.query_timeout_s` of the settings.
-        stop: flag that ends a wait with `StoppedError`.
+        stop: flag that ends a wait with `StoppedError`; None: waits cannot be ended.
 
     Raises:
         SettingsError: a name, an endpoint or a time-out is invalid.
@@ -116,60 +116,50 @@ class Client(RobotCommands):
         self._thread: ThreadPoolExecutor
 
     def __enter__(self) -> Self:
-        """Connect.
+        """Connect to the router.
 
         Raises:
-            UnreachableError: there is no router.
+            UnreachableError: no router answers in time.
             SettingsError: the endpoint or the robot's name is invalid.
         """
         zenoh_settings, robot = self._settings.zenoh, self._settings.robot
         within_s = zenoh_settings.connect_timeout_s
-        self._deadline_s = time.monotonic() + within_s  # for connecting and the first answer
+        self._deadline_s = time.monotonic() + within_s  # for connecting and the first answers
         self._open = self._resources.enter_context(
             open_session(zenoh_settings, robot, self._stop, wait_s=within_s)
         )
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self._open = None
         self._resources.close()
 
     async def __aenter__(self) -> Self:
-        """Connect without blocking other tasks; see `__enter__`."""
+        """Connect to the router without blocking other tasks; see `__enter__`."""
         self._thread = ThreadPoolExecutor(1)
         return await self._in_thread(self.__enter__)
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Disconnect, once the thread of a cancelled wait has left the session."""
+    async def __aexit__(self, *_error: object) -> None:
+        """Disconnect; a wait that was cancelled first ends in its thread."""
         with self._thread:
-            await self._in_thread(self.__exit__, kind, error, traceback)
+            await self._in_thread(self.__exit__)
 
     async def __aiter__(self) -> AsyncIterator[Belief]:
-        """Yield every belief from now on without blocking other tasks; see `beliefs`."""
+        """Yield each new belief without blocking other tasks; see `beliefs`."""
         polled = await self._in_thread(self._beliefs, None)
         while True:
             if (belief := await self._in_thread(next, polled)) is not None:
                 yield belief
 
     async def _in_thread(self, call: Callable[..., R], *arguments: Any) -> R:
-        """Run a call in the one thread of this client's asyncio methods."""
+        """Run a call in the single thread that serves this client's asyncio methods."""
         return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
 
     def pose(self) -> PoseAnswer:
         """Return the robot's present pose.
 
         Raises:
-            UnreachableError: no answer in time. All queries and commands raise it.
+            UnreachableError: no answer arrived in time. All queries and commands raise this error.
         """
         return self._ask(keys.POSE, PoseAnswer)
 
@@ -178,41 +168,46 @@ class Client(RobotCommands):
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
     def events(self) -> JobEvents:
-        """Return the last events of clusters and searches, oldest first."""
+        """Return the newest events of clusters and searches, oldest first."""
         return self._ask(keys.EVENTS, JobEvents)
 
     def status(self) -> Status:
-        """Return state, workers and counters of the system."""
+        """Return the system's state, processes and counters."""
         return self._ask(keys.STATUS, Status)
 
     def map(self, *, timeout_s: float = 30.0) -> GridMap:
-        """Return the map of all poses, after a check of its digest.
+        """Return the map in which all poses are given.
 
         Args:
             timeout_s: limit for the answer [s]; a large map over a slow link takes long.
 
         Raises:
-            MalformedMessageError: the answer is not a map, or does not match its digest.
+            MalformedMessageError: the answer is not a map, or its digest is wrong.
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
     def update(self) -> None:
-        """Make a step from the next scan, even if the robot stands still."""
+        """Make a step of the next scan, even if the robot stands still."""
         self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
-        """Move the simulated robot to a pose, unseen by odometry; None: a random one far away."""
+        """Move the simulated robot without letting its odometry show the motion.
+
+        Args:
+            map_from_robot: new pose: x [m], y [m], heading [rad]; None: a random pose far away.
+        """
         command = Kidnap(sender=_SENDER, command_id=new_id(), map_from_robot=map_from_robot)
         self._send(keys.KIDNAP, command)
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
-        """Wait until the robot is localized and its pose is fresh, and return the pose.
+        """Wait until the robot is localized and its pose is fresh, then return the pose.
 
         Args:
             timeout_s: limit for the wait [s].
 
         Raises:
             NotLocalizedError: the robot was not localized in time.
+            StoppedError: the client's stop flag was set.
         """
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -225,13 +220,13 @@ class Client(RobotCommands):
             self._stop.check()
 
     def beliefs(self, *, timeout_s: float | None = None) -> Iterator[Belief]:
-        """Yield every belief from now on, without end; a slow reader misses the oldest.
+        """Yield each new belief, without end.
 
-        Beliefs of a replaced coordinator are skipped.
+        While the robot stands still, there are none. Of more than 256 unread beliefs, the oldest
+        are dropped. Beliefs of a replaced coordinator are skipped.
 
         Args:
-            timeout_s: limit for the wait for each belief [s]; None: no limit. While the robot
-                stands still, there are none.
+            timeout_s: limit for the wait for each belief [s]; None: no limit.
 
         Raises:
             UnreachableError: no coordinator answers, or no belief arrived in time.
@@ -240,13 +235,13 @@ class Client(RobotCommands):
         return _without_pauses(self._beliefs(timeout_s))
 
     def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
-        """Yield every belief of the newest term, and None while there is none."""
+        """Yield each new belief of the newest term, and None whenever a short wait was in vain."""
         published = self._published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
         return _of_newest_term(published)
 
     def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
-        """Yield the stored events, and then each new one, without end.
+        """Yield the stored events, then each new event, without end.
 
         Events that were lost in transit are queried.
 
@@ -275,7 +270,7 @@ class Client(RobotCommands):
                 known = self.events()
 
     def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A | None]:
-        """Yield messages on a key from this call on, and None while there is none."""
+        """Subscribe; yield each message on the key, and None whenever a short wait was in vain."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)
@@ -324,8 +319,14 @@ class Client(RobotCommands):
     ) -> A:
         """Repeat a query until it is answered, and return the answer.
 
-        Just after connecting, queryables may not be known yet. An answer may take `timeout_s`;
-        None: `zenoh.query_timeout_s`, or less near the deadline.
+        Repetition is needed just after connecting, when the router may not yet know who answers.
+
+        Args:
+            key: key of the query.
+            answer: type of the answer.
+            message: the query's payload; None: none.
+            timeout_s: limit for each repetition [s]; None: `zenoh.query_timeout_s`, or the time
+                that is left.
         """
         settings = self._settings.zenoh
         asked_s = now_s = time.monotonic()

@@ -15,11 +15,11 @@ from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError, UnreachableError
 
 EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
-"""Exit codes: no router or process answers; Ctrl-C, or the reader of a pipe has ended."""
+"""Exit codes: no router or process answers; Ctrl-C, or the output's reader has ended."""
 
 
 class _Commands(VerbosityGroup):
-    """Command group whose help lists the commands in groups, one line each."""
+    """The command's group, whose help has a section for each group of commands."""
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, self.commands))
@@ -73,7 +73,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "ros2": running.ros2,
     },
 }
-"""Commands by group, in the order of the help."""
+"""All commands by section and name, in the order of the help."""
 for _group, _commands in COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(
@@ -102,7 +102,7 @@ def _common(
 
 
 def main() -> None:
-    """Run the command; print a `ClusterMclError` as one line and exit with 2 or 3."""
+    """Run the command, and exit with its code; print a `ClusterMclError` as one line."""
     set_verbosity()
     try:
         with written_output():
@@ -112,6 +112,6 @@ def main() -> None:
     except ClusterMclError as error:
         sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
         sys.exit(EXIT_UNREACHABLE if isinstance(error, UnreachableError) else EXIT_ERROR)
-    except BrokenPipeError:  # the reader of a pipe has ended
+    except BrokenPipeError:  # the output's reader, such as `head`, has ended
         sys.stderr.close()
         sys.exit(EXIT_INTERRUPTED)

@@ -1,11 +1,14 @@
-"""Shell completions for the values of options."""
+"""Shell completion of the values of options.
+
+Functions take the beginning of a value, and import what they need: a command needs none of it.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 
 def settings(begun: str) -> Iterator[tuple[str, str]]:
-    """Yield settings with their meanings, for ``--set``."""
+    """Yield the names and meanings of settings, for ``--set``."""
     from process_runtime.settings_table import TABLE  # noqa: PLC0415 - see above
 
     for name, info in TABLE.items():
@@ -14,18 +17,18 @@ def settings(begun: str) -> Iterator[tuple[str, str]]:
 
 
 def recordings(begun: str) -> Iterator[str]:
-    """Yield simulated worlds and files."""
+    """Return the names of simulated worlds and of files."""
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see above
     from robot_simulator.worlds.catalogue import world_names  # noqa: PLC0415 - see above
 
     offered = [f"{SIMULATED}{name}" for name in world_names()]
     folder = Path(begun).parent if begun else Path()
     offered += [str(path) for path in folder.glob("*")] if folder.is_dir() else []
-    return (one for one in sorted(offered) if one.startswith(begun))
+    return (name for name in sorted(offered) if name.startswith(begun))
 
 
 def algorithms(begun: str) -> Iterator[str]:
-    """Yield the algorithms of `evaluate`."""
+    """Return the names of the algorithms of `evaluate`."""
     from evaluation.run import ALGORITHMS  # noqa: PLC0415 - see above
 
     return (name for name in ALGORITHMS if name.startswith(begun))

@@ -43,10 +43,10 @@ from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Publisher, Received, Token, ask, subscribe, watch
 
 LOCALIZED_STEPS = 20
-"""A simulated robot's demo in a terminal ends after this many localized steps."""
+"""Number of localized steps after which the demo of a simulated robot ends, without a page."""
 _WORLD = f"{SIMULATED}cross_feature"
-_VIEWED_RATE = 2.0  # twice real time: about 3 steps a second
-_STEPS, _VIEWED_STEPS = 300, 10_000  # of a simulated robot; on a page, about an hour
+_VIEWED_RATE = 2.0  # twice real time: about 3 steps per second
+_STEPS, _VIEWED_STEPS = 300, 10_000  # of a simulated robot; with a page, about an hour
 _CONNECT_WITHIN_S = 20.0
 _SILENCE_S = 60.0
 _KEPT_TRUTHS = 64
@@ -54,7 +54,7 @@ _POLL_S = 0.05
 
 
 class StalledError(ClusterMclError):
-    """The processes run, but no belief arrived for a long time."""
+    """No belief arrived for a long time although all processes run."""
 
     def __init__(self, *, silent_s: float) -> None:
         self.silent_s = silent_s
@@ -66,41 +66,48 @@ class DemoOptions:
     """Options of `clustermcl demo`."""
 
     recording: str | None = None
-    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, or in
-    the default world."""
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``. None: a simulated robot in
+    `map_file`, or in the default world."""
     map_file: str | None = None
-    """Map file; None: that of the settings for a recording, that of the simulated world."""
+    """Map file. None: for a recording, `bridge.map` of the settings or a map next to it; for a
+    simulated robot, the map of its world."""
     reference: Path | None = None
+    """Ground truth of a recording (TUM format); None: unknown."""
     rate: float | None = None
+    """Speed relative to real time; 0: as fast as possible; None: 0, with a page 2, by hand 1."""
     steps: int | None = None
-    """Steps of a simulated robot."""
+    """Number of steps of a simulated robot; None: 300 at most, or 10,000 with a page."""
     view_at: str | None = None
     """``HOST:PORT`` of the page; None: no page."""
     record: Path | None = None
-    """File for the recording of the run; None: none."""
+    """File for a recording of the run; None: no recording."""
     by_hand: bool = False
-    """The simulated robot is driven manually, on the page."""
+    """Whether the simulated robot is driven manually, on the page."""
     as_json: bool = False
+    """Print one JSON object at the end instead of text."""
 
 
 @dataclass(frozen=True)
 class _Run:
-    """A demo with checked inputs."""
+    """A demo whose inputs are checked."""
 
     settings: Settings
     title: str
     steps: int
+    """Number of steps at most."""
     is_simulated: bool
     reference: Trajectory | None = None
+    """Ground truth of a recording; None: unknown."""
     ends_when_localized: bool = False
+    """Whether the demo ends after `LOCALIZED_STEPS` localized steps."""
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
-    """Run a demo to its end, and print the result.
+    """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C.
 
     Raises:
         ClusterMclError: an input cannot be used, or a process failed.
-        StoppedError: interrupted.
+        StoppedError: the user pressed Ctrl-C.
     """
     started_s = time.monotonic()
     if options.record is not None:
@@ -128,7 +135,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             text = _followed(stack, meeting, run, options, page, stop, started_s)
             standard_output().write(text + "\n")
             standard_output().flush()
-            while page is not None:  # the run can be looked back at, until Ctrl-C
+            while page is not None:  # the page shows past steps until Ctrl-C
                 stop.check()
                 stack.check()
                 time.sleep(_POLL_S)
@@ -143,7 +150,7 @@ def _followed(
     stop: StopFlag,
     started_s: float,
 ) -> str:
-    """Run until the last belief, and return the result as text."""
+    """Start the processes, run until the last belief, and return the result as text."""
 
     def check() -> None:
         stop.check()
@@ -161,14 +168,14 @@ def _followed(
             with recorded(session, options.record), output.live():
                 audience.wait_for_workers(meeting.worker.count)
                 if page is not None:
-                    _wait_for_page(page, check, 1)  # the story begins with the first search
+                    _wait_for_page(page, check, 1)  # so that the browser shows the first search
                 stack.start_coordinator()
                 belief = audience.follow()
                 truth = audience.truth_of(belief)
                 timeout_s = meeting.zenoh.query_timeout_s
                 status = ask(session, keys.STATUS, Status, timeout_s=timeout_s)
     except UnreachableError:
-        stack.check()  # whose last words say why
+        stack.check()  # raises the error of a process that has ended, which is the cause
         raise
     wall_s = time.monotonic() - started_s
     if options.as_json:
@@ -178,7 +185,7 @@ def _followed(
 
 
 class _Audience:
-    """Receiver of beliefs, events and ground truth."""
+    """The receiver of beliefs, events and true poses, which passes them to the output."""
 
     def __init__(
         self,
@@ -202,17 +209,17 @@ class _Audience:
         watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
 
     def wait_for_workers(self, count: int) -> None:
-        """Wait for all workers: a step without a report would be lost."""
+        """Wait until this many workers are ready, because a step without reports would be lost."""
         while len(self._alive) < count:
             self._output.on_workers(len(self._alive), count)
             self._receive()
         self._output.on_workers(count, count)
 
     def follow(self) -> Belief:
-        """Receive beliefs until the last one, and return it.
+        """Receive beliefs until the run ends, and return the last one.
 
         Raises:
-            StalledError: none arrived for a minute, although the robot drives.
+            StalledError: no belief arrived for a minute, and the robot is not driven manually.
         """
         received_s = time.monotonic()
         while True:
@@ -225,7 +232,10 @@ class _Audience:
                 raise StalledError(silent_s=_SILENCE_S)
 
     def truth_of(self, belief: Belief) -> PoseTuple | None:
-        """Return the ground truth at the step of a belief; None: unknown."""
+        """Return the true pose at the step of a belief; wait for it up to a second.
+
+        None: unknown.
+        """
         if self._run.reference is not None:
             return self._run.reference.pose_at(belief.stamp_ns)
         deadline_s = time.monotonic() + 1.0
@@ -236,7 +246,7 @@ class _Audience:
         return self._truths.get(belief.step)
 
     def _receive(self) -> Belief | None:
-        """Wait briefly for a message and handle it; return it if it was a belief."""
+        """Wait briefly for a message and handle the message; return it if it is a belief."""
         self._check()
         match self._inbox.get(_POLL_S):
             case Token(key=key, alive=alive):
@@ -265,13 +275,13 @@ class _Audience:
 
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Run:
-    """Check the inputs before anything is started.
+    """Check the inputs, before any process is started.
 
     Raises:
         ClusterMclError: an input cannot be used.
     """
     source = options.recording or _WORLD
-    if options.map_file and not options.recording:  # a path, which no world has for a name
+    if options.map_file and not options.recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(options.map_file).absolute()}"
     match parsed_source(source):
         case Simulated() as robot:
@@ -316,7 +326,7 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
 
 def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
     if options.by_hand:
-        problem = "--drive: only a simulated robot can be driven; a recording has been"
+        problem = "--drive: only a simulated robot can be driven, not a recording"
         raise SettingsError(key="--drive", problem=problem)
     if options.steps is not None:
         problem = "--steps: only for a simulated robot; a recording has its own end"
@@ -340,7 +350,7 @@ def _page_at(view_at: str) -> Address:
     """Return the address of the page.
 
     Raises:
-        SettingsError: other machines could reach it, or the port is missing.
+        SettingsError: other machines could reach the address, or its port is 0.
     """
     address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
@@ -350,7 +360,7 @@ def _page_at(view_at: str) -> Address:
 
 
 def _wait_for_page(page: Address, check: Callable[[], None], least_browsers: int) -> None:
-    """Wait until the page is served, and open in this many browsers."""
+    """Wait until the page is served and at least this many browsers show it."""
     while True:
         check()
         connection = http.client.HTTPConnection(page.host, page.port, timeout=1.0)

@@ -1,4 +1,4 @@
-"""The output of a demo: beliefs while it runs, then a summary or a JSON object."""
+"""The output of a demo: the beliefs while it runs, then a summary or a JSON object."""
 
 from collections import Counter, deque
 from collections.abc import Iterator
@@ -24,17 +24,20 @@ from protocol.job_events import Ended, EndedCause, NumberedEvent
 from protocol.message import PoseTuple
 
 HELD_PROBABILITY = 0.02
-"""The summary ignores places with less."""
+"""Probability below which the summary ignores a place."""
 _LINE_EVERY_STEPS = 25
 _SHOWN_EVENTS, _SHOWN_PLACES, _BAR = 3, 10, 12
 
 
 class DemoOutput:
-    """Shows a running demo: a table on a terminal, else a line for each change.
+    """The output of a running demo: a table on a terminal, otherwise a line for each change.
+
+    Nothing is printed with ``--quiet``.
 
     Args:
         title: first line of the output.
-        as_json: standard output is reserved for the result.
+        as_json: standard output is for the JSON object only: a table goes to standard error, and
+            lines are not printed.
     """
 
     def __init__(self, title: str, *, as_json: bool) -> None:
@@ -46,11 +49,11 @@ class DemoOutput:
         self._events: deque[str] = deque(maxlen=_SHOWN_EVENTS)
 
     def live(self) -> AbstractContextManager[object]:
-        """Print the title, and show the table within this ``with`` block if there is one."""
+        """Print the title; show the table, if there is one, within the ``with`` block."""
         self._print(self._title)
         if not self._is_table:
             return nullcontext()
-        shown = lambda: Text(self._shown, no_wrap=True)  # noqa: E731 - of one line
+        shown = lambda: Text(self._shown, no_wrap=True)  # noqa: E731 - one line
         return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
 
     def on_workers(self, ready: int, workers: int) -> None:
@@ -61,13 +64,13 @@ class DemoOutput:
             self._print_change((ready,), line)
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
-        """Show a belief, and the ground truth if it is known."""
+        """Show a belief, and the true pose if it is known; lines show only changes."""
         self._shown = "\n".join([self._title, *_table(belief, truth), *self._events])
         change = belief.state, is_unweighed(belief), len(belief.hypotheses)
         self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
 
     def on_event(self, event: NumberedEvent) -> None:
-        """Show an event of a cluster."""
+        """Show an event of a cluster; ignore events of searches."""
         if not event.event.is_search:
             self._events.append(event_line(event))
             self._print(event_line(event))
@@ -83,7 +86,7 @@ class DemoOutput:
 
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
-    """Yield the lines of a step: its places, elsewhere, off the map, and the true pose if known."""
+    """Yield the table of a step: its state, places with probabilities, and known true pose."""
     search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
@@ -103,18 +106,18 @@ def _row(name: str, probability: float, where: str = "") -> str:
 
 
 class DemoSummary:
-    """Summarizes beliefs and events in constant memory."""
+    """A summary of all beliefs and events of a run, in constant memory."""
 
     def __init__(self) -> None:
         self.localized_steps = 0
-        """Number of consecutive localized steps up to the newest."""
+        """Number of consecutive localized steps up to the newest step."""
         self._newest = self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
         self._lowest, self._highest = 1.0, 0.0
         self._ended: Counter[EndedCause] = Counter()
 
     def on_belief(self, belief: Belief) -> None:
-        """Count the next belief."""
+        """Add the next belief to the summary."""
         self._newest = belief.step
         self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
         if belief.state != "searching" and self._first_places_step is None:
@@ -126,7 +129,7 @@ class DemoSummary:
             self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
 
     def on_event(self, event: NumberedEvent) -> None:
-        """Count clusters that ended, by cause; ignore other events."""
+        """Count a cluster that ended, by its cause; ignore other events."""
         if isinstance(event.event, Ended) and not event.event.is_search:
             self._ended[event.event.cause] += 1
 
@@ -150,7 +153,7 @@ class DemoSummary:
 def result_object(
     belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
 ) -> JsonObject:
-    """Return the result for programs: the last belief, its error, and counts of steps."""
+    """Return the last belief, its error, and the numbers of steps as a JSON object."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     error = pose_error(best.mean, truth) if best and truth else None
     return {
@@ -166,7 +169,7 @@ def result_object(
 def result_lines(
     belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
 ) -> Iterator[str]:
-    """Yield the result for people."""
+    """Yield the last belief, its error, and the numbers of steps as text."""
     if belief.hypotheses:
         best = belief.hypotheses[0]
         where = f"{pose_text(best.mean)}  {spread_text(best.covariance)}"

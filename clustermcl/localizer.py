@@ -1,4 +1,4 @@
-"""The library: Cluster-MCL in the caller's process, with the classes of the service."""
+"""The library: Cluster-MCL in the caller's process, by the same classes as in the service."""
 
 import io
 from collections import Counter
@@ -41,42 +41,45 @@ _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _STATE_VERSION = 2
 MAX_STATE_BYTES = 2**28
-"""Limit for a saved state; 64 places of 100,000 particles each fit."""
+"""Limit for the file of a saved state; 64 places of 100,000 particles each fit into it."""
 
 
 class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     version: int
     map_digest: str
     settings: dict[str, object]
-    """Settings of the filter."""
+    """Settings of the filter, as in `Settings`."""
     filter: InProcessState
     odometry: tuple[int, PoseTuple]
-    """Newest stamp [ns] and pose of odometry."""
+    """Stamp [ns] and pose of the newest odometry."""
     commands: Commands
 
 
 class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
-    """The belief after one step, with the map and the scan to draw it."""
+    """The belief after one step, with the map and the scan for drawing it."""
 
     map: GridMap
-    """The map of all poses."""
+    """The map in which all poses are given."""
     scan: Scan
     """The scan of the step."""
 
     def picture(self) -> "Image":
-        """Draw the map, all places with probabilities, and the scan at the most probable place."""
+        """Return a picture of the map, all places, and the scan at the most probable place."""
         slots = {place.cluster: place.cluster for place in self.hypotheses}
         frame = step_frame(self, slots, self.scan, None)
         return drawn_picture(to_message(self.map, _SENDER), frame)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the picture in axes of matplotlib, which must be installed; units are metres.
+        """Draw `picture` in axes of matplotlib, with x and y in metres.
 
         Args:
             ax: axes to draw in; None: new axes.
 
         Returns:
-            the axes.
+            The axes.
+
+        Raises:
+            ImportError: matplotlib, the extra ``plots``, is not installed.
         """
         if ax is None:
             from matplotlib import pyplot  # noqa: PLC0415 - an extra
@@ -94,27 +97,29 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
 
 
 class ClusterMCL(RobotCommands):
-    """Localizes one robot in a known map.
+    """A localizer of one robot in a known map.
 
         mcl = ClusterMCL(load_map("map.yaml"), robot_from_laser=(0.25, 0.0, 0.0))
         for reading in read_recording("robot.log"):
             if belief := mcl.update(reading):
                 print(belief.state, belief.pose)
 
-    With the same seed and readings, beliefs equal those of `clustermcl evaluate` and of a system of
-    processes, bit for bit. Use an object in one thread only. The first object on a machine compiles
-    kernels for about ten seconds; later ones load them from a cache.
+    With the same seed and readings, beliefs equal those of `clustermcl evaluate` and of a running
+    system, bit for bit. Use an object in one thread only. The first object on a machine compiles
+    for about ten seconds; later ones use the compiled code.
 
     Args:
-        grid_map: map from `load_map`.
-        robot_from_laser: mount of the laser, for readings without it: x, y [m], heading [rad].
+        grid_map: the map, from `load_map`.
+        robot_from_laser: mount of the laser, for readings that have none: x [m], y [m],
+            heading [rad].
         seed: seed of all random numbers; None: that of the settings.
-        settings: all settings, or those that differ from the defaults, by name, such as
-            ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all.
+        settings: `Settings`, or a dictionary of those that differ from their defaults, such as
+            ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all names.
 
     Attributes:
         map: the present map.
-        belief: the belief after the last step or command; None before the first.
+        belief: the belief after the last step or command; None before the first step, and after
+            `change_map`.
 
     Raises:
         ValueError: the map has no obstacle.
@@ -150,13 +155,14 @@ class ClusterMCL(RobotCommands):
         """Process the next reading.
 
         Args:
-            reading: scan, odometry or both; readings must be in the order of time.
-            force: make a step from the next scan, even if the robot stands still.
+            reading: a scan, odometry or both; readings must be in the order of time.
+            force: make a step of the next scan, even if the robot stands still.
 
         Returns:
             The belief if this call made a step, perhaps of an earlier scan that waited for
-            odometry. None: the robot has not moved enough since the last step, a scan waits for
-            odometry, or the reading could not be used (see `dropped`).
+            odometry. None if it made no step: the robot has not moved enough since the last one,
+            there is no new scan, a scan waits for odometry, or the reading could not be used (see
+            `dropped`).
         """
         if force:
             self._maker.force_next()
@@ -168,12 +174,15 @@ class ClusterMCL(RobotCommands):
         return None if scan is None else self._advanced(scan)
 
     def finish(self) -> Iterator[Belief]:
-        """After the last reading, yield the beliefs of scans that waited for later odometry."""
+        """Make the steps of scans that still wait for odometry, and yield their beliefs.
+
+        Call it after the last reading, and iterate over the result.
+        """
         while (scan := self._maker.finish()) is not None:
             yield self._advanced(scan)
 
     def change_map(self, grid_map: GridMap) -> None:
-        """Use another map from the next scan on; the search for places starts again.
+        """Use another map from the next scan on; drop all places, and search again.
 
         Raises:
             ValueError: the map has no obstacle.
@@ -185,13 +194,13 @@ class ClusterMCL(RobotCommands):
         self.belief: Belief | None = None
 
     def save(self, file: Path | str) -> None:
-        """Write the state after the last step: places, particles, and a running search.
+        """Write a file from which `load` continues: places, particles, and a running search.
 
-        Readings since the last step are not saved.
+        Scans that did not make a step yet are not saved.
 
         Raises:
             OutputError: the file cannot be written.
-            ValueError: there has been no step.
+            ValueError: there has been no step yet.
         """
         filter_state = self._filter.state
         scan = filter_state.applied
@@ -206,13 +215,14 @@ class ClusterMCL(RobotCommands):
         write_output_file(Path(file), msgspec.msgpack.encode(state))
 
     def load(self, file: Path | str) -> None:
-        """Continue from a saved state; the same readings then give the same beliefs.
+        """Continue from the state in a file of `save`; equal readings then give equal beliefs.
 
-        The odometry frame must be the same as when the state was saved. After a restart of the
-        robot, use `set_pose` with the last pose instead.
+        The origin of odometry must be the same as when the state was saved. After a restart of
+        the robot it is not: use `set_pose` with the last pose instead.
 
         Raises:
-            StateFileError: the file cannot be used; this object is unchanged.
+            StateFileError: the file is unreadable, damaged, of another version or map, or made
+                with other settings of the filter. This object is unchanged.
         """
         path = Path(file)
         state = _read_state(path)
@@ -231,7 +241,7 @@ class ClusterMCL(RobotCommands):
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
         self._commands, self._odometry = state.commands, recent_odometry()
         self._odometry.add(*state.odometry)
-        self._told(resumed.ensemble.again(scan.step, ()), scan)
+        self._set_belief(resumed.ensemble.again(scan.step, ()), scan)
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(
@@ -243,16 +253,16 @@ class ClusterMCL(RobotCommands):
             self._follow(outcome, self._filter.applied)
 
     def _advanced(self, scan: Scan) -> Belief:
-        belief = self._told(self._filter.advance(scan), scan)
+        belief = self._set_belief(self._filter.advance(scan), scan)
         ensemble, ground = self._filter.ensemble, self._ground
         given = self._commands.carry_out_waiting(ensemble, scan, self._odometry, ground)
         return self._follow(given, scan) if isinstance(given, Outcome) else belief
 
     def _follow(self, outcome: Outcome, scan: Scan) -> Belief:
         self._filter.carry_out(outcome)
-        return self._told(outcome, scan)
+        return self._set_belief(outcome, scan)
 
-    def _told(self, outcome: Outcome, scan: Scan) -> Belief:
+    def _set_belief(self, outcome: Outcome, scan: Scan) -> Belief:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
         return self.belief
@@ -265,7 +275,7 @@ def _filter_settings(settings: FilterSettings) -> dict[str, object]:
 
 
 def _differences(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
-    """Return the dotted names of settings that differ."""
+    """Return the names of settings that differ, such as ``belief.max_clusters``."""
     found: list[str] = []
     for name in sorted({*one, *other}):
         mine, theirs = one.get(name), other.get(name)

@@ -1,4 +1,4 @@
-"""Readings of a robot as numpy arrays, and recordings as readings."""
+"""Readings of a robot as numpy arrays, and an iterator over the readings of a recording."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,27 +19,27 @@ _SENDER = "library"
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One scan with its odometry, or only one of the two.
+    """A scan, a pose by odometry, or both of the same time.
 
-    For a scan without odometry, odometry readings around it are interpolated.
+    The odometry of a scan without it is interpolated between earlier and later readings.
 
     Args:
         odom_from_robot: x [m], y [m], heading [rad] by odometry; None: unknown at this time.
         ranges: (B,) ranges [m], counter-clockwise; not finite, <= 0 or >= `range_max`: no return.
-            None: odometry only.
+            None: there is no scan.
         angle_min: direction of the first beam in the laser's frame [rad].
         angle_step: angle from each beam to the next [rad].
-        range_max: range of the laser [m].
-        range_min: shorter ranges count as no return [m].
-        stamp_ns: time by the robot's clock [ns]. None: one second after the last reading; this
-            affects only the check of odometry for jumps.
+        range_max: maximum range of the laser [m].
+        range_min: minimum range of the laser [m]; shorter ranges count as no return.
+        stamp_ns: time by the robot's clock [ns]. None: one second after the last reading; then
+            times matter only in the check of odometry for jumps.
         robot_from_laser: mount of the laser: x [m], y [m], heading [rad]. None: that of
             `ClusterMCL`.
         laser: name of the laser, for a robot with several.
-        upside_down: the laser is mounted upside down, so that its beams run clockwise.
+        upside_down: whether the laser is mounted upside down, so that its beams run clockwise.
 
     Raises:
-        ValueError: there is neither scan nor odometry, or an array has the wrong shape.
+        ValueError: there is neither a scan nor odometry, or an array has the wrong shape.
     """
 
     odom_from_robot: Sequence[float] | NDArray[np.floating] | None = None
@@ -64,14 +64,19 @@ class Reading:
     def as_message(
         self, stamp_ns: int, robot_from_laser: PoseTuple
     ) -> LaserReading | OdometryReading:
-        """Convert to a message; the arguments are used where the reading has None."""
+        """Convert the reading to a message.
+
+        Args:
+            stamp_ns: stamp if the reading has none.
+            robot_from_laser: mount of the laser if the reading has none.
+        """
         odometry = None
         if self.odom_from_robot is not None:
             x, y, heading = map(float, self.odom_from_robot)
             odometry = (x, y, heading)
         stamp_ns = stamp_ns if self.stamp_ns is None else self.stamp_ns
         if self.ranges is None:
-            assert odometry is not None  # or it would not have been made
+            assert odometry is not None  # ensured by __post_init__
             return OdometryReading(sender=_SENDER, stamp_ns=stamp_ns, odom_from_robot=odometry)
         return LaserReading(
             sender=_SENDER,
@@ -117,14 +122,16 @@ def read_recording(
 ) -> Iterator[Reading]:
     """Return all readings of a recording in the order of time.
 
-    Formats are ROS bags, CARMEN and Wean Hall logs, run logs, and those of installed or registered
-    readers (see `register`). Malformed lines are skipped, with a warning in the log.
+    The recording is a ROS bag, a CARMEN or Wean Hall log, a file of `clustermcl record`, or has a
+    format with an installed or registered reader (see `register`). Malformed lines are skipped,
+    with a warning in the log.
 
     Args:
-        path: the file, perhaps packed by gzip or xz, or the folder of a rosbag2.
-        robot_from_laser: mount of the laser, for a recording without it: x, y [m], heading [rad].
+        path: a file, which may be compressed by gzip or xz, or the folder of a rosbag2.
+        robot_from_laser: mount of the laser, for a recording without one: x [m], y [m],
+            heading [rad].
         scan_topic: scan topic, for a bag with several.
-        odom_topic: odometry topic of a bag, to use instead of tf.
+        odom_topic: odometry topic of a bag, used instead of tf; empty: tf.
         odom_frame: odometry frame of a bag, if it is not ``odom``.
         base_frame: the robot's frame in a bag, if it is not the child of the odometry frame.
 

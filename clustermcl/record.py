@@ -1,4 +1,4 @@
-"""`clustermcl record`: record map, scans, odometry and beliefs in one file."""
+"""`clustermcl record`: write map, scans, odometry and beliefs of a running system to a file."""
 
 import logging
 import signal
@@ -33,10 +33,10 @@ _log = logging.getLogger(__name__)
 
 
 def run_record(settings: Settings, path: Path) -> int:
-    """Record until interrupted, and return the number of steps.
+    """Record until SIGINT or SIGTERM, and return the number of recorded steps.
 
     Raises:
-        ClusterMclError: there is no router, or the file cannot be written.
+        ClusterMclError: no router answers, or the file cannot be written.
     """
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -50,10 +50,10 @@ def run_record(settings: Settings, path: Path) -> int:
 
 @contextmanager
 def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
-    """Record all messages within the ``with`` block; without a path, record nothing.
+    """Record in a thread within the ``with`` block; without a path, record nothing.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputError: the file cannot be written; raised at the end of the block.
     """
     if path is None:
         yield
@@ -69,7 +69,7 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
 
 
 class Listener:
-    """Subscriber that writes scans, odometry, beliefs and the map to a file."""
+    """A subscriber that writes scans, odometry, beliefs and the map to a file."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session, self._causes = session, CauseCounter()
@@ -85,7 +85,7 @@ class Listener:
             subscribe(session, key, self._inbox, kind)
 
     def write(self, path: Path, stop: StopFlag) -> None:
-        """Write messages until `stop` is set and the inbox is empty."""
+        """Write received messages until `stop` is set and all messages are written."""
         with RunLog.to(path) as log:
             while True:
                 event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
@@ -109,7 +109,7 @@ class Listener:
     def _on_scan(self, log: RunLog, scan: Scan) -> None:
         last = self._last
         if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
-            return  # a repetition
+            return  # the scan was published again
         for one in (*self._lost_before(scan), scan):
             if log.wants_map(one):
                 self._write_map(log, one)
@@ -118,7 +118,7 @@ class Listener:
         self._last = scan
 
     def _lost_before(self, scan: Scan) -> tuple[Scan, ...]:
-        """Return the steps before a scan that were lost, as the bridge has them."""
+        """Return the scans that were lost before a scan, as far as the bridge still has them."""
         if self._last is None or scan.step <= self._last.step + 1:
             return ()
         selector = keys.scan_history(self._last.step + 1, scan.step - 1)

@@ -16,13 +16,14 @@ from recordings.map_file import load_map
 
 @dataclass
 class Comparison:
-    """Counts beliefs that equal the recorded ones, and beliefs that differ."""
+    """Numbers of recomputed beliefs, and of those that differ from the recorded ones."""
 
     coordinators: int = 0
+    """Number of times that a coordinator process began to lead."""
     beliefs: int = 0
     different: int = 0
     not_recorded: int = 0
-    """Number of beliefs that the recording does not contain, because it ends before them."""
+    """Number of recomputed beliefs that the recording does not have."""
 
     def add(self, happening: Happening) -> None:
         match happening:
@@ -50,20 +51,20 @@ def print_replay(
     map_file: Path | None,
     as_json: bool,
 ) -> bool:
-    """Replay a whole recording, and print part of it.
+    """Recompute a whole recording, and print the events and beliefs of some steps.
 
     Args:
         folder: folder of the recording.
-        first_step: print from this step on; None: from the beginning.
-        last_step: print up to this step; None: to the end.
-        map_file: refuse a run in another map; None: accept any.
-        as_json: print one object per line.
+        first_step: first step to print; None: the first in the recording.
+        last_step: last step to print; None: the last in the recording.
+        map_file: map of the recording; None: any map is accepted.
+        as_json: print a JSON object per line instead of text.
 
     Returns:
         Whether every belief equals the recorded one.
 
     Raises:
-        RecordingError: there is no recording, or it cannot be read.
+        RecordingError: there is no recording, it cannot be read, or it has another map.
         MapFileError: the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step
@@ -84,7 +85,7 @@ def print_replay(
 
 
 def _clock(wall_ns: int) -> str:
-    """Format a time in UTC."""
+    """Format a Unix time [ns] as date and time in UTC."""
     return datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 

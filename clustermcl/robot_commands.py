@@ -1,4 +1,4 @@
-"""The commands that change a belief, for the library and for a running system."""
+"""The methods that change the belief, of `ClusterMCL` and of `Client`."""
 
 import math
 import uuid
@@ -9,7 +9,7 @@ from protocol.message import Circle, Covariance, PoseTuple
 
 
 class RobotCommands:
-    """Base class with `set_pose` and `relocalize`; a subclass carries the commands out."""
+    """Base class with `set_pose` and `relocalize`; a subclass implements `_carry_out`."""
 
     def set_pose(
         self,
@@ -20,25 +20,25 @@ class RobotCommands:
         covariance: Covariance | None = None,
         stamp_ns: int | None = None,
     ) -> None:
-        """Give the robot's pose; its probability becomes `belief.set_pose_probability`.
+        """Set the robot's pose; its probability becomes the setting `belief.set_pose_probability`.
 
-        The state is `searching` until a scan confirms the pose. A pose that is given before the map
-        or the first scan arrives is applied then.
+        The state is `searching` until a scan confirms the pose. Before the first scan and the map
+        have arrived, the pose is stored and set later.
 
         Args:
-            map_from_robot: x [m], y [m], heading [rad].
+            map_from_robot: the pose: x [m], y [m], heading [rad].
             position_sigma_m: standard deviation of x and of y.
             heading_sigma_rad: standard deviation of the heading.
-            covariance: 3 x 3, row by row, over x, y, heading [m², m rad, rad²]; replaces both
-                sigmas.
-            stamp_ns: time of the pose by the robot's clock [ns]; odometry since then is added.
+            covariance: covariance of x, y, heading, nine numbers row by row [m², m rad, rad²];
+                replaces both standard deviations.
+            stamp_ns: time of the pose by the robot's clock [ns]; the motion since then is added.
                 None: now.
 
         Raises:
-            CommandRefusedError: the map has no free space within 3 sigma, or odometry of that
-                time is no longer kept.
-            ValueError: a number is not finite, a sigma is not positive, or the covariance is not
-                positive semi-definite.
+            CommandRefusedError: the map has no free space within three standard deviations, or
+                odometry of that time is no longer stored.
+            ValueError: a number is not finite, a standard deviation is not positive, or the
+                covariance is not positive semi-definite.
         """
         command = SetPose(
             sender="client",
@@ -54,15 +54,16 @@ class RobotCommands:
         self._carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:
-        """Drop all places, including the stored last pose, and search.
+        """Drop all places, including the last pose in the state file, and search for places.
 
         Args:
-            near: x, y and radius of the circle to search [m]; None: everywhere.
-            region: name of the region of `search.regions` to search; empty: everywhere.
+            near: x, y and radius of a circle to search in [m]; None: search everywhere.
+            region: name of a region of the setting `search.regions` to search in; empty: search
+                everywhere.
 
         Raises:
-            CommandRefusedError: there is no such region.
-            ValueError: `near` is not a circle.
+            CommandRefusedError: there is no region of this name.
+            ValueError: a number of `near` is not finite, or the radius is not positive.
         """
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
@@ -73,5 +74,5 @@ class RobotCommands:
 
 
 def new_id() -> str:
-    """Return a unique id, by which a repeated command is recognised."""
+    """Return a unique id for a command, by which its repetitions are recognised."""
     return uuid.uuid4().hex

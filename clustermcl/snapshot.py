@@ -1,4 +1,4 @@
-"""`clustermcl snapshot`: save the current state as a picture or a page."""
+"""`clustermcl snapshot`: save what the page shows as a picture or a page of HTML."""
 
 import time
 from contextlib import closing
@@ -17,20 +17,20 @@ from protocol.steps import MapMessage
 
 KINDS = (".png", ".html")
 STANDS_AFTER_S = 2.0
-"""After this time without a step, the robot counts as standing, and its places are queried."""
+"""Time without a step after which the robot counts as standing still, so places are queried."""
 MAP_WITHIN_S = 30.0
 
 
 def save_snapshot(file: Path, settings: Settings) -> None:
-    """Save what the page of a running system shows, as a picture or a page.
+    """Save what the page of a running system shows.
 
     Args:
-        file: path ending in ``.png`` or ``.html``; the page needs no server and no network.
+        file: path that ends in ``.png``, or in ``.html`` for a page without need for a server.
         settings: the router's endpoint and the robot's name.
 
     Raises:
         SettingsError: the path has another suffix.
-        UnreachableError: no such system is running.
+        UnreachableError: no system of this robot is running, or it has no map or place yet.
         OutputError: the file cannot be written.
     """
     if file.suffix.lower() not in KINDS:
@@ -46,14 +46,14 @@ def save_snapshot(file: Path, settings: Settings) -> None:
 
 
 def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMessage]:
-    """Return all frames of one robot's page, and its map.
+    """Return the frames of one robot's page by topic, and the map.
 
     Args:
         settings: the router's endpoint and the robot's name.
-        stop: checked while waiting.
+        stop: flag that ends the wait for the frames.
 
     Raises:
-        UnreachableError: there is no router, or no coordinator for the robot.
+        UnreachableError: no system of this robot is running, or it has no map or place yet.
         StoppedError: `stop` was set.
     """
     loop = LiveLoop(settings, {"commands": False}, stop)

@@ -25,13 +25,13 @@ from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
 _FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
 _NEWBORN_S = 10.0
-"""A younger folder may not have its lock yet [s]."""
+"""Age below which a folder may not have its lock yet [s]."""
 
 _log = logging.getLogger(__name__)
 
 
 class ProcessEndedError(ClusterMclError):
-    """A process of the stack refused to start, or ended although it should not have."""
+    """A process of the stack refused to start, or ended unexpectedly; `ended` has its exit."""
 
     def __init__(self, ended: ChildExit) -> None:
         self.ended = ended
@@ -51,11 +51,12 @@ class Stack:
     Args:
         settings: settings of all processes; `bridge.source` selects bridge or simulator,
             `zenoh.start_router` adds a router, `ros2.enabled` a bridge to ROS.
-        folder: folder for their settings file and logs.
+        folder: folder for the processes' settings file and logs.
         logs_in_folder: write logs to the folder instead of standard error.
-        simulator_arguments: additional arguments for the simulator.
-        page_arguments: arguments for the page; None: no page.
-        beside: also localize by AMCL's filter, for the page; see `evaluation.beside`.
+        simulator_arguments: additional arguments of the simulator.
+        page_arguments: arguments of the page; None: no page.
+        beside: also localize by AMCL's filter, for a second map on the page; see
+            `evaluation.beside`.
     """
 
     def __init__(
@@ -95,26 +96,25 @@ class Stack:
         self.start_coordinator()
 
     def start_without_coordinator(self) -> None:
-        """Start all processes but the coordinator, for which the source waits."""
+        """Start all processes but the coordinator; without it, the source makes no step."""
         self._supervisor.start()
 
     def start_coordinator(self) -> None:
-        """Start the coordinator, after which the source sends its first step."""
         self._supervisor.add(self._coordinator)
 
     def ended(self) -> list[ChildExit]:
-        """Restart processes that are due, and return those that ended since the last call."""
+        """Restart processes when it is time, and return those that ended since the last call."""
         return self._supervisor.poll(time.monotonic())
 
     def pids(self) -> dict[str, int]:
-        """Return the process ids by name; all workers are one entry, their parent process."""
+        """Return process ids by name; ``worker`` is the parent process of all workers."""
         return self._supervisor.pids()
 
     def check(self) -> None:
-        """Supervise the processes.
+        """Check that all processes run.
 
         Raises:
-            ProcessEndedError: a process has ended; the error has its last log lines.
+            ProcessEndedError: a process has ended; the message has its last log lines.
         """
         for ended in self.ended():
             raise ProcessEndedError(ended)
@@ -133,11 +133,12 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Create a folder for sockets and logs, which is removed at the end.
+    """Create a folder for sockets and logs, which is removed at the end of the ``with`` block.
 
-    After a SIGKILL the folder remains without a lock, and the next process removes it.
+    After a SIGKILL the folder remains, but the kernel releases its lock. The next process that
+    calls this function then removes the folder.
     """
-    # The path of the router's socket is the longest, and limited by the operating system.
+    # The operating system limits the length of a socket's path; the router's is the longest.
     base = Path(tempfile.gettempdir())
     room = SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
@@ -151,7 +152,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _remove_orphans(base: Path) -> None:
-    """Remove the folders of killed processes, whose locks the kernel has released."""
+    """Remove this user's folders whose lock is free: their processes were killed."""
     for folder in base.glob(f"{_FOLDER_PREFIX}*"):
         try:
             about = folder.lstat()
@@ -160,15 +161,14 @@ def _remove_orphans(base: Path) -> None:
             with (folder / _LOCK).open() as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(folder)
-        except OSError:  # in use, not our folder, or just being removed by another process
+        except OSError:  # locked, not readable, or just being removed by another process
             continue
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:
-    """Return settings with the router at a Unix socket in a folder, private to its user.
+    """Return settings of a system whose router listens at a Unix socket in a folder.
 
-    The coordinator keeps its state there too, unless the settings name another folder, so that
-    nothing remains for the next run.
+    The coordinator writes its state to this folder, unless the settings name another one.
     """
     router = f"unixsock-stream/{folder}/router.sock"
     zenoh = msgspec.structs.replace(settings.zenoh, router=router, start_router=True)

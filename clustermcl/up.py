@@ -1,4 +1,4 @@
-"""`clustermcl up`: run all processes on this machine until Ctrl-C."""
+"""`clustermcl up`: run all processes of a robot on this machine until Ctrl-C."""
 
 import shlex
 import sys
@@ -24,7 +24,7 @@ _POLL_S = 0.1
 
 
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
-    """Run router, bridge or simulator, coordinator and workers; restart those that end.
+    """Run all processes of a robot until Ctrl-C; restart a process that ends.
 
     Args:
         settings: settings of all processes.
@@ -32,10 +32,10 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         allow_commands: accept commands on the page from other machines too.
 
     Raises:
-        ClusterMclError: the map, the recording or the endpoint is unusable.
+        ClusterMclError: the map, the recording, an address or the endpoint is unusable.
         ProcessEndedError: a process refused to start.
     """
-    _refuse_what_cannot_run(settings)
+    _check_settings(settings)
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
@@ -43,7 +43,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            _say(f"ask with: {command_for('pose', settings)}")
+            _say(f"query it with: {command_for('pose', settings)}")
             while not stop.wait(_POLL_S):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
@@ -55,7 +55,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
 
 def command_for(command: str, settings: Settings) -> str:
-    """Return a command line for this robot, without options that have their defaults."""
+    """Return the line with which a user gives a command for the robot of these settings."""
     usual, words = Settings(), ["clustermcl", command]
     if settings.robot.name != usual.robot.name:
         words += ["--robot", settings.robot.name]
@@ -70,20 +70,20 @@ def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
 
 
 def _recorded(settings: Settings) -> Settings:
-    """Set the folder of the flight recorder to its default, unless the settings have one."""
+    """Return settings with a folder for the flight recorder, the default if they have none."""
     if settings.recorder.folder:
         return settings
     try:
         folder = str(default_state_folder() / "flight-recorder")
-    except RuntimeError as error:  # an account without a home
+    except RuntimeError as error:  # the user has no home directory
         _say(f"nothing is recorded: {error}; set recorder.folder")
         return settings
     recorder = msgspec.structs.replace(settings.recorder, folder=folder)
     return msgspec.structs.replace(settings, recorder=recorder)
 
 
-def _refuse_what_cannot_run(settings: Settings) -> None:
-    """Check the settings before starting processes, for a single clear error."""
+def _check_settings(settings: Settings) -> None:
+    """Raise an error if a process could not start, before any is started."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     if settings.ros2.enabled:
         check_ros2(settings)
@@ -92,17 +92,16 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
         case Simulated() as robot:
             simulated_world(robot)
         case Recorded(path):
-            _refuse_map(map_file_of(bridge.map, path))
+            _check_map(map_file_of(bridge.map, path))
             open_recording(path, bridge)
         case Live():
             if not is_published(bridge.map, bridge.source, ros2=settings.ros2.enabled):
-                _refuse_map(bridge.map)
+                _check_map(bridge.map)
         case choice:
             assert_never(choice)
 
 
-def _refuse_map(map_file: str) -> None:
-    """Refuse a missing or unusable map."""
+def _check_map(map_file: str) -> None:
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     load_map_with_obstacles(map_file)

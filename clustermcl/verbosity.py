@@ -13,7 +13,7 @@ _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
 
 
 def set_verbosity(level: str = _NORMAL) -> None:
-    """Write log messages of at least this level to standard error."""
+    """Write log messages of this level and above to standard error."""
     configure_logging("clustermcl", level)
 
 
@@ -22,7 +22,7 @@ def is_verbose() -> bool:
 
 
 def log_settings() -> list[str]:
-    """Return settings with the log level for processes that a command starts."""
+    """Return the assignment of `log.level` for started processes; empty: as in the settings."""
     if is_quiet():
         return [f"log.level={_QUIET}"]
     return ["log.level=debug"] if is_verbose() else []
@@ -63,7 +63,7 @@ def _options(
 
 
 class VerbosityGroup(TyperGroup):
-    """Command group that has both options, and adds them to each of its commands."""
+    """A group of commands that has both options, and adds them to each of its commands."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

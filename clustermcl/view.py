@@ -27,7 +27,7 @@ def run_view(
 ) -> None:
     """Serve the page of a running system or of a recording, or save a recording as a page.
 
-    If there is no connection to the running system, the page waits and connects again.
+    While there is no connection to the running system, the page waits for one.
 
     Args:
         settings: the router's endpoint and the robot's name.
@@ -35,7 +35,7 @@ def run_view(
         robots: names of robots; empty: the robot in the settings.
         recording: a run log, or a folder with run logs; None: show a running system.
         map_file: map of the recording; None: the map in the recording.
-        save_file: write the recording to this page instead of serving it.
+        save_file: file for the recording as one page, which is then not served; None: serve it.
 
     Raises:
         SettingsError: the address, a certificate or a name is invalid.
@@ -62,10 +62,6 @@ def run_view(
 
 
 def say_link(link: str) -> None:
-    """Print the link of the page."""
-    _say(f"look at {link}")
-
-
-def _say(text: str) -> None:
-    sys.stderr.write(f"clustermcl: {text}\n")
+    """Print the link of the page to standard error."""
+    sys.stderr.write(f"clustermcl: look at {link}\n")
     sys.stderr.flush()

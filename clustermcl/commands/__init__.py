@@ -1,1 +1,1 @@
-"""The commands and their options. Each imports its module when called, so that `pose` is fast."""
+"""The commands and their options. A command imports its module when called, as most are slow."""

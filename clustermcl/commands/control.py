@@ -39,7 +39,7 @@ def set_pose(
     ] = None,
     stamp_ns: Annotated[
         int | None,
-        typer.Option(help="Time of the pose by the robot's clock; odometry since is added [ns]."),
+        typer.Option(help="Time of the pose by the robot's clock; later motion is added [ns]."),
     ] = None,
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
@@ -63,13 +63,13 @@ def set_pose(
             )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None
-    _report(settings, f"was given {pose_text(map_from_robot)}")
+    _report(settings, f"was set to {pose_text(map_from_robot)}")
 
 
 def _symmetric(
     xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return all nine entries, with the heading in radians."""
+    """Return a covariance row by row, with degrees converted to radians."""
     rad = math.pi / 180.0
     xh, yh, hh = xh * rad, yh * rad, hh * rad * rad
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
@@ -86,9 +86,9 @@ def relocalize(
         str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
     ] = "",
 ) -> None:
-    """Drop all places and search everywhere or in a region."""
+    """Drop all places, and search everywhere or in a region."""
     if near is not None and region:
-        problem = "--near and --region each say where to search: give one"
+        problem = "--near and --region exclude each other: give one"
         raise SettingsError(key="--near", problem=problem)
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle needs two finite numbers and a positive radius")
@@ -97,12 +97,12 @@ def relocalize(
     where = f"in region {region}" if region else "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
-    _report(settings, f"has forgotten all places, and is searched for {where}")
+    _report(settings, f"has no places any more; the search runs {where}")
 
 
 @client_command
 def update(settings: Settings) -> None:
-    """Make a step from the next scan, even if the robot stands still."""
+    """Make a step of the next scan, even if the robot stands still."""
     with connected(settings) as client:
         client.update()
     _report(settings, "makes a step of its next scan")

@@ -1,4 +1,4 @@
-"""Options of several commands, and helpers of the commands."""
+"""Options that several commands share, and what several commands do."""
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
@@ -39,7 +39,7 @@ Assignments = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="A setting; overrides the file's; may be repeated.",
+        help="A setting, which overrides the file; may be repeated.",
         autocompletion=completion.settings,
     ),
 ]
@@ -68,8 +68,8 @@ Output = Annotated[
 ]
 
 
-def meant(robot: str | None, router: str | None) -> list[str]:
-    """Return the options for robot and router as assignments of settings."""
+def as_assignments(robot: str | None, router: str | None) -> list[str]:
+    """Return assignments of `robot.name` and `zenoh.router`, as far as the options are given."""
     named = {"robot.name": robot, "zenoh.router": router}
     return [f"{setting}={value}" for setting, value in named.items() if value]
 
@@ -85,10 +85,47 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
         assignments: Assignments = None,
         **own: Any,
     ) -> None:
-        given = [*log_settings(), *meant(robot, router), *(assignments or ())]
+        given = [*log_settings(), *as_assignments(robot, router), *(assignments or ())]
         # Typer reads the signature set below, so `own` has the command's own options.
         command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
 
+    return _with_options_of(command, run)
+
+
+def recording_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
+    """Add topics and frames of a ROS bag, `--settings` and `--set`, and load the settings.
+
+    The command raises a `SettingsError` if a topic or frame is given, but the option `recording`
+    is not a bag.
+    """
+
+    def run(
+        *,
+        scan_topic: ScanTopic = "",
+        odom_topic: OdomTopic = "",
+        odom_frame: OdomFrame = "",
+        base_frame: BaseFrame = "",
+        settings_file: SettingsFile = None,
+        assignments: Assignments = None,
+        **own: Any,
+    ) -> None:
+        named = {
+            "scan_topic": scan_topic,
+            "odom_topic": odom_topic,
+            "odom_frame": odom_frame,
+            "base_frame": base_frame,
+        }
+        if any(named.values()):
+            refuse_without("a ROS bag", _may_be_bag(own["recording"]), **named)
+        given = [*log_settings(), *(assignments or ())]
+        given += [f"bridge.{setting}={name}" for setting, name in named.items() if name]
+        command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
+
+    return _with_options_of(command, run)
+
+
+def _with_options_of(command: Callable[..., None], run: Callable[..., None]) -> Callable[..., None]:
+    """Give `run` the docstring and the options of a command, before those of `run` itself."""
     common = inspect.signature(run).parameters.values()
     own = list(inspect.signature(command).parameters.values())[1:]
     added = [parameter for parameter in common if parameter.kind is not parameter.VAR_KEYWORD]
@@ -98,8 +135,8 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
 
 
 def connected(settings: Settings) -> "Client":
-    """Return a client; its import takes longer than that of all commands."""
-    from clustermcl.client import Client  # noqa: PLC0415 - see above
+    """Return a client that is not connected yet."""
+    from clustermcl.client import Client  # noqa: PLC0415 - slower than importing all commands
 
     return Client(settings)
 
@@ -115,8 +152,8 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
 
     Args:
         needed: name of the other option, for the error.
-        is_there: whether the other option was given.
-        options: values by their Python names; falsy: not given.
+        is_there: true if the other option was given.
+        options: values of the options by their Python names; false values: not given.
 
     Raises:
         SettingsError: an option was given without the other one.
@@ -127,31 +164,8 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
             raise SettingsError(key=option, problem=f"{option} has no effect without {needed}")
 
 
-def of_bag(
-    recording: str | Path | None,
-    scan_topic: str,
-    odom_topic: str,
-    odom_frame: str,
-    base_frame: str,
-) -> list[str]:
-    """Return the options for topics and frames of a bag as assignments of settings.
-
-    Raises:
-        SettingsError: an option was given, but the recording is not a bag.
-    """
-    named = {
-        "scan_topic": scan_topic,
-        "odom_topic": odom_topic,
-        "odom_frame": odom_frame,
-        "base_frame": base_frame,
-    }
-    if any(named.values()):
-        refuse_without("a ROS bag", _may_be_bag(recording), **named)
-    return [f"bridge.{setting}={name}" for setting, name in named.items() if name]
-
-
 def _may_be_bag(recording: str | Path | None) -> bool:
-    """Return whether a recording is a bag; true for a missing file, which is refused later."""
+    """Return whether a recording is a bag, or a missing file, which is refused later."""
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
     from recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
 
@@ -164,15 +178,15 @@ def _may_be_bag(recording: str | Path | None) -> bool:
 def settings_with_nav2(
     nav2_params: Path | None, settings_file: Path | None, assignments: Sequence[str]
 ) -> tuple[Settings, list[str]]:
-    """Load settings: assignments override the file, the file overrides nav2's parameters.
+    """Load settings: assignments override the file, and the file overrides nav2's parameters.
 
     Args:
         nav2_params: the robot's `nav2_params.yaml`; None: none.
-        settings_file: TOML, or None.
-        assignments: ``section.key=value``.
+        settings_file: settings file (TOML); None: none.
+        assignments: settings as ``section.key=value``.
 
     Returns:
-        The settings, and a line for each parameter whose effect here is different or missing.
+        The settings, and a line for each nav2 parameter that has another effect here, or none.
 
     Raises:
         InputFileError: a file is unreadable or malformed.

@@ -22,7 +22,7 @@ EXIT_NO_POSE = 4
 def pose(settings: Settings, as_json: AsJson = False) -> None:
     """Print the robot's pose, its uncertainty, and the age of the data.
 
-    Exit code 4 if the pose is not safe to drive by: stale, dead reckoning, lost, or not known yet.
+    Exit code 4 if the pose is not safe to drive by: stale, dead reckoning, lost, or unknown.
     """
     with connected(settings) as client:
         answer = client.pose()
@@ -39,7 +39,7 @@ def hypotheses(
     ] = 0.0,
     as_json: AsJson = False,
 ) -> None:
-    """Print all places where the robot may be, with probabilities."""
+    """Print all places where the robot may be, with their probabilities."""
     with connected(settings) as client:
         answer = client.hypotheses()
     kept = tuple(place for place in answer.hypotheses if place.probability >= above)
@@ -80,7 +80,7 @@ def status(settings: Settings, as_json: AsJson = False) -> None:
 
 @client_command
 def watch(settings: Settings, as_json: AsJson = False) -> None:
-    """Print every new belief, until Ctrl-C."""
+    """Print each new belief, until Ctrl-C."""
 
     def watched() -> None:
         with connected(settings) as client:

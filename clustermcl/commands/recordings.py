@@ -10,20 +10,15 @@ from clustermcl import completion
 from clustermcl.commands.options import (
     AsJson,
     Assignments,
-    BaseFrame,
-    OdomFrame,
-    OdomTopic,
     Output,
     RecordFile,
-    ScanTopic,
     SettingsFile,
     client_command,
-    of_bag,
+    recording_command,
     settings_with_nav2,
 )
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
-from process_runtime.settings_file import load_settings
 
 EXIT_DIFFERENT = 1
 MOST_RUNS, MOST_JOBS = 10_000, 256
@@ -32,7 +27,9 @@ MOST_STEPS = 100_000
 """Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 
 
+@recording_command
 def evaluate(
+    settings: Settings,
     recording: Annotated[
         str,
         typer.Argument(
@@ -98,12 +95,6 @@ def evaluate(
     report_file: Annotated[
         Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
     ] = None,
-    scan_topic: ScanTopic = "",
-    odom_topic: OdomTopic = "",
-    odom_frame: OdomFrame = "",
-    base_frame: BaseFrame = "",
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
@@ -128,14 +119,12 @@ def evaluate(
         tum=tum,
         report_file=report_file,
     )
-    given = [
-        *(assignments or ()),
-        *of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame),
-    ]
-    run_evaluate(options, load_settings(settings_file, given))
+    run_evaluate(options, settings)
 
 
+@recording_command
 def check(
+    settings: Settings,
     map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
     recording: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Recording of a robot in that map.")
@@ -147,13 +136,7 @@ def check(
     report_file: Annotated[
         Path | None, typer.Option("--report", metavar="FILE.html", help="Draw it on a page.")
     ] = None,
-    scan_topic: ScanTopic = "",
-    odom_topic: OdomTopic = "",
-    odom_frame: OdomFrame = "",
-    base_frame: BaseFrame = "",
     as_json: AsJson = False,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
     """Check whether a map is suitable, and which places look alike.
 
@@ -161,14 +144,10 @@ def check(
     """
     from clustermcl.check import run_check  # noqa: PLC0415 - see the package
 
-    given = [
-        *(assignments or ()),
-        *of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame),
-    ]
     run_check(
         map_file,
         recording,
-        load_settings(settings_file, given),
+        settings,
         laser_range_m=laser_range_m,
         places=places,
         as_json=as_json,

@@ -13,29 +13,27 @@ from clustermcl.commands.options import (
     AllowCommands,
     AsJson,
     Assignments,
-    BaseFrame,
     Listen,
-    OdomFrame,
-    OdomTopic,
     RecordFile,
     Robot,
     Router,
-    ScanTopic,
     SettingsFile,
+    as_assignments,
     client_command,
-    meant,
-    of_bag,
+    recording_command,
     refuse_without,
     settings_with_nav2,
 )
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
-from process_runtime.settings_file import load_settings
+from process_runtime.settings_file import load_settings, with_setting
 from process_runtime.supervisor import python_module
 from protocol.errors import SettingsError
 
 
+@recording_command
 def demo(
+    settings: Settings,
     recording: Annotated[
         str | None,
         typer.Option(
@@ -62,10 +60,6 @@ def demo(
     ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
-    scan_topic: ScanTopic = "",
-    odom_topic: OdomTopic = "",
-    odom_frame: OdomFrame = "",
-    base_frame: BaseFrame = "",
     view: Annotated[
         bool, typer.Option("--view", help="Serve a page that shows it, until Ctrl-C.")
     ] = False,
@@ -75,20 +69,17 @@ def demo(
     listen: Listen = None,
     record_file: RecordFile = None,
     as_json: AsJson = False,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
     """Localize a simulated robot or a recording.
 
-    Starts and stops all processes on this machine.
+    All processes run on this machine, and end with the command.
     """
     refuse_without("--view", view, drive=drive, listen=listen)
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the package
 
-    given = [*log_settings(), *(assignments or ())]
-    given += of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame)
-    given += [f"worker.count={workers}"] if workers else []
-    given += [f"seed={seed}"] if seed is not None else []
+    for name, value in (("worker.count", workers), ("seed", seed)):
+        if value is not None:
+            settings = with_setting(settings, name, value, "clustermcl demo")
     options = DemoOptions(
         recording=recording,
         map_file=map_file,
@@ -100,7 +91,7 @@ def demo(
         by_hand=drive,
         as_json=as_json,
     )
-    run_demo(options, load_settings(settings_file, given))
+    run_demo(options, settings)
 
 
 def up(
@@ -120,7 +111,7 @@ def up(
     refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
-    given = [*log_settings(), *meant(robot, router), *(assignments or ())]
+    given = [*log_settings(), *as_assignments(robot, router), *(assignments or ())]
     chosen, notes = settings_with_nav2(nav2_params, settings_file, given)
     for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
@@ -129,7 +120,7 @@ def up(
 
 @client_command
 def ros2(settings: Settings) -> None:
-    """Stand in for nav2's AMCL over rmw_zenoh, until Ctrl-C."""
+    """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the package
     from ros2_bridge.process import serve  # noqa: PLC0415 - see the package
 
@@ -145,9 +136,9 @@ def router(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run the router alone, where several robots share one."""
+    """Run only the router, for several robots."""
     given = [] if config is None else ["--config", str(config)]
-    _become("zenoh_link.router", given, settings_file, meant(None, router), assignments)
+    _become("zenoh_link.router", given, settings_file, as_assignments(None, router), assignments)
 
 
 def worker(
@@ -160,7 +151,7 @@ def worker(
 ) -> None:
     """Run more workers, on this machine or another one."""
     given = ["--name", name, *([] if count is None else ["--count", str(count)])]
-    _become("worker", given, settings_file, meant(robot, router), assignments)
+    _become("worker", given, settings_file, as_assignments(robot, router), assignments)
 
 
 def _become(
@@ -170,7 +161,7 @@ def _become(
     settings: list[str],
     assignments: list[str] | None,
 ) -> None:
-    """Replace this process by another one, which gets the signals and sets the exit code."""
+    """Replace this process by another program, which then gets its signals."""
     command = [*python_module(module), *arguments]
     command += ["--settings", str(settings_file)] if settings_file else []
     for assignment in [*log_settings(), *settings, *(assignments or ())]:
@@ -233,7 +224,7 @@ def serve_view(
         certificate=certificate,
         private_key=private_key,
     )
-    given = [*meant(None, router), *(assignments or ())]
+    given = [*as_assignments(None, router), *(assignments or ())]
     run_view(
         load_settings(settings_file, given),
         page,

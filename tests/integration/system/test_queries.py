@@ -158,7 +158,7 @@ def test_a_second_coordinator_is_refused_and_the_first_goes_on(
 def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:
     done = typed(system, "set-pose", "5.0", "6.0", "86.0")
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "robot 'robot' was given x 5.00 m  y 6.00 m  heading 86.0 deg\n"
+    assert done.stdout == "robot 'robot' was set to x 5.00 m  y 6.00 m  heading 86.0 deg\n"
     with Client(system) as client:
         answer: PoseAnswer = client.pose()
     assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
@@ -195,7 +195,7 @@ def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
 def test_relocalize_forgets_all_places(system: Settings) -> None:
     done = typed(system, "relocalize")
     assert done.returncode == 0
-    assert "has forgotten all places, and is searched for everywhere" in done.stdout
+    assert "has no places any more; the search runs everywhere" in done.stdout
     assert typed(system, "relocalize", "--quiet").stdout == ""
     with Client(system) as client:
         answer = client.hypotheses()
