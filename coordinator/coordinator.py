@@ -286,7 +286,7 @@ class Coordinator(Part):
             if self.state.carry_out(command):
                 instructions += self._publication(now_ns)
             instructions += self._on_time_passed(now_ns)
-        problem = self.state.commands.problems[command.command_id]
+        problem = self.state.commands.problems.get(command.command_id, "")
         return [*instructions, AnswerCommand(CommandDone(sender=self.sender, problem=problem))]
 
     def _on_time_passed(self, now_ns: int) -> list[Instruction]:

@@ -1,4 +1,4 @@
-"""Instructions of a leading coordinator, which `loop` carries out."""
+"""Instructions of a coordinator, which `Loop` carries out."""
 
 from dataclasses import dataclass
 
@@ -51,7 +51,7 @@ class FetchScans:
 
     first: int
     last: int | None
-    """None: up to the newest."""
+    """None: up to the newest scan."""
 
 
 @dataclass(frozen=True)

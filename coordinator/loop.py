@@ -1,4 +1,4 @@
-"""The coordinator at Zenoh: messages in, instructions out; `Replica` decides in between."""
+"""Connects a `Replica` to Zenoh: passes messages on to it, and carries out its instructions."""
 
 import logging
 import time
@@ -60,23 +60,23 @@ ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
 TICK_NS = int(TICK_S * 1e9)
 ASK_AGAIN_WITHIN_S = 0.5
-"""Just after a link came up, a query for lost scans finds no bridge; it is repeated [s]."""
+"""A query for scans is repeated for this time: a new link does not reach the bridge at once [s]."""
 ORDER_TIMEOUT_S = 35.0
-"""A worker may fetch a large map before it answers; orders are repeated sooner [s]."""
+"""Time for an answer: a worker may fetch a large map first. Orders are repeated sooner [s]."""
 FORGOTTEN_AFTER_NS = 30_000_000_000
 """A process that has published no health for longer is not listed [ns]."""
 MAX_PROCESSES = 1_000
-"""More names than any robot has processes: some client invents them."""
+"""Largest number of listed processes; a client may invent names."""
 
 _log = logging.getLogger(__name__)
 
 
 class Loop:
-    """Carries a replica's messages, first as a follower, then as a leader.
+    """The event loop of a coordinator process, first as a follower, then as a leader.
 
     Args:
-        node: the process's, open.
-        replica: decides.
+        node: the open node of the process.
+        replica: takes events and returns instructions.
     """
 
     def __init__(self, node: Node, replica: Replica) -> None:
@@ -89,7 +89,7 @@ class Loop:
         node.watch_link(self._on_link)
 
     def follow(self) -> bool:
-        """Watch the leader; return True to lead in its place, False if the process was stopped."""
+        """Watch the leader; return True if this process must lead, False if it was stopped."""
         node, replica = self._node, self._replica
         node.peers = keys.COORDINATOR_ALIVE
         node.watch(keys.COORDINATOR_ALIVE, self._on_token)
@@ -125,7 +125,7 @@ class Loop:
         )
         for key in (keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH):
             node.subscribe(key, Health, self._on_health, kind="health", kept=1024)
-        # A coordinator that knows of no worker begins at once.
+        # Without these tokens the coordinator would begin before it has asked any worker.
         for key in alive(node.session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
             self._on_token(Token(key, alive=True))
         node.watch(keys.ALL_WORKERS_ALIVE, self._on_token)
@@ -136,7 +136,7 @@ class Loop:
                     self._serve()
                     is_serving = True
                 event = node.turn(TICK_S)
-                # Queries and odometry may leave no idle moment.
+                # With many queries, `turn` may never return without an event.
                 if event is None or time.monotonic_ns() - self._ticked_ns >= TICK_NS:
                     self._ticked_ns = time.monotonic_ns()
                     self._on(TimePassed())
@@ -153,7 +153,7 @@ class Loop:
     # --- messages
 
     def _on(self, event: Event | TokenChanged) -> list[Instruction]:
-        """Pass an event on and carry out what follows; return that."""
+        """Pass an event to the replica; carry out and return the instructions."""
         decided = self._replica.handle(event, time.monotonic_ns())
         released = self._replica.release(decided, time.monotonic_ns())
         self._carry_out(released)
@@ -179,7 +179,7 @@ class Loop:
         expected = self._coordinator.map_digest
         if expected not in ("", scan.map_digest):
             error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
-            # The coordinator counts it.
+            # The coordinator counts such scans.
             self._another_map.warn(_log, "scan of another map dropped", error, time.monotonic())
         self._on(ScanArrived(scan))
 
@@ -189,12 +189,12 @@ class Loop:
 
     def _on_report(self, report: Report, received: Received) -> None:
         self._node.health.happened("reports")
-        # The key names the worker: access control guards the key, but not the message.
+        # The worker's name is taken from the key, which access control protects.
         worker = keys.worker_name(received.key)
         settings = self._coordinator.filter_settings
         check_places(report, settings)
         if has_too_large_snapshot(report, settings):
-            # The rest counts: the worker may have begun the job with earlier settings.
+            # The report itself counts: the worker may have begun the job with earlier settings.
             detail = f"{worker}, job {printable(report.job_id)}"
             self._warn("snapshot with too many particles", detail)
             report = without_snapshot(report)
@@ -239,18 +239,12 @@ class Loop:
     def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
         self._node.health.happened("questions")
         command = decode(asked.payload, kind)
-        done = [
-            do.done
-            for do in (self._on(CommandArrived(command)) if self._may_command() else ())
-            if isinstance(do, AnswerCommand)
-        ]
-        if done:
-            asked.answer(done[0])
-        else:
-            asked.refuse("another coordinator may have taken over; ask again")
-
-    def _may_command(self) -> bool:
-        return self._replica.may_answer(time.monotonic_ns())
+        may_answer = self._replica.may_answer(time.monotonic_ns())
+        for do in self._on(CommandArrived(command)) if may_answer else ():
+            if isinstance(do, AnswerCommand):
+                asked.answer(do.done)
+                return
+        asked.refuse("another coordinator may have taken over; ask again")
 
     # --- instructions
 
@@ -288,18 +282,18 @@ class Loop:
     def _ask_worker(
         self, key: str, message: Message, answer: type[OrderAnswer | WorkerState], worker: str
     ) -> None:
-        def on_answer(told: OrderAnswer | WorkerState) -> None:
-            check_term(told, time.time_ns())
-            if isinstance(told, OrderAnswer):
-                self._on(OrderAnswered(worker, told))
+        def on_answer(received: OrderAnswer | WorkerState) -> None:
+            check_term(received, time.time_ns())
+            if isinstance(received, OrderAnswer):
+                self._on(OrderAnswered(worker, received))
             else:
                 self._node.heap.on_large_message(time.monotonic())
-                self._on(WorkerStateArrived(worker, snapshot_of(told)))
+                self._on(WorkerStateArrived(worker, snapshot_of(received)))
 
         self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
 
     def _read_map(self, message: MapMessage) -> None:
-        """Unpack a map in the background: the largest takes seconds."""
+        """Unpack a map in the background, because a large map takes seconds."""
 
         def unpacked() -> FreeGround:
             grid_map = from_message(message)
@@ -317,22 +311,22 @@ class Loop:
 
 
 class ProcessRegistry:
-    """The newest health of each process."""
+    """The newest health message of each process."""
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[int, Health]] = {}
 
     def on_health(self, key: str, health: Health, now_ns: int) -> bool:
-        """Keep a process's health; return False if there are too many processes."""
-        if key not in self._newest and len(self._newest) >= MAX_PROCESSES:
+        """Store a process's health; return False if there are too many processes."""
+        if len(self._newest) >= MAX_PROCESSES:
             self._forget(now_ns)
-            if len(self._newest) >= MAX_PROCESSES:
-                return False
+        if len(self._newest) >= MAX_PROCESSES and key not in self._newest:
+            return False
         self._newest[key] = (now_ns, health)
         return True
 
     def all(self, now_ns: int) -> tuple[Health, ...]:
-        """Return the newest health of each process with its age, by role and name."""
+        """Return the newest health of each process, with its age; sorted by role and name."""
         self._forget(now_ns)
         ordered = sorted(self._newest.values(), key=lambda one: (one[1].role, one[1].sender))
         return tuple(

@@ -24,6 +24,8 @@ from zenoh_link.metrics import metrics_served
 from zenoh_link.node import Node
 from zenoh_link.wire import is_alive
 
+SECTIONS = FilterSettings.__struct_fields__
+
 _log = logging.getLogger(__name__)
 
 
@@ -49,7 +51,7 @@ def run_coordinator(invocation: Invocation) -> None:
     """Lead or follow until the process is stopped.
 
     Raises:
-        AlreadyRunningError: the robot has a coordinator, and this one may not stand by.
+        AlreadyRunningError: the robot has a coordinator, and `standby` is off.
     """
     settings, stop = invocation.settings, invocation.stop
     may_wait = settings.coordinator.standby or invocation.arguments.standby
@@ -58,7 +60,7 @@ def run_coordinator(invocation: Invocation) -> None:
         with closing(Node(invocation.process, "coordinator", settings, stop, peers=None)) as node:
             node.open()
             follow_and_lead(invocation, node, replica, may_wait=may_wait)
-        may_wait = True  # it has been deposed
+        may_wait = True  # this coordinator was deposed
 
 
 def follow_and_lead(
@@ -72,7 +74,7 @@ def follow_and_lead(
     settings = invocation.settings
     with metrics_served(settings.metrics, lambda: node.session):
         loop = Loop(node, replica)
-        # Our successor declares its liveliness token only after recovery.
+        # After a deposition: a successor declares its liveliness token only after recovery.
         if replica.role == "deposed" or is_alive(
             node.session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s
         ):
@@ -130,12 +132,5 @@ def recorder_ring(settings: Settings, series: int) -> Ring | None:
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:
-    """Return the filter's settings alone, as work orders contain them."""
-    return FilterSettings(
-        seed=settings.seed,
-        motion=settings.motion,
-        sensor=settings.sensor,
-        cluster=settings.cluster,
-        search=settings.search,
-        belief=settings.belief,
-    )
+    """Return the filter's settings without those of the processes, as work orders contain them."""
+    return FilterSettings(**{name: getattr(settings, name) for name in SECTIONS})

@@ -1,7 +1,7 @@
-"""The coordinator's state on disk, from which the next process continues, also after a power cut.
+"""The coordinator's state on disk, from which the next process continues.
 
-A file is written under another name and renamed, so a reader finds the old state or the new one. A
-checksum detects a damaged file, which is logged and replaced by the next state.
+A new file is written under another name and renamed, so a reader finds the old or the new state,
+also after a power cut. A checksum detects a damaged file, which is logged and not used.
 """
 
 import hashlib
@@ -25,9 +25,9 @@ from protocol.work import Checkpoint
 
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
 SYNC_EVERY_S = 1.0
-"""A killed process loses nothing that was written; a power cut at most this much [s]."""
+"""A power cut loses at most this time; a killed process loses nothing that was written [s]."""
 LEFT_AFTER_S = 60.0
-"""Writing takes milliseconds: a part of a file that is older was left behind."""
+"""An unfinished file of this age was left by a killed process: writing takes milliseconds [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -36,7 +36,7 @@ class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     sha256: bytes
     """Digest of the checkpoint."""
     checkpoint: bytes
-    """The message, as it is published."""
+    """The encoded message, as it is published."""
 
 
 def file_of(folder: Path, robot: str) -> Path:
@@ -45,7 +45,7 @@ def file_of(folder: Path, robot: str) -> Path:
 
 
 def read(folder: Path, robot: str) -> Checkpoint | None:
-    """Return the state in a robot's file; None if there is none, or none that can be used."""
+    """Return the state in a robot's file; None: the file is missing, unreadable or invalid."""
     path = file_of(folder, robot)
     try:
         with path.open("rb") as file:
@@ -54,7 +54,7 @@ def read(folder: Path, robot: str) -> Checkpoint | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, MalformedMessageError) as error:
-        _log.warning("%s is not carried on from: %s", path, error)
+        _log.warning("the state in %s is not used: %s", path, error)
         return None
 
 
@@ -71,7 +71,7 @@ def _checkpoint_in(data: bytes) -> Checkpoint:
 
 
 def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
-    """Write a state, which replaces the last one.
+    """Write a state; it replaces the last one.
 
     Args:
         folder: folder of the file; created if missing.
@@ -103,7 +103,7 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
 
 
 def _sync_folder(folder: Path) -> None:
-    """Bring the new name to the disk too."""
+    """Wait until the renamed file's name is on the disk."""
     number = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(number)
@@ -112,12 +112,12 @@ def _sync_folder(folder: Path) -> None:
 
 
 def remove_leftovers(folder: Path, robot: str) -> None:
-    """Remove parts of files that a process left when it was killed while it wrote.
+    """Remove unfinished files that a killed process left.
 
-    A younger part may be another coordinator's, at work.
+    A newer unfinished file stays: another coordinator may be writing it.
     """
     for part in folder.glob(f"{file_of(folder, robot).stem}.*.part"):
-        with suppress(OSError):  # gone already, or a folder that cannot be written
+        with suppress(OSError):  # the file is gone, or the folder cannot be written
             if time.time() - part.stat().st_mtime > LEFT_AFTER_S:
                 part.unlink()
 
@@ -126,9 +126,9 @@ class StateKeeper:
     """Writes the newest state in a separate thread, so a slow disk delays no belief.
 
     Args:
-        folder: folder of the file; None: nothing is written.
+        folder: folder of the file; None: no state is written.
         robot: name of the robot.
-        kept: the state in the file; a state of a lower rank does not replace it.
+        kept: the state in the file; only a state of a higher rank replaces it.
     """
 
     def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:
@@ -140,9 +140,10 @@ class StateKeeper:
         self._term: int | None = None
 
     def offer(self, checkpoint: Checkpoint) -> None:
-        """Take a state before it is published, and write it soon if it is newer.
+        """Write a state soon, if its rank is higher than that of the last one.
 
-        The first of a term is written at once: when workers know the term, no older file counts.
+        Call it before the state is published. The first state of a term is written immediately:
+        once workers have received the term, an older file does not count.
         """
         if self._folder is None or (self._rank is not None and checkpoint.rank <= self._rank):
             return
@@ -188,7 +189,7 @@ class StateKeeper:
                     sync_at_s = time.monotonic() + SYNC_EVERY_S
 
     def _write(self, folder: Path, checkpoint: Checkpoint, *, sync: bool) -> None:
-        """Write; a disk that cannot be written is logged once, and tried again."""
+        """Write a state; log the first of several consecutive failures."""
         try:
             write(folder, self._robot, checkpoint, sync=sync)
             self._failed = False

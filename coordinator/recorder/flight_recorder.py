@@ -31,13 +31,13 @@ from recordings.foxglove import Json, grid, log_line
 from recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
 
 FLUSH_S = 0.5
-"""A kill -9 loses at most this much."""
+"""Time between two writes to the disk; a killed process loses at most this time [s]."""
 MAX_QUEUED = 2_048
-"""Entries that wait for a slow disk: half a minute at ten steps a second and ten clusters."""
+"""Largest number of waiting entries: half a minute of ten steps a second with ten clusters."""
 RETRY_S = 10.0
-"""A disk that could not be written is tried again after this time."""
+"""Time between two attempts to write to a disk that fails [s]."""
 MAX_MAP_CELLS = 4_000_000
-"""A larger map is recorded coarser: each file of the ring begins with it."""
+"""A larger map is recorded at a lower resolution, because each file begins with the map."""
 LOST = "event not recorded"
 
 _Entry: TypeAlias = Head | RecordedEvent | Json | list[PublishBelief | PublishEvents]
@@ -48,13 +48,13 @@ _log = logging.getLogger(__name__)
 class FlightRecorder:
     """Passes events to a coordinator, and records them and the resulting beliefs.
 
-    Events that cannot be written are counted. After a gap a new file begins, with the state of
-    the coordinator at that moment.
+    Events that cannot be written are counted. After a gap a new file begins with the coordinator's
+    present state.
 
     Args:
         coordinator: the coordinator, which receives events only from this object.
         started: arguments with which the coordinator was made.
-        ring: files to write; None: record nothing.
+        ring: the files; None: nothing is recorded.
     """
 
     def __init__(self, coordinator: Coordinator, started: Started, ring: Ring | None) -> None:
@@ -62,10 +62,10 @@ class FlightRecorder:
         self._started = without_bulk(started)
         self._queue: deque[_Entry] = deque()
         self._events = self._dropped = 0
-        # The thread sets the second one too, when a file is full.
+        # `flush` sets `_begin_file` from the thread when a file is full.
         self._recording, self._begin_file = False, ring is not None
         self._closed = threading.Event()
-        # Of the thread:
+        # Used only in the thread:
         self._unflushed, self._unwritten, self._retry_s = 0, 0, 0.0
         self._asked, self._failed = True, False
         self._wall_from_now_ns, self._at_ns = 0, 0
@@ -84,19 +84,19 @@ class FlightRecorder:
             return self._coordinator.handle(event, now_ns)
         self._enqueue(event, now_ns)
         instructions = self._coordinator.handle(event, now_ns)
-        told = [do for do in instructions if isinstance(do, (PublishBelief, PublishEvents))]
-        if told and self._recording:
-            self._queue.append(told)
+        decisions = [do for do in instructions if isinstance(do, (PublishBelief, PublishEvents))]
+        if decisions and self._recording:
+            self._queue.append(decisions)
         return instructions
 
     def on_map(self, grid_map: GridMap) -> None:
-        """Record the map, which each file begins with; from any thread."""
+        """Record the map, with which each file begins; may be called in any thread."""
         if self._ring is not None:
             self._queue.append(grid(grid_map, time.time_ns(), MAX_MAP_CELLS))
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Write events within the ``with`` block; write the waiting ones at its end."""
+        """Write events within the ``with`` block, and all waiting ones at its end."""
         if self._ring is None:
             yield
             return
@@ -146,7 +146,7 @@ class FlightRecorder:
     def flush(self) -> None:
         """Write all waiting entries, and request a new file when one is due."""
         ring = self._ring
-        assert ring is not None  # else there is no thread
+        assert ring is not None  # otherwise there is no thread
         for entry in [self._queue.popleft() for _ in range(len(self._queue))]:
             if isinstance(entry, Head):
                 self._guarded(self._flush, ring)
@@ -164,11 +164,12 @@ class FlightRecorder:
             ring.abandon()
             if not self._failed:
                 _log.warning("the flight recorder cannot write, and will try again: %s", error)
-            wait_s = 0.0 if isinstance(error, FileNotFoundError) else RETRY_S  # it was removed
+            was_removed = isinstance(error, FileNotFoundError)
+            wait_s = 0.0 if was_removed else RETRY_S
             self._failed, self._retry_s = True, time.monotonic() + wait_s
 
     def _flush(self, ring: Ring) -> None:
-        """Flush; events that do not reach an open file are lost."""
+        """Write to the disk; count the events that are lost if this fails."""
         unflushed, self._unflushed = self._unflushed, 0
         self._unwritten += unflushed
         self._write_batch(ring.log)
@@ -177,7 +178,7 @@ class FlightRecorder:
             self._unwritten -= unflushed
 
     def _write_batch(self, log: RunLog | None) -> None:
-        """Write events as one message: each message of a file costs about 50 bytes and 20 us."""
+        """Write events as one message, because each message costs about 50 bytes and 20 us."""
         batch, self._batch = self._batch, []
         if batch and log is not None:
             log.write(EVENTS, batch, self._at_ns, packed=True)
@@ -204,21 +205,21 @@ class FlightRecorder:
         if self._map is not None:
             log.write(GRID, self._map, self._at_ns)
 
-    def _write_event(self, log: RunLog, told: RecordedEvent) -> None:
-        self._batch.append(without_bulk(told))
-        match told.event:
+    def _write_event(self, log: RunLog, recorded: RecordedEvent) -> None:
+        self._batch.append(without_bulk(recorded))
+        match recorded.event:
             case ScanArrived(scan):
                 log.on_scan(scan, self._at_ns)
             case HistoryArrived(scans):
                 for scan in scans:
                     log.on_scan(scan, self._at_ns)
-        self._write_lines(log, happened(told.event))
+        self._write_lines(log, happened(recorded.event))
 
     def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | PublishEvents]) -> None:
         for decision in decisions:
             match decision:
                 case PublishBelief(belief):
-                    self._write_batch(log)  # a replay compares the belief after these
+                    self._write_batch(log)  # a replay expects a belief after its event
                     log.on_belief(belief, self._at_ns)
                 case PublishEvents(events):
                     log.write(JOB_EVENTS, events, self._at_ns)

@@ -1,7 +1,7 @@
 """The records of a flight recording, without particles and beams.
 
-No belief is computed from particles or beams in the coordinator: it passes particles on to workers
-and leaves beams alone. Both are left out, which makes a step a hundred times smaller.
+A coordinator computes no belief from particles or beams, so a replay does not need them. Without
+them, a step is a hundred times smaller.
 """
 
 import dataclasses
@@ -40,10 +40,10 @@ NO_PARTICLES = ArrayBlob(dtype="float32", shape=(0, 3), data=b"")
 
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):
-    """The first message of each file: a coordinator that continues from here can be built."""
+    """The first message of each file, from which a replay makes the coordinator."""
 
     version: str
-    """Version of the software; another one may decide otherwise."""
+    """Version of the software; only the same version can replay the file."""
     made_with: str
     """Python, numpy and processor."""
     now_ns: int
@@ -51,14 +51,14 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     wall_ns: int
     """The same time by the wall clock [ns]."""
     first_event: int
-    """Number of events that this coordinator processed before, recorded or not."""
+    """Number of earlier events of this coordinator, recorded or not."""
     started: Started
     snapshot: bytes
     """The coordinator, see `freeze`; empty before the first event."""
 
 
 class RecordedEvent(msgspec.Struct, frozen=True, array_like=True):
-    """An event, written before the coordinator processes it."""
+    """An event and its time, written before the coordinator processes the event."""
 
     now_ns: int
     event: Event
@@ -66,14 +66,14 @@ class RecordedEvent(msgspec.Struct, frozen=True, array_like=True):
 
 @dataclass(frozen=True)
 class Happened:
-    """An event in words, other than a step."""
+    """An event in words."""
 
     kind: str
     about: str
 
 
 def happened(event: Event) -> Iterator[Happened]:
-    """Yield the text of an event, if it is one for people to read."""
+    """Yield the text of an event, if people should read about it."""
     match event:
         case WorkerJoined(worker):
             yield Happened("worker joined", worker)
@@ -90,16 +90,16 @@ def happened(event: Event) -> Iterator[Happened]:
 
 
 def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
-    """Yield the texts of decisions."""
+    """Yield the texts of instructions, if people should read about them."""
     for instruction in instructions:
         match instruction:
             case FetchScans(first, last):
                 until = "the newest" if last is None else last
-                yield Happened("scans asked for", f"{first} to {until}")
+                yield Happened("scans requested", f"{first} to {until}")
             case AnswerCommand(done) if done.problem:
                 yield Happened("command refused", done.problem)
-            case PublishEvents(told):
-                for one in told.events:
+            case PublishEvents(published):
+                for one in published.events:
                     what = "began" if isinstance(one.event, Began) else "ended"
                     yield Happened(what, event_text(one.event))
 
@@ -110,20 +110,17 @@ _COORDINATORS = msgspec.msgpack.Decoder(Coordinator)
 def freeze(coordinator: Coordinator) -> bytes:
     """Encode a coordinator between two events, without particles and beams.
 
-    Unlike a checkpoint, the bytes contain open steps, deadlines and unanswered orders, because a
-    replay has no workers to query.
+    Unlike a checkpoint, a snapshot contains open steps, deadlines and unanswered orders, because a
+    replay cannot query workers.
     """
     return msgspec.msgpack.encode(without_bulk(coordinator))
 
 
 def thaw(data: bytes) -> Coordinator:
-    """Return a coordinator that decides from here on as the frozen one did.
-
-    Args:
-        data: the result of `freeze`.
+    """Return the coordinator in a snapshot of `freeze`.
 
     Raises:
-        ValueError: the bytes are no snapshot of this version.
+        ValueError: the bytes are not a snapshot of this version.
     """
     try:
         return _COORDINATORS.decode(data)
@@ -135,14 +132,14 @@ T = TypeVar("T")
 
 
 def without_bulk(value: T) -> T:
-    """Return a value without its particles and beams, at any depth."""
+    """Return a copy of a value without particles and beams at any depth."""
     return cast(T, _without_bulk(value))
 
 
 def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
     match value:
         case int() | float() | str() | None | (int() | float() | str(), *_):
-            return value  # most values; no list that begins with a number or a name holds more
+            return value  # most values; a list that begins with a number or a name is small
         case Particles():
             return replace(value, map_from_robot=NO_POSES, log_weights=NO_WEIGHTS)
         case Scan():
@@ -169,7 +166,7 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
 
 @cache
 def _looked_at(kind: type[msgspec.Struct]) -> tuple[str, ...]:
-    """Fields that may hold something large; most hold a number, a name or a pose."""
+    """Return the fields that may be large: all but numbers, names, poses and covariances."""
     small = (int, float, str, bool, PoseTuple, Covariance)
     return tuple(field.name for field in msgspec.structs.fields(kind) if field.type not in small)
 
@@ -181,7 +178,7 @@ def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
-    """Return a checkpoint without particles; an unreadable state is kept, to be refused again."""
+    """Return a checkpoint without particles, or unchanged if its state cannot be read."""
     try:
         state = from_bytes(checkpoint.state)
     except ValueError:

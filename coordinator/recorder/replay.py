@@ -20,12 +20,12 @@ from recordings.run_log import BELIEF, LogFile, LogMessage, decoded
 
 @dataclass(frozen=True)
 class CoordinatorActs:
-    """The start of a coordinator, or its take-over from a predecessor."""
+    """A coordinator began to lead."""
 
     sender: str
     term: int
     after_step: int | None
-    """The last step of its predecessor; None: it begins empty."""
+    """The last step of its predecessor; None: it began without a state."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Believed:
 
     belief: Belief
     same: bool | None
-    """Whether it equals the recorded belief bit for bit; None: the recording ends earlier."""
+    """Whether it equals the recorded belief bit for bit; None: the recording ends before it."""
 
 
 Happening: TypeAlias = Happened | CoordinatorActs | Believed
@@ -43,34 +43,28 @@ Happening: TypeAlias = Happened | CoordinatorActs | Believed
 def replayed(
     folder: Path, version: str, map_digest: str | None = None
 ) -> Iterator[tuple[int, Happening]]:
-    """Replay a folder, coordinator by coordinator in the order of their start.
+    """Replay the recordings in a folder, one coordinator after another by their start.
 
     Args:
-        folder: folder of the recording.
+        folder: folder of the recordings.
         version: version of this software.
-        map_digest: digest of the map of the whole run; None: any map.
+        map_digest: digest of the only map that is allowed; None: any map.
 
-    Returns:
-        Wall clock [ns] and happening, for each happening.
+    Yields:
+        The wall clock [ns] and what happened.
 
     Raises:
         RecordingError: the folder holds no recording, or an unreadable one.
     """
-    series = _by_series(folder)
-    if not any(_head_of(path, version) for files in series for path in files):
+    replays = [_SeriesReplay(files, version, map_digest) for files in _by_series(folder)]
+    for replay in replays:
+        yield from replay.run()
+    if all(replay.is_empty for replay in replays):
         raise RecordingError(folder, "all files in it are cut off within their beginning")
-    for files in series:
-        yield from _SeriesReplay(files, version, map_digest).run()
 
 
 class _SeriesReplay:
-    """Replays the files of one coordinator.
-
-    Args:
-        files: files of one coordinator, oldest first.
-        version: version of this software.
-        map_digest: digest of the only map that is allowed; None: any map.
-    """
+    """Replays the files of one coordinator, oldest first; arguments as for `replayed`."""
 
     def __init__(self, files: list[Path], version: str, map_digest: str | None) -> None:
         self._files, self._version, self._allowed_map = files, version, map_digest
@@ -78,8 +72,11 @@ class _SeriesReplay:
         self._events = 0
         self._wall_ns = 0
 
+    @property
+    def is_empty(self) -> bool:
+        return self._coordinator is None
+
     def run(self) -> Iterator[tuple[int, Happening]]:
-        """Yield the wall clock [ns] and what happened, in order."""
         for happening in self._run():
             yield self._wall_ns, happening
 
@@ -92,13 +89,13 @@ class _SeriesReplay:
                         head = entry
                         yield from self._begin_file(path, head)
                     case _Entry():
-                        self._wall_ns = head.wall_ns + entry.told.now_ns - head.now_ns
+                        self._wall_ns = head.wall_ns + entry.recorded.now_ns - head.now_ns
                         yield from self._replay(path, entry)
             if log.cut:
                 yield Happened("cut off", f"{path.name}: {log.cut}")
 
     def _begin_file(self, path: Path, head: Head) -> Iterator[Happening]:
-        """Continue, or where events are missing, start from the state in the file's head."""
+        """Continue with the next file; if events are missing, use the state in its head."""
         missing, self._wall_ns = head.first_event - self._events, head.wall_ns
         if self._coordinator is not None and not missing:
             return
@@ -114,11 +111,11 @@ class _SeriesReplay:
 
     def _replay(self, path: Path, entry: "_Entry") -> Iterator[Happening]:
         coordinator = self._coordinator
-        assert coordinator is not None  # the file's head has made one
+        assert coordinator is not None  # `_begin_file` has made it
         self._events += 1
-        yield from happened(entry.told.event)
+        yield from happened(entry.recorded.event)
         had_begun = coordinator.term.begun
-        instructions = self._handled(path, coordinator, entry.told)
+        instructions = self._handled(path, coordinator, entry.recorded)
         self._check_map(path, coordinator)
         if coordinator.term.begun and not had_begun:
             yield _begins(instructions)
@@ -126,11 +123,11 @@ class _SeriesReplay:
         yield from _compared(instructions, entry)
 
     def _handled(
-        self, path: Path, coordinator: Coordinator, told: RecordedEvent
+        self, path: Path, coordinator: Coordinator, recorded: RecordedEvent
     ) -> list[Instruction]:
         try:
-            return coordinator.handle(told.event, told.now_ns)
-        except Exception as error:  # a bug that was recorded, or a forged file
+            return coordinator.handle(recorded.event, recorded.now_ns)
+        except Exception as error:  # a recorded bug, or a forged file
             problem = f"the coordinator fails at event {self._events}"
             raise RecordingError(path, f"{problem}: {type(error).__name__}: {error}") from error
 
@@ -146,18 +143,18 @@ def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Beli
     for index, belief in enumerate(beliefs):
         same = [encode(belief)] == [encode(one) for one in entry.beliefs[index : index + 1]]
         yield Believed(belief, same if entry.is_followed else None)
-    for belief in entry.beliefs[len(beliefs) :]:  # published then, and not now
+    for belief in entry.beliefs[len(beliefs) :]:  # published only in the recording
         yield Believed(belief, same=False)
 
 
 @dataclass
 class _Entry:
-    """An event, and the beliefs that were published because of it."""
+    """An event, and the beliefs published because of it."""
 
-    told: RecordedEvent
+    recorded: RecordedEvent
     beliefs: list[Belief] = field(default_factory=list)
     is_followed: bool = False
-    """Whether the file goes on after the event and its beliefs."""
+    """Whether the file contains anything after the event."""
 
 
 def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
@@ -167,11 +164,11 @@ def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
         if number == 0:
             yield _head(log.path, message, version)
         elif message.topic == EVENTS:
-            for told in _unpacked(log.path, message, _EVENTS):
+            for recorded in _unpacked(log.path, message, _EVENTS):
                 if entry is not None:
                     entry.is_followed = True
                     yield entry
-                entry = _Entry(told)
+                entry = _Entry(recorded)
         elif entry is not None and message.topic == BELIEF:
             entry.is_followed = True
             entry.beliefs.append(decoded(message, Belief, log.path))
@@ -205,28 +202,20 @@ def _head(path: Path, message: LogMessage, version: str) -> Head:
 def _unpacked(path: Path, message: LogMessage, decoder: "msgspec.msgpack.Decoder[T]") -> T:
     try:
         return decoder.decode(message.data)
-    except (ValueError, RecursionError) as error:  # of msgspec's, and of strings
+    except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
         raise RecordingError(path, f"{message.topic}: {error}") from None
 
 
-def _head_of(path: Path, version: str) -> Head | None:
-    first = next(LogFile(path).messages(), None)
-    return first and _head(path, first, version)
-
-
 def _by_series(folder: Path) -> list[list[Path]]:
-    """Return the files of each coordinator."""
-    files = [path for path in files_in(folder) if path.suffix == ".mcap"]
+    files = files_in(folder)
     if not files:
         raise RecordingError(folder, _nothing_in(folder))
-    return [list(series) for _, series in groupby(files, lambda path: series_of(path)[0])]
+    return [list(series) for _, series in groupby(files, series_of)]
 
 
 def _nothing_in(folder: Path) -> str:
     if not folder.is_dir():
         return "there is no such folder"
-    if files_in(folder):
-        return "recorded by an older version, in a form that is not read any more"
     for below in sorted(folder.iterdir()):
         if below.is_dir() and files_in(below):
             return f"no flight recording is in it; there is one in {below}"
@@ -234,7 +223,7 @@ def _nothing_in(folder: Path) -> str:
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
-    """Return the start of a coordinator; a repeated belief shows that it took over."""
+    """Return the start of a coordinator; a first belief shows that it took over."""
     checkpoint = next(do.checkpoint for do in instructions if isinstance(do, PublishCheckpoint))
     steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
     return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

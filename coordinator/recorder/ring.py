@@ -1,8 +1,8 @@
 """The folder of a recording: files of bounded size, of which the oldest are removed.
 
 A file name consists of the start time of its coordinator [us], which identifies the series, and
-the file's number in the series. So files sorted by name are sorted by time. Files are only appended
-to, so the folder can be copied at any moment.
+the file's number in the series. So files sorted by name are sorted by time. Files only grow, so the
+folder can be copied at any time.
 """
 
 import re
@@ -14,24 +14,23 @@ from process_runtime.output_files import OutputError
 from recordings.run_log import RunLog
 
 FILES = 10
-"""A full ring has this number of files."""
+"""Number of files in a full ring."""
 MAX_FILE_BYTES = 8_000_000
 HEAD, EVENTS = "/coordinator/head", "/coordinator/events"
 """Topics next to those of `recordings.run_log`."""
-_NAME = re.compile(r"(\d{17,20})-(\d{6})\.(?:mcap|flight)")
-"""Files of the second kind are of older versions: they are not read, and make room."""
+_NAME = re.compile(r"(\d{17,20})-\d{6}\.mcap")
 
 
 class Ring:
-    """Writes the files of one series, and keeps the folder within its bound.
+    """Writes the files of one series, and removes old files of the folder.
 
     Args:
-        folder: of one robot.
-        series: distinguishes this coordinator from others, and increases from one to the next.
-        max_bytes: of all files together; the newest may exceed it by one chunk and its index.
+        folder: folder of one robot.
+        series: start of the coordinator [us].
+        max_bytes: size of all files together; the newest may exceed it by one chunk and its index.
 
     Attributes:
-        log: the file that is written; None: none is open.
+        log: the open file; None: no file is open.
     """
 
     def __init__(self, folder: Path, series: int, max_bytes: int) -> None:
@@ -42,15 +41,15 @@ class Ring:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time for the next file."""
+        """Whether the next file is due."""
         return self.log is not None and self.log.size >= self._file_bytes
 
     def begin(self, head: Head) -> RunLog:
-        """Begin the next file, after the oldest ones were removed.
+        """Remove the oldest files if needed, and begin the next file.
 
         Raises:
-            OSError: the folder cannot be written; so for `flush`.
-            OutputError: the file cannot be written; so for `flush`.
+            OSError: the folder cannot be written.
+            OutputError: the file cannot be written.
         """
         self.close()
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -61,7 +60,7 @@ class Ring:
         try:
             log.write(HEAD, head, head.wall_ns, packed=True)
             log.flush()
-        except OutputError:  # on a full disk there would soon be thousands of empty ones
+        except OutputError:  # a full disk would soon contain thousands of empty files
             log.abandon()
             path.unlink(missing_ok=True)
             raise
@@ -69,7 +68,12 @@ class Ring:
         return log
 
     def flush(self) -> None:
-        """Write all messages to the disk; raise `FileNotFoundError` if the file was removed."""
+        """Write all messages to the disk.
+
+        Raises:
+            OSError: the file was removed.
+            OutputError: the file cannot be written.
+        """
         if self.log is not None:
             self.log.flush()
             if self.log.is_removed:
@@ -79,7 +83,7 @@ class Ring:
         """Finish the file, if there is one."""
         log, self.log = self.log, None
         if log is not None:
-            with suppress(OutputError):  # without its index it is read up to its last chunk
+            with suppress(OutputError):  # a file without an index is readable to its last chunk
                 log.close()
 
     def abandon(self) -> None:
@@ -98,14 +102,11 @@ class Ring:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Return the files of a recording, oldest first; only regular files."""
+    """Return the files of a folder's recordings, oldest first."""
     found = (path for path in folder.glob("*") if _NAME.fullmatch(path.name))
     return sorted(path for path in found if path.is_file())
 
 
-def series_of(path: Path) -> tuple[int, int]:
-    """Return the series of a file, and the file's number in the series."""
-    match = _NAME.fullmatch(path.name)
-    if match is None:
-        raise ValueError(f"{path.name} is no name of a recording's file")
-    return int(match[1]), int(match[2])
+def series_of(path: Path) -> str:
+    """Return the series of a file of `files_in`."""
+    return path.name.partition("-")[0]

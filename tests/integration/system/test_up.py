@@ -65,7 +65,7 @@ def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
     assert up.end(signal.SIGINT) == 0
     assert "Traceback" not in up.err
     up.assert_nothing_runs()
-    series = {series_of(file)[0] for file in files_in(recording)}
+    series = {series_of(file) for file in files_in(recording)}
     assert len(series) == 2, "of both coordinators, without being asked"
 
 

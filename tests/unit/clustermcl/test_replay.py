@@ -128,9 +128,6 @@ def test_files_that_cannot_be_read_are_refused_in_one_line(
 
 
 def test_files_of_other_kinds_are_refused_in_one_line(tmp_path: Path) -> None:
-    old = tmp_path / f"{7:017d}-000000.flight"
-    old.write_bytes(b"MCLFLY2\n" + bytes(100))
-    assert "in a form that is not read any more" in complaint(tmp_path)
     path = tmp_path / f"{7:017d}-000000.mcap"
     path.write_bytes(b"nonsense, and no recording")
     assert "is no MCAP file" in complaint(tmp_path)
