@@ -4,7 +4,6 @@
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
 """
 
-import pickle
 from collections.abc import Callable
 from functools import partial
 from math import cos, sin
@@ -14,9 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import F, Pose, Poses
-
-_CACHE_ERRORS = (OSError, EOFError, pickle.UnpicklingError)
-"""Errors of a full disk, and of a file truncated by a power cut."""
 
 cache_problems: list[str] = []
 """Reasons why machine code cannot be cached on disk, logged at the start; empty if it can."""
@@ -49,9 +45,9 @@ def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
     def forgiving(*arguments: Any) -> Any:
         try:
             return method(*arguments)
-        except _CACHE_ERRORS as error:
-            cache_problems.append(str(error))
-            return None
+        except Exception as error:  # noqa: BLE001 - a damaged cache file may raise anything
+            cache_problems.append(str(error) or type(error).__name__)
+            return None  # numba then compiles the kernel
 
     return forgiving
 

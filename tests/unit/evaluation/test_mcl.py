@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from evaluation import mcl
 from evaluation.mcl import (
+    SHRINKING_STEPS,
     OrdinaryMCL,
     Recovery,
     RecoveryGains,
@@ -14,10 +16,12 @@ from evaluation.mcl import (
     uniform_over_free_space,
 )
 from particle_filter.arrays import UNKNOWN
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.poses import between
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import BeliefSettings, ClusterSettings, FilterSettings
+from protocol.arrays import ArrayBlob
 from tests.unit.oracle import tiny_world
 from tests.unit.oracle.tiny_world import SENSOR, TRUTH, Drive
 from tests.unit.particle_filter.rooms import CELL_M, NO_OFFSET, plain_room
@@ -79,6 +83,22 @@ def test_particles_shrink_evenly_in_the_logarithm_to_those_of_all_clusters(
     )
     counts = counts_of(settings, 8, monkeypatch)
     assert counts == [6_400, 3_200, 1_600, 800, 400, 200, 100, 100]
+
+
+@pytest.mark.parametrize(("share", "is_redrawn"), [(0.49, True), (0.5, False), (0.51, False)])
+def test_particles_are_resampled_below_half_the_effective_sample_size(
+    share: float, is_redrawn: bool
+) -> None:
+    blind, settings = Drive(tiny_world.plain_room(), TRUTH, 1).scans[0], FilterSettings()
+    blind = replace(blind, ranges=ArrayBlob.of(np.zeros(12), "float32"))  # weights stay
+    followed = OrdinaryMCL(ROOM_MODEL, settings)
+    followed.kept, followed.steps = 1_000, SHRINKING_STEPS  # the number shrinks no more
+    with np.errstate(divide="ignore"):
+        # Of n equal weights among zeros the effective sample size is n.
+        log_weights = np.log((np.arange(1_000) < share * 1_000) / share)
+    followed.particles = ParticleSet(np.tile(TRUTH, (1_000, 1)), log_weights)
+    followed.advance(blind)
+    assert (followed.particles.log_weights == 0.0).all() == is_redrawn
 
 
 GAINS = RecoveryGains(slow=0.1, fast=0.5)
