@@ -37,17 +37,11 @@ def belief_object(belief: Belief) -> JsonObject:
     best = belief.hypotheses[0] if belief.hypotheses else None
     return {
         "step": belief.step,
-        "stamp_ns": belief.stamp_ns,
         "state": belief.state,
         "pose": pose_object(best.mean, best.covariance) if best else None,
-        "probability": best.probability if best else 0.0,
-        "elsewhere_probability": belief.elsewhere_probability,
-        "off_map_probability": belief.off_map_probability,
+        "probability": belief.probability,
+        **_fields(belief, "sender", "term", "odom_from_robot"),
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
-        "searching": belief.searching,
-        "search_progress": belief.search_progress,
-        "missing": list(belief.missing),
-        "last": belief.last,
     }
 
 
@@ -55,19 +49,8 @@ def pose_answer_object(answer: PoseAnswer) -> JsonObject:
     pose = None
     if answer.map_from_robot is not None and answer.covariance is not None:
         pose = pose_object(answer.map_from_robot, answer.covariance)
-    return {
-        "state": answer.state,
-        "freshness": answer.freshness,
-        "pose": pose,
-        "probability": answer.probability,
-        "elsewhere_probability": answer.elsewhere_probability,
-        "off_map_probability": answer.off_map_probability,
-        "stamp_ns": answer.stamp_ns,
-        "age_s": answer.age_s,
-        "scan_age_s": answer.scan_age_s,
-        "step": answer.step,
-        "workers": answer.workers,
-    }
+    plain = _fields(answer, "sender", "term", "map_from_robot", "covariance")
+    return {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
 
 
 def hypotheses_object(answer: Hypotheses) -> JsonObject:

@@ -41,10 +41,10 @@ class ShowEarlier(_Request, frozen=True, tag="earlier"):
     before: _Step
 
 
-class PlaceRobot(_Request, frozen=True, tag="set_pose"):
+class PlaceRobot(_Request, frozen=True, tag="set_pose", rename={"map_from_robot": "pose"}):
     """Command to set the robot's pose."""
 
-    pose: _Pose
+    map_from_robot: _Pose
     """The pose: x [m], y [m], heading [rad]."""
     position_sigma_m: _Sigma = 0.5
     heading_sigma_rad: _Sigma = 0.26
@@ -58,10 +58,10 @@ class UpdateOnce(_Request, frozen=True, tag="update"):
     """Command to make a step of the next scan, even if the robot stands still."""
 
 
-class KidnapRobot(_Request, frozen=True, tag="kidnap"):
+class KidnapRobot(_Request, frozen=True, tag="kidnap", rename={"map_from_robot": "pose"}):
     """Command to kidnap the simulated robot."""
 
-    pose: _Pose | None = None
+    map_from_robot: _Pose | None = None
     """The new pose: x [m], y [m], heading [rad]; None: a random pose far away."""
 
 
@@ -94,27 +94,19 @@ def parsed_request(text: str | bytes) -> Request:
     return request
 
 
+_MESSAGES: dict[type[Command], tuple[str, type[Message]]] = {
+    PlaceRobot: (keys.SET_POSE, SetPose),
+    SearchAgain: (keys.RELOCALIZE, Relocalize),
+    UpdateOnce: (keys.UPDATE, Update),
+    KidnapRobot: (keys.KIDNAP, Kidnap),
+    DriveRobot: (keys.DRIVE, Drive),
+}
+
+
 def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Message]:
     """Return the key and the message of a command."""
-    match command:
-        case PlaceRobot(pose, position_sigma_m, heading_sigma_rad):
-            return keys.SET_POSE, SetPose(
-                sender=sender,
-                command_id=command_id,
-                map_from_robot=pose,
-                position_sigma_m=position_sigma_m,
-                heading_sigma_rad=heading_sigma_rad,
-            )
-        case SearchAgain():
-            return keys.RELOCALIZE, Relocalize(sender=sender, command_id=command_id)
-        case UpdateOnce():
-            return keys.UPDATE, Update(sender=sender, command_id=command_id)
-        case KidnapRobot(pose):
-            return keys.KIDNAP, Kidnap(sender=sender, command_id=command_id, map_from_robot=pose)
-        case DriveRobot(speed_m_s, turn_rate_rad_s, by_hand):
-            return keys.DRIVE, Drive(
-                sender=sender,
-                speed_m_s=speed_m_s,
-                turn_rate_rad_s=turn_rate_rad_s,
-                by_hand=by_hand,
-            )
+    key, kind = _MESSAGES[type(command)]
+    fields = msgspec.structs.asdict(command)
+    if not isinstance(command, DriveRobot):  # a repeated drive command does no harm
+        fields["command_id"] = command_id
+    return key, kind(sender=sender, **fields)

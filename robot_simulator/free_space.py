@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
@@ -19,12 +20,8 @@ CLEARANCE_M, EDGE_CLEARANCE_M = 0.3, 0.25
 """Minimum distance from a node, and from an edge, to any obstacle [m]."""
 _SPACING_M = 0.2
 _LEAST_EXTENT_M = 1.0
-_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Row and column offsets to four of the eight neighbours; symmetry adds the other four."""
 _DETOUR_M = 0.3
 """An edge with this clearance costs twice its length [m]."""
-
-Windows = tuple[tuple[slice, slice], tuple[slice, slice]]
 
 
 class NoRoomError(ClusterMclError):
@@ -55,48 +52,31 @@ def connected_roadmap(
         NoRoomError: no node is free, or the component is less than 1 m long.
     """
     stride = max(1, round(_SPACING_M / cell_m))
-    nodes = clearance[stride // 2 :: stride, stride // 2 :: stride]
-    fits = nodes >= CLEARANCE_M
+    fits = clearance[stride // 2 :: stride, stride // 2 :: stride] >= CLEARANCE_M
     if not fits.any():
         raise NoRoomError(_LEAST_EXTENT_M)
-    costs = _costs(clearance, fits, stride, cell_m)
+    nodes = np.argwhere(fits) * stride + stride // 2
+    costs = _costs(clearance, nodes, stride, cell_m)
     _, part = connected_components(costs, directed=False)
     largest = np.flatnonzero(part == np.bincount(part).argmax())
-    rows_cols = np.argwhere(fits)[largest] * stride + stride // 2
-    if np.ptp(rows_cols, axis=0).max() * cell_m < _LEAST_EXTENT_M:
+    if np.ptp(nodes[largest], axis=0).max() * cell_m < _LEAST_EXTENT_M:
         raise NoRoomError(_LEAST_EXTENT_M)
-    return csr_array(costs[largest][:, largest]), rows_cols
+    return csr_array(costs[largest][:, largest]), nodes[largest]
 
 
 def _costs(
-    clearance: NDArray[np.float32], fits: NDArray[np.bool_], stride: int, cell_m: float
+    clearance: NDArray[np.float32], nodes: NDArray[np.int64], stride: int, cell_m: float
 ) -> csr_array:
-    """Return sparse edge costs between the nodes where the robot fits, numbered row by row."""
-    half, count = stride // 2, int(np.count_nonzero(fits))
-    number = np.full(fits.shape, -1)
-    number[fits] = np.arange(count)
-    begins, ends, costs = [], [], []
-    for step in _STEPS:
-        here, there = _windows(fits.shape, step)
-        rows, cols = np.nonzero(fits[here] & fits[there])
-        rows, cols = rows + here[0].start, cols + here[1].start
-        middle = half + rows * stride + step[0] * half, half + cols * stride + step[1] * half
-        clear = clearance[middle] >= EDGE_CLEARANCE_M
-        rows, cols, room = rows[clear], cols[clear], clearance[middle][clear]
-        begins.append(number[rows, cols])
-        ends.append(number[rows + step[0], cols + step[1]])
-        costs.append(np.hypot(*step) * stride * cell_m * (1.0 + _DETOUR_M / room))
-    pairs = np.concatenate(begins), np.concatenate(ends)
-    one_way = coo_array((np.concatenate(costs), pairs), shape=(count, count))
+    """Return sparse edge costs between neighbours among nodes, of which (n, 2) are row, column."""
+    begins, ends = cKDTree(nodes).query_pairs(1.5 * stride, output_type="ndarray").T
+    steps = (nodes[ends] - nodes[begins]) // stride
+    rows, cols = (nodes[begins] + steps * (stride // 2)).T
+    clear = clearance[rows, cols] >= EDGE_CLEARANCE_M
+    room = clearance[rows, cols][clear]
+    costs = np.hypot(*steps[clear].T) * stride * cell_m * (1.0 + _DETOUR_M / room)
+    count = len(nodes)
+    one_way = coo_array((costs, (begins[clear], ends[clear])), shape=(count, count))
     return csr_array(one_way + one_way.T)
-
-
-def _windows(shape: tuple[int, ...], step: tuple[int, int]) -> Windows:
-    """Return the window of the nodes that have a neighbour at `step`, and of the neighbours."""
-    rows, cols = shape
-    here = slice(0, rows - step[0]), slice(max(0, -step[1]), cols - max(0, step[1]))
-    there = slice(step[0], rows), slice(max(0, step[1]), cols - max(0, -step[1]))
-    return here, there
 
 
 class FreeSpace:
