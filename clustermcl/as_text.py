@@ -1,9 +1,9 @@
 """Converts messages to lines of text."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
-from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
 from protocol.health import Health
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
@@ -60,7 +60,9 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         yield from pose_lines(answer.pose)
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
-    yield from (_hypothesis_line(hypothesis) for hypothesis in answer.hypotheses)
+    for place in answer.hypotheses:
+        where = f"{pose_text(place.mean)}  {spread_text(place.covariance)}"
+        yield f"  {place.probability:6.3f}  {where}"
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _off_map(answer.pose)
     yield from _doubts(answer.pose)
@@ -134,13 +136,12 @@ def status_lines(status: Status) -> Iterator[str]:
     yield f"map       {status.map_digest[:12] or 'not known yet'}"
     yield f"running   {status.uptime_s:.0f} s, version {status.version}"
     yield f"workers   {len(status.workers)}"
-    yield from _indented(
-        f"{name}: {' '.join(jobs) or 'idle'}" for name, jobs in status.workers.items()
-    )
+    for name, jobs in status.workers.items():
+        yield f"  {name}: {' '.join(jobs) or 'idle'}"
     if status.processes:
         yield "processes"
         for process in status.processes:
-            yield from _indented(_process_lines(process))
+            yield from (f"  {line}" for line in _process_lines(process))
 
 
 def _process_lines(process: Health) -> Iterator[str]:
@@ -156,14 +157,3 @@ def _process_lines(process: Health) -> Iterator[str]:
         yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
     for cause, count in sorted(process.dropped.items()):
         yield f"  dropped or refused: {cause}: {count}"
-
-
-def _hypothesis_line(hypothesis: Hypothesis) -> str:
-    return (
-        f"  {hypothesis.probability:6.3f}  {pose_text(hypothesis.mean)}  "
-        f"{spread_text(hypothesis.covariance)}"
-    )
-
-
-def _indented(lines: Iterable[str]) -> Iterator[str]:
-    return (f"  {line}" for line in lines)

@@ -1,5 +1,6 @@
 """`clustermcl demo`: localize a simulated robot or a recording, and summarize the run."""
 
+import functools
 import http.client
 import time
 from collections.abc import Callable
@@ -136,9 +137,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             standard_output().write(text + "\n")
             standard_output().flush()
             while page is not None:  # the page shows past steps until Ctrl-C
-                stop.check()
-                stack.check()
-                time.sleep(_POLL_S)
+                _pause(stop, stack)
 
 
 def _followed(
@@ -152,23 +151,22 @@ def _followed(
 ) -> str:
     """Start the processes, run until the last belief, and return the result as text."""
 
-    def check() -> None:
-        stop.check()
-        stack.check()
-
     stack.start_without_coordinator()
     wait_s = _CONNECT_WITHIN_S
     try:
         if page is not None:
-            _wait_for_page(page, check, 0)
+            _wait_for_page(page, 0, stop, stack)
             say_link(f"http://{page.netloc}/")
         with open_session(meeting.zenoh, meeting.robot, stop, wait_s=wait_s) as session:
             output = DemoOutput(run.title, as_json=options.as_json)
-            audience = _Audience(session, run, output, check, may_stand=options.by_hand)
+            pause = functools.partial(_pause, stop, stack, 0.0)
+            audience = _Audience(session, run, output, pause, may_stand=options.by_hand)
             with recorded(session, options.record), output.live():
                 audience.wait_for_workers(meeting.worker.count)
                 if page is not None:
-                    _wait_for_page(page, check, 1)  # so that the browser shows the first search
+                    _wait_for_page(
+                        page, 1, stop, stack
+                    )  # so that the browser shows the first search
                 stack.start_coordinator()
                 belief = audience.follow()
                 truth = audience.truth_of(belief)
@@ -359,13 +357,19 @@ def _page_at(view_at: str) -> Address:
     return address
 
 
-def _wait_for_page(page: Address, check: Callable[[], None], least_browsers: int) -> None:
+def _pause(stop: StopFlag, stack: Stack, seconds: float = _POLL_S) -> None:
+    """Wait; raise an error if the user pressed Ctrl-C or a process has ended."""
+    stop.wait(seconds)
+    stop.check()
+    stack.check()
+
+
+def _wait_for_page(page: Address, least_browsers: int, stop: StopFlag, stack: Stack) -> None:
     """Wait until the page is served and at least this many browsers show it."""
     while True:
-        check()
         connection = http.client.HTTPConnection(page.host, page.port, timeout=1.0)
         with closing(connection), suppress(OSError):
             connection.request("GET", "/browsers")
             if int(connection.getresponse().read()) >= least_browsers:
                 return
-        time.sleep(_POLL_S)
+        _pause(stop, stack)

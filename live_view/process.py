@@ -116,10 +116,7 @@ def serve_page(
     shown = [*names, options.beside] if options.beside else names
     loops = [LiveLoop(_of_robot(settings, name), about, stop) for name in shown]
     with opened_page(options, [loop.room for loop in loops], on_link):
-        if len(loops) == 1:
-            loops[0].run()
-        else:
-            _run_all(loops, stop)
+        _run_all(loops, stop)
 
 
 def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
