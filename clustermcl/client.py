@@ -187,7 +187,7 @@ class Client(RobotCommands):
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
     def update(self) -> None:
-        """Make a step of the next scan, even if the robot stands still."""
+        """Use the next scan for a step, even if the robot stands still."""
         self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
@@ -319,7 +319,7 @@ class Client(RobotCommands):
     ) -> A:
         """Repeat a query until it is answered, and return the answer.
 
-        Repetition is needed just after connecting, when the router may not yet know who answers.
+        Just after connecting, the router may have no route yet to the process that answers.
 
         Args:
             key: key of the query.

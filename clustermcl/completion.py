@@ -1,6 +1,6 @@
 """Shell completion of the values of options.
 
-Functions take the beginning of a value, and import what they need: a command needs none of it.
+The functions get the beginning of a value. They import what they need when they are called.
 """
 
 from collections.abc import Iterator

@@ -75,7 +75,8 @@ class DemoOptions:
     reference: Path | None = None
     """Ground truth of a recording (TUM format); None: unknown."""
     rate: float | None = None
-    """Speed relative to real time; 0: as fast as possible; None: 0, with a page 2, by hand 1."""
+    """Speed relative to real time; 0: as fast as possible. None: 1 if the robot is driven
+    manually, otherwise 2 with a page and 0 without."""
     steps: int | None = None
     """Number of steps of a simulated robot; None: 300 at most, or 10,000 with a page."""
     view_at: str | None = None
@@ -95,7 +96,7 @@ class _Run:
     settings: Settings
     title: str
     steps: int
-    """Number of steps at most."""
+    """Limit for the number of steps."""
     is_simulated: bool
     reference: Trajectory | None = None
     """Ground truth of a recording; None: unknown."""
@@ -150,7 +151,6 @@ def _followed(
     started_s: float,
 ) -> str:
     """Start the processes, run until the last belief, and return the result as text."""
-
     stack.start_without_coordinator()
     wait_s = _CONNECT_WITHIN_S
     try:
@@ -164,9 +164,8 @@ def _followed(
             with recorded(session, options.record), output.live():
                 audience.wait_for_workers(meeting.worker.count)
                 if page is not None:
-                    _wait_for_page(
-                        page, 1, stop, stack
-                    )  # so that the browser shows the first search
+                    # Only then, so that the browser shows the first search.
+                    _wait_for_page(page, 1, stop, stack)
                 stack.start_coordinator()
                 belief = audience.follow()
                 truth = audience.truth_of(belief)

@@ -156,7 +156,7 @@ class ClusterMCL(RobotCommands):
 
         Args:
             reading: a scan, odometry or both; readings must be in the order of time.
-            force: make a step of the next scan, even if the robot stands still.
+            force: use the next scan for a step, even if the robot stands still.
 
         Returns:
             The belief if this call made a step, perhaps of an earlier scan that waited for

@@ -46,7 +46,7 @@ class ProcessEndedError(ClusterMclError):
 
 
 class Stack:
-    """Router, workers, coordinator, and a sensor bridge or a simulator in its place.
+    """The processes of one robot: coordinator, workers, a sensor bridge or simulator, and others.
 
     Args:
         settings: settings of all processes; `bridge.source` selects bridge or simulator,
@@ -103,7 +103,7 @@ class Stack:
         self._supervisor.add(self._coordinator)
 
     def ended(self) -> list[ChildExit]:
-        """Restart processes when it is time, and return those that ended since the last call."""
+        """Restart ended processes after a delay; return those that ended since the last call."""
         return self._supervisor.poll(time.monotonic())
 
     def pids(self) -> dict[str, int]:

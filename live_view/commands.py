@@ -26,7 +26,7 @@ class Drawn(_Request, frozen=True, tag="drawn"):
     count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
     """Number of messages drawn since the last acknowledgement."""
     slow: bool = False
-    """Whether drawing takes long, so that the page wants the next message only now."""
+    """Whether drawing takes long; each message then waits for the last acknowledgement."""
 
 
 class ShowPast(_Request, frozen=True, tag="past"):
@@ -55,7 +55,7 @@ class SearchAgain(_Request, frozen=True, tag="relocalize"):
 
 
 class UpdateOnce(_Request, frozen=True, tag="update"):
-    """Command to make a step of the next scan, even if the robot stands still."""
+    """Command to use the next scan for a step, even if the robot stands still."""
 
 
 class KidnapRobot(_Request, frozen=True, tag="kidnap", rename={"map_from_robot": "pose"}):

@@ -235,7 +235,7 @@ def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
 
 
 class ColourSlots:
-    """The slot, and so the colour, of each cluster; a new one gets the longest free slot."""
+    """The colour slots of clusters; a new cluster gets the slot that was free for longest."""
 
     def __init__(self) -> None:
         self._of: dict[int, int] = {}

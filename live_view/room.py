@@ -36,7 +36,6 @@ class Browser:
         self._send_waiting()
 
     def on_drawn(self, drawn: Drawn) -> None:
-        """Handle an acknowledgement of the page."""
         self._undrawn = max(self._undrawn - drawn.count, 0)
         self._max_undrawn = 1 if drawn.slow else MESSAGES_AHEAD
         self._send_waiting()

@@ -11,7 +11,7 @@ MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000
 """Limit for all archived frames, compressed; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
-"""Number of steps for which a frame is shown if no newer one of its topic was archived."""
+"""Number of steps for which a frame is shown if its topic gets no newer frame."""
 PACKED_TOGETHER_BYTES = 32_000
 """Size of a group of frames, compressed together because single frames compress badly."""
 _FAST = 1

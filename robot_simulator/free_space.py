@@ -21,7 +21,7 @@ CLEARANCE_M, EDGE_CLEARANCE_M = 0.3, 0.25
 _SPACING_M = 0.2
 _LEAST_EXTENT_M = 1.0
 _DETOUR_M = 0.3
-"""An edge with this clearance costs twice its length [m]."""
+"""Clearance at which an edge costs twice its length [m]."""
 
 
 class NoRoomError(ClusterMclError):
@@ -172,7 +172,7 @@ class FreeSpace:
         return int(np.argmin((offsets**2).sum(axis=1)))
 
     def _smoothed(self, path: Points) -> Points:
-        """Return the moving average over five points; keep a point where that is not free."""
+        """Return moving averages of five points; a point stays if its average would collide."""
         padded = np.pad(path, ((2, 2), (0, 0)), mode="edge")
         means = np.stack([padded[i : i + len(path)] for i in range(5)]).mean(axis=0)
         for i, (x, y) in enumerate(path):

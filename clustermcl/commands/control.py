@@ -102,10 +102,10 @@ def relocalize(
 
 @client_command
 def update(settings: Settings) -> None:
-    """Make a step of the next scan, even if the robot stands still."""
+    """Use the next scan for a step, even if the robot stands still."""
     with connected(settings) as client:
         client.update()
-    _report(settings, "makes a step of its next scan")
+    _report(settings, "uses its next scan for a step")
 
 
 @client_command

@@ -75,7 +75,7 @@ def as_assignments(robot: str | None, router: str | None) -> list[str]:
 
 
 def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Add `--robot`, `--router`, `--settings` and `--set` to a command, and load the settings."""
+    """Return a command with `--robot`, `--router`, `--settings` and `--set`, which loads settings."""
 
     def run(
         *,
@@ -93,10 +93,10 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
 
 
 def recording_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Add topics and frames of a ROS bag, `--settings` and `--set`, and load the settings.
+    """Return a command with options for a ROS bag, `--settings` and `--set`, which loads settings.
 
-    The command raises a `SettingsError` if a topic or frame is given, but the option `recording`
-    is not a bag.
+    The returned command raises a `SettingsError` if a topic or frame is given although the
+    parameter `recording` is not a bag.
     """
 
     def run(
