@@ -75,7 +75,7 @@ def as_assignments(robot: str | None, router: str | None) -> list[str]:
 
 
 def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Return a command with `--robot`, `--router`, `--settings` and `--set`, which loads settings."""
+    """Return a command that also has the options of a client, and loads the settings."""
 
     def run(
         *,
@@ -93,9 +93,9 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
 
 
 def recording_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Return a command with options for a ROS bag, `--settings` and `--set`, which loads settings.
+    """Return a command that also has the options of a ROS bag, and loads the settings.
 
-    The returned command raises a `SettingsError` if a topic or frame is given although the
+    The returned command raises a `SettingsError` if a topic or frame is given although its
     parameter `recording` is not a bag.
     """
 
