@@ -62,7 +62,7 @@ class Run:
         ring = Ring(folder, 1, 50_000_000) if folder else None
         if ring is not None:
             weakref.finalize(self, ring.close)
-        self.recorder = FlightRecorder(self.coordinator, STARTED, ring)
+        self.recorder = FlightRecorder(self.coordinator, ring)
         self._rng = np.random.default_rng(1)
         self._epochs: dict[str, int] = {}
         self._places: dict[str, str] = {}

@@ -200,7 +200,7 @@ def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
     only an estimate, or the state cannot be read.
     """
     try:
-        state = _AGES.decode(checkpoint.state)
+        state = _STATES.decode(checkpoint.state)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError):
         return None
     applied = state.collector.applied
@@ -214,23 +214,7 @@ class _Version(msgspec.Struct, frozen=True):
     version: int
 
 
-class _Applied(msgspec.Struct, frozen=True):
-    stamp_ns: int
-    live: bool
-
-
-class _Collector(msgspec.Struct, frozen=True):
-    applied: _Applied | None
-
-
-class _Age(_Version, frozen=True):
-    collector: _Collector
-    age_s: Age
-    age_known: bool
-
-
 # Made before any thread starts: msgspec prepares a type at its first use, and crashes if another
 # thread, such as the flight recorder's, uses the type at the same time.
 _VERSIONS = msgspec.msgpack.Decoder(_Version)
-_AGES = msgspec.msgpack.Decoder(_Age)
 _STATES = msgspec.msgpack.Decoder(CheckpointState)

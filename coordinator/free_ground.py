@@ -63,19 +63,19 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
         bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
         free = bits.reshape(self.rows, self.cols)
         x, y, _ = between(np.array(self.map_from_grid), np.array(map_from_robot)).tolist()
-        variances, axes = np.linalg.eigh(covariance_matrix(covariance)[:2, :2])
         # The robot may be anywhere in a leaf, so the variance of its side is added.
-        spread = np.maximum(variances, 0.0) + self.leaf_m**2 / 12
-        reach_m = REACH_SIGMAS * math.sqrt(float(spread[-1]))
+        spread = covariance_matrix(covariance)[:2, :2] + np.eye(2) * self.leaf_m**2 / 12
+        variance = float(np.linalg.eigvalsh(spread)[-1])
+        reach_m = REACH_SIGMAS * math.sqrt(variance)
         rows, cols = self._near(y, reach_m), self._near(x, reach_m)
         near = np.argwhere(free[rows, cols]) + np.array([rows.start + 0.5, cols.start + 0.5])
-        off = near[:, ::-1] * self.leaf_m - (x, y)
-        turn = self.map_from_grid[2]
-        map_axes = axes.T @ [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-        if np.any((off @ map_axes.T) ** 2 @ (1.0 / spread) <= REACH_SIGMAS**2):
+        off_in_grid = near[:, ::-1] * self.leaf_m - (x, y)
+        c, s = math.cos(self.map_from_grid[2]), math.sin(self.map_from_grid[2])
+        off = off_in_grid @ np.array([[c, s], [-s, c]])
+        if np.any(np.sum(off @ np.linalg.inv(spread) * off, axis=1) <= REACH_SIGMAS**2):
             return None
         x, y, _ = map_from_robot
-        sigma_m = math.sqrt(max(float(variances[-1]), 0.0))
+        sigma_m = math.sqrt(max(variance - self.leaf_m**2 / 12, 0.0))
         return (
             f"the map has no free ground within {REACH_SIGMAS:g} sigma ({sigma_m:.2f} m each) "
             f"of x {x:.2f} m, y {y:.2f} m; give a pose on free ground, or a larger uncertainty"

@@ -114,7 +114,7 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
         kept=read(folder, robot) if folder else None,
     )
     coordinator = started.coordinator()
-    recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
+    recorder = FlightRecorder(coordinator, recorder_ring(settings, started.term))
     loop.lead(coordinator, StateKeeper(folder, robot, started.kept), recorder)
     if coordinator.term.outranked_by is not None:
         _log.warning(

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from coordinator.coordinator import Coordinator, Started
+from coordinator.coordinator import Coordinator
 from coordinator.events import Event, HistoryArrived, ScanArrived
 from coordinator.instructions import Instruction, PublishBelief, PublishEvents
 from coordinator.recorder.records import (
@@ -53,13 +53,11 @@ class FlightRecorder:
 
     Args:
         coordinator: the coordinator, which receives events only from this object.
-        started: arguments with which the coordinator was made.
         ring: the files; None: nothing is recorded.
     """
 
-    def __init__(self, coordinator: Coordinator, started: Started, ring: Ring | None) -> None:
+    def __init__(self, coordinator: Coordinator, ring: Ring | None) -> None:
         self._coordinator, self._ring = coordinator, ring
-        self._started = without_bulk(started)
         self._queue: deque[_Entry] = deque()
         self._events = self._dropped = 0
         # `flush` sets `_begin_file` from the thread when a file is full.
@@ -124,14 +122,13 @@ class FlightRecorder:
 
     def _head(self, now_ns: int) -> Head:
         return Head(
-            version=self._started.version,
+            version=self._coordinator.version,
             made_with=f"Python {platform.python_version()}, numpy {np.__version__}, "
             f"{sys.platform} {platform.machine()}",
             now_ns=now_ns,
             wall_ns=time.time_ns(),
             first_event=self._events,
-            started=self._started,
-            snapshot=freeze(self._coordinator) if self._events else b"",
+            snapshot=freeze(self._coordinator),
         )
 
     # --- in its own thread

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.checkpoint import from_bytes, to_bytes
-from coordinator.coordinator import Coordinator, Started
+from coordinator.coordinator import Coordinator
 from coordinator.events import (
     CommandArrived,
     Event,
@@ -52,9 +52,8 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     """The same time by the wall clock [ns]."""
     first_event: int
     """Number of earlier events of this coordinator, recorded or not."""
-    started: Started
     snapshot: bytes
-    """The coordinator, see `freeze`; empty before the first event."""
+    """The coordinator before the next event; see `freeze`."""
 
 
 class RecordedEvent(msgspec.Struct, frozen=True, array_like=True):

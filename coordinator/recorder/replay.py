@@ -102,8 +102,7 @@ class _SeriesReplay:
         if missing:
             yield Happened("not recorded", f"{missing} events before {path.name}")
         try:
-            started, snapshot = head.started, head.snapshot
-            self._coordinator = thaw(snapshot) if snapshot else started.coordinator()
+            self._coordinator = thaw(head.snapshot)
         except ValueError as error:
             raise RecordingError(path, str(error)) from error
         self._events = head.first_event

@@ -9,7 +9,7 @@ from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event
 from coordinator.instructions import Instruction
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Head, RecordedEvent
+from coordinator.recorder.records import Head, RecordedEvent, freeze
 from coordinator.recorder.replay import Believed, Happening, replayed
 from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
 from coordinator.recovery import Term
@@ -22,19 +22,25 @@ from recordings.run_log import LogFile, RunLog
 VERSION = "test"
 
 
+def started(version: str = VERSION) -> Started:
+    return Started(
+        sender="coordinator",
+        filter_settings=FilterSettings(),
+        settings=CoordinatorSettings(),
+        version=version,
+        now_ns=0,
+        term=7,
+    )
+
+
 def head(version: str = VERSION) -> Head:
-    started = Started(
-        sender="coordinator", filter_settings=FilterSettings(), settings=CoordinatorSettings(),
-        version=version, now_ns=0, term=7, known=None,
-    )  # fmt: skip
     return Head(
         version=version,
         made_with="",
         now_ns=0,
         wall_ns=0,
         first_event=0,
-        started=started,
-        snapshot=b"",
+        snapshot=freeze(started(version).coordinator()),
     )
 
 
@@ -59,7 +65,7 @@ class RecordedCoordinator:
 
     def __init__(self, started: Started, ring: Ring) -> None:
         self.coordinator = started.coordinator()
-        self.ring, self.recorder = ring, FlightRecorder(self.coordinator, started, ring)
+        self.ring, self.recorder = ring, FlightRecorder(self.coordinator, ring)
         weakref.finalize(self, ring.close)
 
     @property

@@ -19,11 +19,11 @@ from tests.unit.coordinator.recorder.recorded import (
     RecordedCoordinator,
     Recordings,
     events_in,
-    head,
+    started,
 )
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
-STARTED = head().started
+STARTED = started()
 
 
 def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
@@ -114,7 +114,7 @@ def test_a_full_disk_is_not_filled_with_empty_files(
 
 
 def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_path: Path) -> None:
-    recorder = FlightRecorder(STARTED.coordinator(), STARTED, Ring(tmp_path, 7, 60_000))
+    recorder = FlightRecorder(STARTED.coordinator(), Ring(tmp_path, 7, 60_000))
     deadline_s = time.monotonic() + 10.0
     with recorder.running():
         recorder.handle(TimePassed(), 0)
@@ -126,7 +126,7 @@ def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_pat
 
 
 def test_without_a_folder_nothing_is_kept() -> None:
-    recorder = FlightRecorder(STARTED.coordinator(), STARTED, None)
+    recorder = FlightRecorder(STARTED.coordinator(), None)
     with recorder.running():
         recorder.handle(TimePassed(), 0)
     assert recorder.lost == {}

@@ -18,13 +18,13 @@ from coordinator.recorder.records import freeze, thaw, without_bulk
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
 from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.recorder.recorded import head
+from tests.unit.coordinator.recorder.recorded import started
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 from tests.unit.coordinator.reports import scan
 
 ROOT = Path(__file__).parents[4]
 PACKAGES = [path.parent for path in ROOT.glob("*/__init__.py") if path.parent.name != "tests"]
-STARTED = head().started
+STARTED = started()
 
 
 class Trap:
