@@ -3,6 +3,7 @@
 It runs one experiment built from the options instead of one from the catalogue.
 """
 
+import json
 import os
 import sys
 import time
@@ -21,20 +22,10 @@ from evaluation.course import Case, RecordedRobot, SimulatedRobot
 from evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from evaluation.recordings import opened
 from evaluation.references import written_trajectory
-from evaluation.report_page import DRAWN_RUNS, DrawnRun, TableText, report_page
-from evaluation.results import (
-    MORE_TABLES,
-    POSES,
-    Columns,
-    Result,
-    as_json,
-    check_results_file,
-    table_rows,
-    write_results,
-)
+from evaluation.results import MORE_TABLES, POSES, Columns, Result, table_rows, write_results
 from evaluation.run import ALGORITHMS, Run, in_parallel
 from process_runtime.logs import is_quiet
-from process_runtime.output_files import check_output_file, write_output_file
+from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
@@ -67,13 +58,11 @@ class EvaluateOptions:
     as_json: bool = False
     """Print JSON instead of tables."""
     output: Path | None = None
-    """File for the results, see `write_results`; None: none."""
+    """CSV file for the results; None: none."""
     record: Path | None = None
     """File for the recording of a single run; None: none."""
     tum: Path | None = None
     """File for the estimated trajectory of a single run; None: none."""
-    report_file: Path | None = None
-    """File for an HTML page."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +75,6 @@ class Task:
     settings: Settings
     start_step: int = 0
     """First step of a recording, as if the robot had been switched on there."""
-    is_drawn: bool = False
 
     def prepared(self) -> Run:
         """Return the run.
@@ -103,11 +91,7 @@ class Task:
         )
 
 
-Finished = tuple[RunMeasures, list[StepFacts]]
-"""The measures of a run, and its steps if it is drawn."""
-
-
-def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finished:
+def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeasures:
     """Run a task from the first step to the last.
 
     Args:
@@ -135,10 +119,9 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finishe
                 on_update()
             if number == options.kidnap_at:
                 run.course.kidnap()
-    measures = measures_of(
+    return measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
     )
-    return measures, facts if task.is_drawn else []
 
 
 def _recorder(file: Path | None) -> AbstractContextManager[RunLog | None]:
@@ -157,9 +140,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         raise SettingsError(key="--algorithm", problem=problem)
     case, seeds = case_of(options)
     if options.output is not None:
-        check_results_file(options.output)
-    if options.report_file is not None:
-        check_output_file(options.report_file)
+        check_output_file(options.output)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
     tasks = [
@@ -176,12 +157,10 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             raise SettingsError(key=option, problem=problem)
         if file is not None:
             check_output_file(file)
-    if options.report_file is not None:
-        tasks = [replace(task, is_drawn=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
     finished = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
     runs = [
         {"seed": task.seed, "start_step": task.start_step, **msgspec.structs.asdict(measures)}
-        for task, (measures, _) in zip(tasks, finished, strict=True)
+        for task, measures in zip(tasks, finished, strict=True)
     ]
     common = {
         "algorithm": options.algorithm,
@@ -191,19 +170,10 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     }
     if options.output is not None:
         write_results(options.output, common, runs)
-    title = _title(options, runs)
-    tables = {title: POSES, **MORE_TABLES}
-    if options.report_file is not None:
-        texts = [TableText(list(names), table_rows(runs, names)) for names in tables.values()]
-        drawn = [
-            DrawnRun(task.seed, facts) for task, (_, facts) in zip(tasks, finished, strict=True)
-        ]
-        page = report_page(title, tasks[0].prepared().course.map, drawn, texts)
-        write_output_file(options.report_file, page)
     if options.as_json:
-        sys.stdout.write(as_json(common, runs))
-        return
-    _print_tables(tables, runs)
+        sys.stdout.write(json.dumps({**common, "runs": runs}, indent=2) + "\n")
+    else:
+        _print_tables({_title(options, runs): POSES, **MORE_TABLES}, runs)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -297,10 +267,10 @@ def _steps_count(task: Task) -> int:
     return sum(1 for _ in whole.prepared().course.steps)
 
 
-def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[Finished]:
+def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[RunMeasures]:
     """Run one task per core, and return all results in order."""
     stop = stop_on_signals(exit_after_s=5.0)
-    done: dict[int, Finished] = {}
+    done: dict[int, RunMeasures] = {}
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(tasks))
 
@@ -312,7 +282,7 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[Fi
             done[0] = run_task(tasks[0], on_update)
         else:
             for index, finished in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
-                progress.advance(bar, finished[0].steps)
+                progress.advance(bar, finished.steps)
                 done[index] = finished
     stop.check()
     return [done[index] for index in range(len(tasks))]

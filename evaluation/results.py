@@ -1,16 +1,12 @@
-"""The results of evaluated runs as JSON, CSV or Parquet, and as printed tables."""
+"""The results of evaluated runs as CSV, and as printed tables."""
 
 import csv
 import io
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from process_runtime.output_files import OutputError, check_output_file, write_output_file
-from protocol.errors import SettingsError
-
-KINDS = (".json", ".csv", ".parquet")
+from process_runtime.output_files import write_output_file
 
 Result = dict[str, Any]
 """One run: `seed`, `start_step` (of the recording) and the fields of `RunMeasures`."""
@@ -18,67 +14,23 @@ Columns = dict[str, tuple[str, str]]
 """The columns of a table: heading, and the key and the format of a run's measure."""
 
 
-def as_json(common: Result, runs: Sequence[Result]) -> str:
-    """Return JSON text with the common fields and a list of the runs."""
-    return json.dumps({**common, "runs": runs}, indent=2) + "\n"
-
-
 def write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
-    """Write runs in the format that the file's name ends in; see `check_results_file`.
+    """Write a CSV file with one row for each run.
 
     Args:
-        file: its name ends in ``.json``, ``.csv`` or ``.parquet``.
-        common: fields that all runs share; columns of each row.
-        runs: one row each.
+        file: replaced if it exists.
+        common: columns with the same value in all rows.
+        runs: the other columns.
 
     Raises:
         OutputError: the file cannot be written.
     """
     rows = [{**common, **run} for run in runs]
-    match file.suffix.lower():
-        case ".parquet":
-            _write_parquet(file, rows)
-        case ".csv":
-            text = io.StringIO()
-            table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-            table.writeheader()
-            table.writerows(rows)
-            write_output_file(file, text.getvalue())
-        case _:
-            write_output_file(file, as_json(common, runs))
-
-
-def check_results_file(file: Path) -> None:
-    """Check that results can be written to a file, before they are computed.
-
-    Raises:
-        SettingsError: the name has an unknown ending, or the library for the format is missing.
-        OutputError: the file cannot be written.
-    """
-    if file.suffix.lower() not in KINDS:
-        problem = f"--output {file}: its name has to end in {' or '.join(KINDS)}"
-        raise SettingsError(key="--output", problem=problem)
-    if file.suffix.lower() == ".parquet":
-        _parquet()
-    check_output_file(file)
-
-
-def _parquet() -> tuple[Any, Any]:
-    try:
-        import pyarrow  # noqa: PLC0415 - an extra
-        from pyarrow import parquet  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        problem = f"--output: Parquet needs the extra 'parquet' (pip install pyarrow): {error}"
-        raise SettingsError(key="--output", problem=problem) from error
-    return pyarrow, parquet
-
-
-def _write_parquet(file: Path, rows: Sequence[Result]) -> None:
-    pyarrow, parquet = _parquet()
-    try:
-        parquet.write_table(pyarrow.Table.from_pylist(rows), file)
-    except OSError as error:
-        raise OutputError(path=file, problem=error.strerror or str(error)) from error
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_output_file(file, text.getvalue())
 
 
 _SEED = {"seed": ("seed", "d"), "from": ("start_step", "d")}

@@ -92,9 +92,6 @@ def evaluate(
         Path | None,
         typer.Option(metavar="FILE.tum", help="Write the estimated trajectory of one run."),
     ] = None,
-    report_file: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
-    ] = None,
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
@@ -117,7 +114,6 @@ def evaluate(
         output=output,
         record=record_file,
         tum=tum,
-        report_file=report_file,
     )
     run_evaluate(options, settings)
 

@@ -1,7 +1,14 @@
 """`clustermcl check --report`: the map with its look-alike places, drawn on a page."""
 
+import base64
 import html
+import io
+import math
+import shlex
+import sys
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +16,36 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from evaluation.map_check.report import MapReport
-from evaluation.report_page import MapDrawing, html_page, png_data
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE
+from grid_maps.map_message import to_message
+from live_view.drawing import map_picture
+from live_view.map_reduction import reduced
+from particle_filter.arrays import FREE, Poses
 from particle_filter.poses import compose, inverse
 from protocol.message import PoseTuple
+
+_MARGIN_M = 0.5
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1a2027; --soft: #5c6875; --ground: #fff; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e8edf3; --soft: #96a3b2; --ground: #10141a; }
+  .map { filter: brightness(.85); }
+}
+body {
+  margin: 28px auto; max-width: 1240px; padding: 0 18px; background: var(--ground);
+  color: var(--ink); font: 14px/1.5 system-ui, sans-serif; font-variant-numeric: tabular-nums;
+}
+svg { width: 100%; height: auto; max-height: 600px; }
+.legend { color: var(--soft); }
+figure { margin: 0 0 12px; }
+i { font-style: normal; font-weight: 600; white-space: nowrap; color: var(--ink); }
+i::before {
+  content: ""; display: inline-block; width: 18px; height: 3px; margin-right: 5px;
+  vertical-align: middle; background: var(--of);
+}
+code { overflow-wrap: anywhere; }
+pre { overflow-x: auto; }
+"""
 
 _UNIQUE, _ALIKE, _SYMMETRY = "#0072B2", "#D55E00", "#7d3cb5"
 _HEAT = ((1, "#009E73"), (2, "#F0E442"), (4, "#E69F00"), (10**9, "#c0262d"))
@@ -33,7 +65,6 @@ def map_page(report: MapReport, lines: Sequence[str], grid_map: GridMap) -> str:
         grid_map: the map.
     """
     drawn = MapDrawing(grid_map)
-    words = f"<pre>{html.escape(chr(10).join(lines))}</pre>"
     one, few, some, many = (f'<i style="--of:{colour}">' for _, colour in _HEAT)
     legend = (
         "Where a robot will be ambiguous, by the number of places that look like the nearest "
@@ -44,10 +75,68 @@ def map_page(report: MapReport, lines: Sequence[str], grid_map: GridMap) -> str:
         "when turned, a line along which it looks the same when shifted."
     )
     shapes = [_heat(report, grid_map, drawn), *_symmetries(report, drawn), *_places(report, drawn)]
-    figure = f"<figure>{drawn.with_shapes(shapes)}</figure>"
     unique = sum(not place.look_alikes for place in report.places)
-    title = f"{Path(report.map).name}: {unique} of {len(report.places)} places are unique"
-    return html_page(title, "", legend, drawn.shared + figure + words)
+    title = html.escape(
+        f"{Path(report.map).name}: {unique} of {len(report.places)} places are unique"
+    )
+    command = html.escape(shlex.join(["clustermcl", *sys.argv[1:]]))
+    origin = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, version {version('clustermcl')}"
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>{_STYLE}</style></head><body>\n<h1>{title}</h1>\n"
+        f'<p class="legend">{origin}: <code>{command}</code></p>\n'
+        f'<p class="legend">{legend}</p>\n<figure>{drawn.with_shapes(shapes)}</figure>'
+        f"<pre>{html.escape(chr(10).join(lines))}</pre></body></html>\n"
+    )
+
+
+class MapDrawing:
+    """Draws on a map, cropped to its free ground; coordinates in metres, `map_from_...`."""
+
+    def __init__(self, grid_map: GridMap) -> None:
+        self._map = reduced(to_message(grid_map, "report"))
+        self.west, self.south, self.east, self.north = free_bounds(grid_map)
+
+    @property
+    def size_m(self) -> float:
+        """Length of the longer side."""
+        return max(self.east - self.west, self.north - self.south)
+
+    def with_shapes(self, shapes: Sequence[str]) -> str:
+        """Return SVG of the map with shapes over it."""
+        box = (
+            f"{self.west:.2f} {-self.north:.2f} "
+            f"{self.east - self.west:.2f} {self.north - self.south:.2f}"
+        )
+        pixels = png_data(map_picture(self._map))
+        x, y, heading = self._map.map_from_grid
+        c, s = math.cos(heading), math.sin(heading)
+        width, height = self._map.cols * self._map.cell_m, self._map.rows * self._map.cell_m
+        return (
+            f'<svg class="map" viewBox="{box}"><g transform="scale(1 -1)"><image '
+            f'transform="matrix({c:.6f} {s:.6f} {-s:.6f} {c:.6f} {x:.3f} {y:.3f})" '
+            f'width="{width:.3f}" height="{height:.3f}" preserveAspectRatio="none" '
+            f'style="image-rendering:pixelated" href="{pixels}"/>{"".join(shapes)}</g></svg>'
+        )
+
+
+def png_data(picture: Image.Image) -> str:
+    """Return a picture as a ``data:`` address."""
+    pixels = io.BytesIO()
+    picture.save(pixels, "PNG", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(pixels.getvalue()).decode()}"
+
+
+def free_bounds(grid_map: GridMap) -> tuple[float, float, float, float]:
+    """Return the west, south, east and north edge of the free ground [m], with a margin."""
+    rows, cols = np.nonzero(grid_map.cells == FREE)
+    sides = [(float(each.min()), float(each.max()) + 1.0) for each in (cols, rows)]
+    corners: Poses = np.array([(col, row, 0.0) for col in sides[0] for row in sides[1]])
+    corners[:, :2] *= grid_map.cell_m
+    xy = compose(np.array(grid_map.map_from_grid), corners)[:, :2]
+    (west, south), (east, north) = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
+    return float(west), float(south), float(east), float(north)
 
 
 def _places(report: MapReport, drawn: MapDrawing) -> Iterator[str]:

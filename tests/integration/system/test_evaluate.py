@@ -21,14 +21,13 @@ def environment(tmp_path: Path) -> dict[str, str]:
     return {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
 
 
-def results(*words: str, folder: Path, environment: dict[str, str]) -> dict[str, Any]:
-    file = folder / "results.json"
+def results(*words: str, environment: dict[str, str]) -> dict[str, Any]:
     done = subprocess.run(
-        [*COMMAND, *words, "--output", str(file)],
+        [*COMMAND, *words, "--json"],
         env=environment, capture_output=True, text=True, timeout=2 * PATIENCE_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
-    found: dict[str, Any] = json.loads(file.read_text())
+    found: dict[str, Any] = json.loads(done.stdout)
     return found
 
 
@@ -40,10 +39,10 @@ def without_time(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
-    tmp_path: Path, environment: dict[str, str]
+    environment: dict[str, str],
 ) -> None:
     words = [*ROBOT, "--steps", "20", "--seeds", "3", "--set", "seed=7"]
-    found = results(*words, folder=tmp_path, environment=environment)
+    found = results(*words, environment=environment)
     assert (found["algorithm"], found["recording"]) == ("cluster-mcl", "sim:cross_feature")
     assert [run["seed"] for run in found["runs"]] == [7, 8, 9]
     assert {
@@ -53,13 +52,13 @@ def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
         "truth_probability_lowest_once_sure", "brier_mean", "elsewhere_probability_mean", "cpu_s",
     } <= set(found["runs"][0])  # fmt: skip
     assert all(run["steps"] == 20 for run in found["runs"])
-    alone = results(*words, "--jobs", "1", folder=tmp_path, environment=environment)
+    alone = results(*words, "--jobs", "1", environment=environment)
     assert without_time(alone["runs"]) == without_time(found["runs"])
 
 
-def test_a_mirrored_robot_is_at_no_known_place(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_a_mirrored_robot_is_at_no_known_place(environment: dict[str, str]) -> None:
     words = [*ROBOT, "--mirrored", "--steps", "12"]
-    found = results(*words, folder=tmp_path, environment=environment)
+    found = results(*words, environment=environment)
     (run,) = found["runs"]
     assert found["mirrored"]
     assert run["truth_probability_mean"] is None
@@ -69,19 +68,19 @@ def test_a_mirrored_robot_is_at_no_known_place(tmp_path: Path, environment: dict
 
 
 def test_of_a_simulated_robot_every_start_has_a_seed_of_its_own(
-    tmp_path: Path, environment: dict[str, str]
+    environment: dict[str, str],
 ) -> None:
     words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
-    found = results(*words, folder=tmp_path, environment=environment)
+    found = results(*words, environment=environment)
     assert [(run["seed"], run["start_step"], run["steps"]) for run in found["runs"]] == [
         (7, 0, 12),
         (8, 0, 12),
     ]
 
 
-def test_ordinary_mcl_runs_on_the_same_robot(tmp_path: Path, environment: dict[str, str]) -> None:
+def test_ordinary_mcl_runs_on_the_same_robot(environment: dict[str, str]) -> None:
     words = [*ROBOT, "--steps", "20", "--algorithm", "mcl"]
-    found = results(*words, folder=tmp_path, environment=environment)
+    found = results(*words, environment=environment)
     assert found["algorithm"] == "mcl"
     assert found["runs"][0]["steps"] == 20
 

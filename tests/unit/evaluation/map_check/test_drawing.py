@@ -4,6 +4,7 @@ import base64
 import io
 import re
 import xml.etree.ElementTree as ET
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from evaluation.map_check.drawing import map_page
+from evaluation.map_check.drawing import free_bounds, map_page
 from evaluation.map_check.report import MapReport, report_of
-from evaluation.report_page import free_bounds
 from grid_maps.grid_map import GridMap
 from grid_maps.ros_map import write_map
 from particle_filter.arrays import FREE
@@ -34,6 +34,8 @@ def drawing(report: MapReport) -> str:
     page = map_page(report, ["free: <much>"], CROSS)
     assert "<much>" not in page
     assert "&lt;cross&gt;" in page
+    assert "<script" not in page
+    assert not re.search(r"""(?:src|href)=["'](?!data:)|http""", page), "it loads nothing else"
     found = re.search(r'<svg class="map".*?</svg>', page, re.DOTALL)
     assert found is not None
     return found[0]
@@ -62,7 +64,7 @@ def test_everything_lies_within_the_free_ground_that_is_shown(drawing: str) -> N
 
 
 def test_the_ground_around_ambiguous_places_is_not_coloured_as_unique(drawing: str) -> None:
-    packed = re.findall(r'href="data:image/png;base64,([^"]+)"', drawing)[0]
+    packed = re.findall(r'href="data:image/png;base64,([^"]+)"', drawing)[1]  # after the map
     heat = np.asarray(Image.open(io.BytesIO(base64.b64decode(packed))))
     colours = {tuple(colour) for colour in heat[heat[..., 3] > 0][:, :3].tolist()}
     assert (0xE6, 0x9F, 0x00) in colours, "four arms that look alike"
@@ -85,7 +87,7 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     text = page.read_text()
-    assert "clustermcl" in text
+    assert f"UTC, version {version('clustermcl')}: <code>clustermcl " in text
     assert "places look alike" in text
     refused = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "no" / "x.html")])
     assert "its folder does not exist" in str(refused.exception)
