@@ -33,7 +33,7 @@ class Commanded(msgspec.Struct, frozen=True):
     odom_from_robot: PoseTuple | None = None
     """None: no odometry had arrived; the robot is taken to have stood until the first."""
     during_search: bool = False
-    """Whether the first search had begun."""
+    """Whether the first search had begun when the command arrived."""
 
 
 class Commands(Part):

@@ -51,7 +51,7 @@ STEPS_AT_ONCE = 4
 MAX_LOST_BEFORE_FIRST = 16
 """If more steps were lost before the first received scan, the search begins without them."""
 EARLY_REPORTS, EARLY_BULKY_REPORTS = 10_000, 256
-"""Most reports kept during recovery, and most of those with particles of places."""
+"""Largest numbers of reports kept during recovery: all, and those with particles of places."""
 
 
 class Started(msgspec.Struct, frozen=True, kw_only=True):

@@ -13,7 +13,7 @@ from protocol.pose_arrays import covariance_matrix
 
 LEAF_M = 0.2
 MAX_LEAVES = 1_000_000
-"""Limit of memory and recordings to 125 kB; a larger map has larger leaves."""
+"""Largest number of leaves, which need 125 kB; a larger map has larger leaves."""
 REACH_SIGMAS = 3.0
 """A given pose may be this many standard deviations off."""
 

@@ -208,7 +208,7 @@ class Jobs(Part):
     def placed_ns(self, job_id: str) -> int:
         """Return when the job was given to its worker [ns].
 
-        0 if the job has no worker, or if the worker has since reported a step of it in time.
+        0 if the job has no worker, or if the worker has since reported a step of the job in time.
         """
         job = self.placed.get(job_id)
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0

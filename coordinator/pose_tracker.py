@@ -38,7 +38,7 @@ class LatencyEstimator(Part):
         return None if self.begun_ns is None else min(self.least_ns, self.least_before_ns)
 
     def on_arrival(self, stamp_ns: int, now_ns: int) -> int:
-        """Return by how much data is later than usual; never negative [ns].
+        """Record an arrival; return by how much it is later than usual, never negative [ns].
 
         Args:
             stamp_ns: by the robot's clock.

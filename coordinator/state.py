@@ -158,7 +158,7 @@ class CoordinatorState(Part):
     # --- what happens
 
     def on_map(self, scan: Scan) -> bool:
-        """Return whether a scan belongs to the present map; change the map if the bridge has.
+        """Return whether a scan belongs to the present map; follow the bridge to a new map.
 
         The first scan sets the map.
         """

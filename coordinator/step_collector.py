@@ -208,7 +208,7 @@ class StepCollector(Part):
         now_ns: int,
         unhurried: Container[str] = (),
     ) -> ReadyStep | None:
-        """Return the next step, if it is complete or its deadline has passed.
+        """Return the next step if it is complete or its deadline has passed, else None.
 
         Args:
             expected: ids of the jobs whose reports the step needs.

@@ -27,19 +27,19 @@ def pool() -> Iterator[Pool]:
 
 
 @pytest.mark.parametrize("part", range(PARTS))
-def test_whatever_the_network_does_the_laws_are_kept(pool: Pool, part: int) -> None:
+def test_all_laws_hold_in_every_schedule(pool: Pool, part: int) -> None:
     assert list(broken(pool, range(part, SCHEDULES, PARTS))) == []
 
 
 @pytest.mark.parametrize(
     "seed", [2086, 2157, 300873, 304271, 306765, 307792, 352470, 357741, 458205]
 )
-def test_what_broke_a_law_once_does_not_again(seed: int) -> None:
+def test_schedules_that_once_broke_a_law_keep_all_laws(seed: int) -> None:
     """Of a hundred thousand: too rare to be among the first."""
     Simulation(seed, symmetric_room()).run()
 
 
-def test_a_seed_is_a_schedule() -> None:
+def test_a_seed_determines_its_schedule() -> None:
     model, seen = symmetric_room(), []
     for seed in (3, 3, 4):
         simulation = Simulation(seed, model)

@@ -47,12 +47,12 @@ def changed(state: CheckpointState, **changes: object) -> bytes:
     return msgspec.msgpack.encode(tree)
 
 
-def test_a_state_comes_back_as_it_was(state: CheckpointState) -> None:
+def test_a_decoded_state_equals_the_encoded_one(state: CheckpointState) -> None:
     assert to_bytes(from_bytes(to_bytes(state))) == to_bytes(state)
     assert len(state.ensemble.clusters) > 1
 
 
-def test_it_is_small_for_particles_stay_with_the_workers(state: CheckpointState) -> None:
+def test_a_state_is_small_because_workers_keep_the_particles(state: CheckpointState) -> None:
     jobs = state.jobs.placed.items()
     assert all(placed.job is None for job_id, placed in jobs if job_id.startswith("c"))
     assert len(to_bytes(state)) < 4_000
@@ -104,7 +104,7 @@ def coordinator(known: Checkpoint) -> Coordinator:
 
 
 @pytest.mark.parametrize("length", [0, 1, -3])
-def test_what_is_not_a_whole_state_is_refused(state: CheckpointState, length: int) -> None:
+def test_an_incomplete_state_is_refused(state: CheckpointState, length: int) -> None:
     with pytest.raises(ValueError, match="not a coordinator's state"):
         from_bytes(to_bytes(state)[:length])
 
@@ -122,7 +122,7 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
 
 
-def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -> None:
+def test_a_checkpoint_of_another_map_is_not_used(state: CheckpointState) -> None:
     other = Checkpoint(
         sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, map_digest="old")
     )
@@ -135,7 +135,7 @@ def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -
 
 
 @pytest.mark.parametrize("had", [True, False], ids=["the same settings", "other settings"])
-def test_who_carries_on_has_scans_weighed_elsewhere_also_if_nobody_did(
+def test_a_successor_has_scans_weighed_elsewhere_even_if_its_predecessor_had_not(
     state: CheckpointState, had: bool
 ) -> None:
     placed = msgspec.msgpack.decode(to_bytes(state))["jobs"]["placed"]

@@ -130,7 +130,7 @@ class Story:
             self.report(other, at_s=at_s + 0.02)
 
 
-def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
+def test_a_worker_cannot_report_another_workers_job() -> None:
     story = Story("a", "b").bootstrapped()
     story.scan(1, at_s=1.0)
     north = tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"])
@@ -153,7 +153,7 @@ def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
 
 
-def test_a_slow_worker_is_waited_for_until_the_deadline_and_not_longer() -> None:
+def test_a_step_waits_for_a_slow_worker_until_the_deadline_and_not_longer() -> None:
     story = Story("a", "b").bootstrapped()
     for step in range(1, 4):  # past the grace of jobs just handed out
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
@@ -180,7 +180,7 @@ def test_a_resurrected_worker_cannot_vote() -> None:
     assert counters["report of an old epoch"] == 1
 
 
-def test_without_workers_the_belief_stands_and_status_says_so() -> None:
+def test_without_workers_the_belief_stays_and_the_status_shows_it() -> None:
     story = Story("a").bootstrapped()
     story.follow(story.coordinator.handle(WorkerLeft("a"), SECOND))
     story.scan(1, at_s=5.0)
@@ -198,7 +198,7 @@ def test_a_scan_of_another_map_is_refused_and_counted() -> None:
     assert story.coordinator.status(SECOND, {}).counters["scan of another map"] == 1
 
 
-def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
+def test_a_given_pose_is_the_best_hypothesis_immediately() -> None:
     story = Story("a").bootstrapped()
     command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
     story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
@@ -207,7 +207,7 @@ def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
     assert "c2" in story.epochs, "a worker tracks it"
 
 
-def test_what_begins_and_ends_is_told_before_its_belief_and_answered_afterwards() -> None:
+def test_events_are_published_before_their_belief_and_can_be_queried_afterwards() -> None:
     story = Story("a").bootstrapped()
     events, belief = story.told
     assert isinstance(events, JobEvents)
@@ -231,7 +231,7 @@ def test_what_begins_and_ends_is_told_before_its_belief_and_answered_afterwards(
     assert story.coordinator.events().events == (*events.events, *forgotten.events)
 
 
-def test_where_the_bridge_counts_anew_clusters_end_for_that_reason() -> None:
+def test_clusters_end_with_the_cause_when_the_bridge_restarts_its_steps() -> None:
     story = Story("a").bootstrapped()
     for step in range(1, 9):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
@@ -253,7 +253,7 @@ def tracking_story(rules: CoordinatorSettings = CoordinatorSettings()) -> Story:
     return story
 
 
-def test_a_bridge_with_another_map_is_followed_and_all_begins_anew_there() -> None:
+def test_a_bridge_with_another_map_begins_a_search_in_that_map() -> None:
     story = tracking_story()
     orders: list[WorkOrder] = []
     for step in range(5, 8):
@@ -301,7 +301,7 @@ def in_a_new_map(story: Story, *steps: int) -> None:
         story.follow(story.coordinator.handle(ScanArrived(told), step * SECOND))
 
 
-def test_places_are_kept_in_a_new_map_where_the_settings_say_so() -> None:
+def test_places_are_kept_in_a_new_map_if_so_configured() -> None:
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
     in_a_new_map(story, 5, 6, 7)
     status = story.coordinator.status(7 * SECOND, {})
@@ -315,7 +315,7 @@ def test_places_are_kept_in_a_new_map_where_the_settings_say_so() -> None:
     assert (causes.count("new map"), causes.count("prior pose")) == (2, 2)
 
 
-def test_kept_places_begin_where_odometry_has_brought_them() -> None:
+def test_places_kept_in_a_new_map_are_moved_by_odometry() -> None:
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
     in_a_new_map(story, 5, 6, 7)
     pose = story.coordinator.hypotheses(7 * SECOND)
@@ -327,7 +327,7 @@ def test_kept_places_begin_where_odometry_has_brought_them() -> None:
     assert min(wider) > NO_SPREAD[0]
 
 
-def test_a_step_that_nobody_weighed_makes_the_pose_dead_reckoning() -> None:
+def test_a_step_that_no_worker_weighed_makes_the_pose_dead_reckoning() -> None:
     story = tracking_story()
     for step in range(5, 12):
         event = ScanArrived(scan(step, x_m=0.2 * (step - 4)))
@@ -340,7 +340,7 @@ def test_a_step_that_nobody_weighed_makes_the_pose_dead_reckoning() -> None:
     assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
 
 
-def test_where_many_steps_are_due_what_was_decided_goes_out_in_between() -> None:
+def test_decisions_are_sent_in_between_if_many_steps_are_due() -> None:
     story = tracking_story()
     for step in range(5, 5 + 2 * STEPS_AT_ONCE + 1):
         story.follow(story.coordinator.handle(ScanArrived(scan(step)), 5 * SECOND))
@@ -378,7 +378,7 @@ def searched_everywhere(story: Story) -> None:
     story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
 
 
-def test_a_pose_that_is_given_before_the_first_scan_is_believed_after_it() -> None:
+def test_a_pose_given_before_the_first_scan_is_applied_after_it() -> None:
     story = Story("a")
     early = given("1", map_from_robot=(1.0, 2.0, 0.5))
     assert commanded(story.coordinator, early) == ""
@@ -392,7 +392,7 @@ def test_a_pose_that_is_given_before_the_first_scan_is_believed_after_it() -> No
     assert len(story.beliefs) == 1
 
 
-def test_odometry_since_a_pose_that_was_given_before_the_first_scan_is_added() -> None:
+def test_odometry_since_a_pose_given_before_the_first_scan_is_added() -> None:
     story = Story("a")
     story.coordinator.handle(odometry(-40 * SECOND, -8.0), 0)
     commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.0)))
@@ -404,7 +404,7 @@ def test_odometry_since_a_pose_that_was_given_before_the_first_scan_is_added() -
     assert best.covariance[0] > 0.25, "and it errs"
 
 
-def test_of_commands_before_the_first_scan_the_last_counts() -> None:
+def test_only_the_last_command_before_the_first_scan_is_carried_out() -> None:
     story = Story("a")
     commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
     commanded(story.coordinator, given("2", map_from_robot=(3.0, 2.0, 0.5)))
@@ -423,7 +423,7 @@ def test_to_relocalize_in_the_first_step_begins_another_search_after_it() -> Non
     assert "s1.0" in story.epochs
 
 
-def test_a_region_that_the_settings_do_not_name_is_refused() -> None:
+def test_an_unknown_region_is_refused() -> None:
     story = Story("a")
     searched_everywhere(story)
     unknown = Relocalize(sender="client", command_id="1", region="attic")
@@ -432,7 +432,7 @@ def test_a_region_that_the_settings_do_not_name_is_refused() -> None:
     assert len(story.beliefs[-1].hypotheses) == 2, "and nothing is forgotten"
 
 
-def test_a_last_pose_counts_nothing_after_relocalize() -> None:
+def test_the_last_pose_is_not_used_after_relocalize() -> None:
     earlier = Story("a")
     earlier.follow(earlier.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
     found = searched("s0.0", 0, {(9.0, 9.0, 0.0): 0.9}, epoch=earlier.epochs["s0.0"])
@@ -452,7 +452,7 @@ def test_a_last_pose_counts_nothing_after_relocalize() -> None:
         assert {event.cause for event in began} == causes
 
 
-def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> None:
+def test_a_successor_receives_commands_from_before_the_first_scan() -> None:
     story = Story("a")
     command = given("1", map_from_robot=(1.0, 2.0, 0.5))
     instructions = story.coordinator.handle(CommandArrived(command), 0)
@@ -463,7 +463,7 @@ def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> 
     assert heir.beliefs[0].hypotheses[0].mean == (1.0, 2.0, 0.5)
 
 
-def test_a_pose_with_a_covariance_is_believed_with_just_that() -> None:
+def test_a_given_covariance_is_the_hypothesis_covariance() -> None:
     story = Story("a", "b").bootstrapped()
     covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
     command = given("1", map_from_robot=(1.0, 2.0, 0.5), covariance=covariance)
@@ -475,7 +475,7 @@ def test_a_pose_with_a_covariance_is_believed_with_just_that() -> None:
 OFF_THE_MAP = (700.0, 0.5, 1.6)
 
 
-def test_a_pose_off_the_map_is_refused_in_a_sentence() -> None:
+def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
     story = Story("a").bootstrapped()
     told = len(story.beliefs)
     problem = commanded(story.coordinator, given("1", map_from_robot=OFF_THE_MAP))
@@ -484,7 +484,7 @@ def test_a_pose_off_the_map_is_refused_in_a_sentence() -> None:
     assert commanded(story.coordinator, given("2", map_from_robot=(100.5, 0.5, 1.6))) == ""
 
 
-def test_a_pose_off_the_map_that_waited_for_the_map_is_refused_all_the_same() -> None:
+def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
     story = Story("a")
     early = given("1", map_from_robot=OFF_THE_MAP)
     assert commanded(story.coordinator, early) == "", "nobody knows the map yet"
@@ -494,7 +494,7 @@ def test_a_pose_off_the_map_that_waited_for_the_map_is_refused_all_the_same() ->
     assert story.coordinator.status(SECOND, {}).counters["pose off the map refused"] == 1
 
 
-def test_a_pose_waits_for_the_map_and_is_believed_when_it_arrives() -> None:
+def test_a_pose_waits_for_the_map_and_is_applied_when_the_map_arrives() -> None:
     story = Story("a")
     story.has_map = False
     searched_everywhere(story)
@@ -505,7 +505,7 @@ def test_a_pose_waits_for_the_map_and_is_believed_when_it_arrives() -> None:
     assert story.beliefs[-1].hypotheses[0].mean == (1.0, 2.0, 0.5)
 
 
-def test_a_given_pose_is_no_place_of_a_new_map_before_that_is_known() -> None:
+def test_a_given_pose_waits_until_a_new_map_arrives() -> None:
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
     story.has_map = False
     in_a_new_map(story, 5, 6, 7)
@@ -514,7 +514,7 @@ def test_a_given_pose_is_no_place_of_a_new_map_before_that_is_known() -> None:
     assert len(story.beliefs) == told
 
 
-def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:
+def test_a_pose_with_an_older_stamp_is_moved_by_odometry() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 21):  # a metre a second since the step, which was at 0
         story.coordinator.handle(odometry(tenth * SECOND // 10, tenth / 10), tenth)
@@ -526,7 +526,7 @@ def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:
     assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((1.0, 2.0, 0.0))
 
 
-def test_a_pose_of_long_ago_is_refused_with_the_reason() -> None:
+def test_a_pose_older_than_the_known_odometry_is_refused_with_the_reason() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 201):
         story.coordinator.handle(odometry(tenth * SECOND // 10, 0.01 * tenth), tenth)
@@ -538,7 +538,7 @@ def test_a_pose_of_long_ago_is_refused_with_the_reason() -> None:
     assert len(story.beliefs) == before
 
 
-def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:
+def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     story = Story("a", "b").bootstrapped()
     for step in range(1, 4):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)

@@ -45,7 +45,7 @@ def outcome_at(map_from_robot: PoseTuple) -> Outcome:
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
-def test_the_covariance_contains_where_the_robot_really_is(seed: int) -> None:
+def test_the_covariance_contains_the_true_pose(seed: int) -> None:
     tracker = PoseTracker.of("c", CoordinatorSettings(), MotionSettings(), BridgeSettings())
     answers: list[tuple[PoseAnswer, PoseTuple]] = []
     for tick in Simulation(world("cross_feature"), seed=seed, remembered_s=1.0):

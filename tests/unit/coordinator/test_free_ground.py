@@ -28,14 +28,14 @@ def room(map_from_grid: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> FreeGro
 
 
 @pytest.mark.parametrize("x", [0.81, 1.5, 2.79])
-def test_on_free_ground_there_is_no_problem(x: float) -> None:
+def test_a_pose_on_free_ground_is_accepted(x: float) -> None:
     assert room().problem_of((x, 1.0, 0.5), SHARP) is None
 
 
 @pytest.mark.parametrize(
     "place", [(0.4, 1.0), (3.5, 1.0), (500.0, 500.0), (-1.0, 1.0), (1.5, -0.5), (1.5, 2.6)]
 )
-def test_walls_unknown_ground_and_what_is_off_the_map_are_a_problem(
+def test_a_pose_on_walls_on_unknown_ground_or_off_the_map_is_refused(
     place: tuple[float, float],
 ) -> None:
     problem = room().problem_of((*place, 0.0), SHARP)
@@ -43,25 +43,25 @@ def test_walls_unknown_ground_and_what_is_off_the_map_are_a_problem(
     assert f"x {place[0]:.2f} m, y {place[1]:.2f} m" in problem
 
 
-def test_a_pose_that_is_uncertain_enough_reaches_free_ground() -> None:
+def test_a_pose_off_free_ground_is_accepted_if_uncertain_enough() -> None:
     assert room().problem_of((0.0, 1.0, 0.0), WIDE) is None
     assert room().problem_of((0.0, 1.0, 0.0), EAST_ONLY) is None
     assert room().problem_of((1.5, 3.0, 0.0), EAST_ONLY) is not None, "uncertain in x alone"
 
 
-def test_a_map_that_is_turned_is_read_in_its_own_frame() -> None:
+def test_the_rotation_of_a_map_is_taken_into_account() -> None:
     turned = room((10.0, 5.0, np.pi / 2))  # its x axis points along the map's y axis
     assert turned.problem_of((9.0, 6.5, 0.0), SHARP) is None
     assert turned.problem_of((9.0, 5.3, 0.0), SHARP) is not None
     assert turned.problem_of((1.5, 1.0, 0.0), SHARP) is not None
 
 
-def test_a_covariance_that_is_not_quite_one_is_read_as_its_cloud_is() -> None:
+def test_a_covariance_with_a_slightly_negative_variance_is_accepted() -> None:
     crooked = (1.0, 0.0, 0.0, 0.0, -1e-9, 0.0, 0.0, 0.0, 0.01)
     assert room().problem_of((0.0, 1.0, 0.0), crooked) is None
 
 
-def test_a_large_map_takes_little() -> None:
+def test_a_large_map_needs_little_memory() -> None:
     cells = np.full((4_000, 4_000), OCCUPIED, np.int8)
     cells[3_999, 3_999] = FREE
     ground = FreeGround.of(GridMap(cells, 0.05, (0.0, 0.0, 0.0)))
@@ -77,7 +77,7 @@ def test_a_large_map_takes_little() -> None:
     pose=st.tuples(*[st.floats(-6.0, 6.0)] * 3),
     root=arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)),
 )  # fmt: skip
-def test_it_agrees_with_the_distance_of_each_free_leaf(
+def test_free_ground_agrees_with_the_distances_of_all_free_leaves(
     cells: Cells, origin: PoseTuple, pose: PoseTuple, root: NDArray[np.float64]
 ) -> None:
     """The naive way: every leaf's middle in the map, and its Mahalanobis distance."""
@@ -96,7 +96,7 @@ def test_it_agrees_with_the_distance_of_each_free_leaf(
     assert (problem is None) == (nearest < REACH_SIGMAS**2)
 
 
-def test_bits_that_do_not_fill_the_map_are_refused() -> None:
+def test_too_few_bits_for_a_map_are_refused() -> None:
     """A forged recording must not make it allocate gigabytes."""
     told = msgspec.msgpack.decode(msgspec.msgpack.encode(room()))
     for sides in ({"rows": 10**6, "cols": 10**6}, {"rows": -1}, {"rows": 0}):

@@ -47,7 +47,7 @@ def assert_same(living: Living, undisturbed: Living) -> None:
     assert living.particles() == undisturbed.particles()
 
 
-def test_the_undisturbed_run_has_what_can_be_lost(undisturbed: Living) -> None:
+def test_the_undisturbed_run_has_clusters_searches_and_commands(undisturbed: Living) -> None:
     beliefs = [undisturbed.beliefs[step][0] for step in range(STEPS)]
     assert max(len(belief.hypotheses) for belief in beliefs) >= 3
     assert beliefs[0].searching
@@ -89,7 +89,7 @@ def test_a_worker_that_dies_leaves_its_clusters_to_others_particle_by_particle(
     assert all(len(values) == 1 for values in living.evidence().values()), "one truth each step"
 
 
-def test_without_any_worker_clusters_are_kept_and_go_on_as_soon_as_one_appears(
+def test_clusters_are_kept_without_workers_and_continue_when_one_appears(
     model: SensorModel, undisturbed: Living
 ) -> None:
     living = Living(model)
@@ -103,7 +103,7 @@ def test_without_any_worker_clusters_are_kept_and_go_on_as_soon_as_one_appears(
     assert_same(living, undisturbed)
 
 
-def test_a_cluster_whose_worker_dies_with_the_coordinator_goes_on_from_its_gaussian(
+def test_a_cluster_whose_worker_dies_with_the_coordinator_is_drawn_from_its_gaussian(
     model: SensorModel, undisturbed: Living
 ) -> None:
     """No hypothesis is lost, though no process has its particles."""
@@ -124,7 +124,7 @@ def test_a_cluster_whose_worker_dies_with_the_coordinator_goes_on_from_its_gauss
     assert believed.missing == ()
 
 
-def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
+def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
     model: SensorModel, undisturbed: Living
 ) -> None:
     """Router and coordinator restarted together: the workers' links return last."""
@@ -146,7 +146,7 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     assert_same(living, undisturbed)
 
 
-def test_one_that_has_not_heard_the_newest_scans_carries_on_all_the_same(
+def test_a_coordinator_without_the_newest_scans_continues_from_the_state(
     model: SensorModel, undisturbed: Living
 ) -> None:
     """They were lost on their way to it; old ones are no new count of steps."""
@@ -162,7 +162,9 @@ def test_one_that_has_not_heard_the_newest_scans_carries_on_all_the_same(
     assert_same(living, undisturbed)
 
 
-def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorModel) -> None:
+def test_coordinator_and_workers_follow_a_bridge_that_restarts_its_steps(
+    model: SensorModel,
+) -> None:
     """Bridge and coordinator restarted together; the workers know the old count."""
     living = lived(model, steps=14)
     living.revive()
@@ -205,7 +207,7 @@ def test_several_scans_near_the_highest_step_are_followed_and_so_is_the_way_back
     assert beliefs[29].missing == ()
 
 
-def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
+def test_a_deposed_coordinator_that_wakes_cannot_give_orders(model: SensorModel) -> None:
     living = lived(model, steps=17)
     old = living.coordinator
     assert old is not None
@@ -233,7 +235,7 @@ def given(command_id: str, x_m: float) -> SetPose:
     return SetPose(sender="client", command_id=command_id, map_from_robot=(x_m, 2.0, 0.5))
 
 
-def test_a_command_that_is_asked_again_after_a_restart_is_not_done_again(
+def test_a_command_repeated_after_a_restart_is_not_carried_out_again(
     model: SensorModel,
 ) -> None:
     living = lived(model, steps=14)
@@ -245,7 +247,7 @@ def test_a_command_that_is_asked_again_after_a_restart_is_not_done_again(
     assert essence(living.beliefs[13][-1]) == essence(first)
 
 
-def test_chance_in_commands_goes_on_where_it_was(model: SensorModel) -> None:
+def test_random_streams_of_commands_continue_after_a_restart(model: SensorModel) -> None:
     one, two = lived(model, steps=14), lived(model, steps=14)
     for living in (one, two):
         living.command(given("7", 2.0))

@@ -24,7 +24,7 @@ def handed_on(jobs: Jobs, *present: str) -> Jobs:
     return made
 
 
-def test_an_epoch_stands_above_those_of_all_terms_before() -> None:
+def test_an_epoch_exceeds_all_epochs_of_earlier_terms() -> None:
     made = jobs_of("a", "c0", term=70)
     assert made.by_worker() == {"a": {"c0": 71}}
     made.move({"c0": "b"}, 70, now_ns=2)
@@ -35,7 +35,7 @@ def test_an_epoch_stands_above_those_of_all_terms_before() -> None:
     assert made.refusal_of(report, "b") == ""
 
 
-def test_a_job_is_fresh_until_its_worker_has_reported_in_time() -> None:
+def test_a_step_waits_longer_for_a_job_until_its_worker_has_reported_in_time() -> None:
     made = jobs_of("a", "c0")
     report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0))
     made.on_report(report, in_time=False)
@@ -54,7 +54,7 @@ def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> Non
     assert made.may_move("c0")
 
 
-def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_step_that_is_over() -> None:
+def test_the_elsewhere_job_continues_after_the_last_applied_step() -> None:
     made = Jobs()
     made.begin({"e0": ElsewhereJob(first_step=3)})
     made.on_report(elsewhere(7, -2.0), in_time=True)
@@ -67,7 +67,7 @@ def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_step_that_is_ove
     assert made.may_move("e0")
 
 
-def test_jobs_of_one_who_is_missed_are_kept_for_a_while() -> None:
+def test_absent_workers_keep_their_jobs_for_a_while_after_a_take_over() -> None:
     made = handed_on(jobs_of("a", "c0"), "b")
     made.give_up_awaited(AWAITED_NS - 1)
     assert "a" in made.by_worker()
@@ -75,14 +75,14 @@ def test_jobs_of_one_who_is_missed_are_kept_for_a_while() -> None:
     assert set(made.by_worker()) == {None}
 
 
-def test_one_who_comes_in_time_keeps_its_jobs() -> None:
+def test_a_worker_that_appears_in_time_keeps_its_jobs() -> None:
     made = handed_on(jobs_of("a", "c0"))
     del made.awaited_until_ns["a"]  # as `Placement` does
     made.give_up_awaited(10 * AWAITED_NS)
     assert made.by_worker() == {"a": {"c0": 1}}
 
 
-def test_a_worker_keeps_what_it_holds_unless_it_is_over_or_given_away_since() -> None:
+def test_a_worker_keeps_its_jobs_unless_they_ended_or_were_given_away() -> None:
     made = handed_on(jobs_of("a", "c0", "c1"))
     held = [Assignment(job_id=i, epoch=e, job=TRACK) for i, e in (("c0", 9), ("c1", 1), ("c7", 9))]
     kept = made.held("b", held, now_ns=2)

@@ -24,7 +24,7 @@ EAST = (10.0, 5.0, math.pi / 2)
         pytest.param(True, True, "", "another", False, id="in another map"),
     ],
 )
-def test_where_it_was_in_an_earlier_life_is_possible(
+def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
     was_live: bool, live: bool, state_folder: str, digest: str, counts: bool
 ) -> None:
     rules = CoordinatorSettings(state_folder=state_folder)
@@ -37,7 +37,7 @@ def test_where_it_was_in_an_earlier_life_is_possible(
     assert places == ({NORTH, SOUTH, EAST} if counts else {NORTH, SOUTH})
 
 
-def test_odometry_that_goes_on_carries_the_place_on() -> None:
+def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
     last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
     assert last is not None
     prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
@@ -46,13 +46,13 @@ def test_odometry_that_goes_on_carries_the_place_on() -> None:
     assert prior.covariance[0] > last.covariance[0]
 
 
-def test_odometry_that_starts_anew_leaves_the_robot_where_it_stood() -> None:
+def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
     last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
     assert last is not None
     assert last.as_prior_at(scan(0, x_m=0.1), 0.1).map_from_robot == pytest.approx(EAST)
 
 
-def test_who_only_searched_leaves_no_place() -> None:
+def test_a_state_without_clusters_has_no_last_pose() -> None:
     story = Story("a")
     story.scan(0, at_s=0.0)
     assert LastPlace.of(story.checkpoints[-1]) is None

@@ -16,19 +16,19 @@ def prompt(clock_ahead_ns: int, seconds: float) -> LatencyEstimator:
 
 
 @given(st.integers(-(10**18), 10**18))
-def test_what_was_held_up_is_late_by_that_whatever_the_robots_clock_says(ahead_ns: int) -> None:
+def test_delayed_data_is_late_by_the_delay_whatever_the_robots_clock(ahead_ns: int) -> None:
     lateness = prompt(ahead_ns, 30.0)
     assert lateness.on_arrival(30 * SECOND - 5 * MS + ahead_ns, 30 * SECOND) == 0
     assert lateness.on_arrival(30 * SECOND - 5 * MS + ahead_ns, 31 * SECOND) == SECOND
 
 
-def test_an_outage_of_some_seconds_is_not_forgotten_while_it_lasts() -> None:
+def test_an_outage_of_some_seconds_does_not_change_the_usual_delay() -> None:
     lateness = prompt(0, 30.0)
     assert lateness.on_arrival(30 * SECOND - 5 * MS, 34 * SECOND) == 4 * SECOND
     assert lateness.on_arrival(31 * SECOND - 5 * MS, 34 * SECOND) == 3 * SECOND
 
 
-def test_a_clock_that_drifts_is_followed() -> None:
+def test_the_usual_delay_follows_a_drifting_clock() -> None:
     lateness = LatencyEstimator()
     late_ns = [
         lateness.on_arrival(tick * 50 * MS - tick * 50 * MS // 10_000, tick * 50 * MS)

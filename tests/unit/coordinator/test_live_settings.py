@@ -34,7 +34,7 @@ def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:
     )
 
 
-def test_the_coordinator_goes_by_what_the_applied_scan_brings_and_so_does_the_next_one(
+def test_the_settings_of_the_applied_scan_hold_and_a_successor_keeps_them(
     model: SensorModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tested = Living(model)

@@ -7,21 +7,21 @@ def followed(*scans: tuple[int, str]) -> list[bool]:
     return [detector.has_changed(scan(step, digest=digest), "ours") for step, digest in scans]
 
 
-def test_three_scans_of_another_map_in_a_row_are_a_bridge_that_has_it() -> None:
+def test_three_consecutive_scans_of_another_map_show_a_new_map() -> None:
     assert followed((7, "new"), (8, "new"), (9, "new")) == [False, False, True]
 
 
-def test_its_steps_may_have_begun_anew() -> None:
+def test_a_new_map_is_detected_although_steps_begin_again() -> None:
     assert followed((90, "ours"), (0, "new"), (1, "new"), (2, "new"))[-1]
 
 
-def test_a_bridge_that_waits_for_a_belief_says_the_same_step_again() -> None:
+def test_repeated_scans_of_another_map_count() -> None:
     assert followed((7, "new"), (7, "new"), (7, "new"))[-1]
 
 
-def test_a_scan_of_our_own_map_between_means_that_the_bridge_is_still_there() -> None:
+def test_a_scan_of_the_present_map_in_between_prevents_a_change() -> None:
     assert not any(followed((7, "new"), (8, "new"), (8, "ours"), (9, "new"), (10, "new")))
 
 
-def test_scans_of_several_maps_and_steps_that_go_back_are_no_bridge() -> None:
+def test_scans_of_several_maps_or_with_decreasing_steps_show_no_new_map() -> None:
     assert not any(followed((7, "a"), (8, "b"), (9, "a"), (10, "b"), (9, "b"), (8, "b"), (7, "b")))

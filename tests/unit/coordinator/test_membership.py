@@ -13,7 +13,7 @@ def membership_of(*workers: str) -> Membership:
     return membership
 
 
-def test_a_worker_that_dies_has_left_a_moment_later() -> None:
+def test_a_worker_whose_token_vanishes_leaves_after_the_settling_time() -> None:
     membership = membership_of("a", "b")
     assert membership.token("a", False, SECOND) == []
     assert membership.left(SECOND + SETTLE_NS - 1) == []
@@ -21,7 +21,7 @@ def test_a_worker_that_dies_has_left_a_moment_later() -> None:
     assert membership.left(2 * SECOND) == []
 
 
-def test_a_worker_that_is_back_within_that_moment_was_started_anew() -> None:
+def test_a_token_that_reappears_within_the_settling_time_shows_a_restart() -> None:
     membership = membership_of("a")
     membership.token("a", False, SECOND)
     changes = membership.token("a", True, SECOND + 10 * MS)
@@ -29,7 +29,7 @@ def test_a_worker_that_is_back_within_that_moment_was_started_anew() -> None:
     assert membership.left(9 * SECOND) == []
 
 
-def test_nobody_leaves_with_our_own_link() -> None:
+def test_no_worker_leaves_while_the_own_link_is_lost() -> None:
     membership = membership_of("a", "b")
     membership.token("a", False, SECOND)  # tokens vanish before the link does
     membership.token("b", False, SECOND)
@@ -42,7 +42,9 @@ def test_nobody_leaves_with_our_own_link() -> None:
     assert membership.left(99 * SECOND) == []
 
 
-def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None:
+def test_a_worker_that_stays_away_after_the_own_link_is_back_leaves_after_the_grace_period() -> (
+    None
+):
     membership = membership_of("a", "b")
     membership.token("a", False, SECOND)
     membership.token("b", False, SECOND)
@@ -53,7 +55,7 @@ def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None
     assert membership.left(2 * SECOND + GRACE_NS) == [WorkerLeft("b")]
 
 
-def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
+def test_a_link_that_is_lost_again_in_the_grace_period_restarts_it() -> None:
     membership = membership_of("a")
     membership.token("a", False, SECOND)
     membership.link(False, SECOND)

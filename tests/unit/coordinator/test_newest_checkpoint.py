@@ -47,7 +47,7 @@ def published() -> Published:
     return published
 
 
-def test_the_promptest_of_those_heard_tells_the_usual_delay(published: Published) -> None:
+def test_the_usual_delay_is_the_least_delay_of_the_received_states(published: Published) -> None:
     newest = NewestState()
     newest.on_state(published(age_s=0.25), now_ns=3 * SECOND)
     newest.on_state(
@@ -56,7 +56,9 @@ def test_the_promptest_of_those_heard_tells_the_usual_delay(published: Published
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
-def test_one_that_is_said_again_is_a_sign_of_life_and_tells_no_delay(published: Published) -> None:
+def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay(
+    published: Published,
+) -> None:
     newest, said = NewestState(), published(age_s=0.25)
     newest.on_state(said, now_ns=3 * SECOND)
     for after_s in range(60):  # the robot stands
@@ -64,7 +66,7 @@ def test_one_that_is_said_again_is_a_sign_of_life_and_tells_no_delay(published: 
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
-def test_ages_that_tell_nothing_are_left_out(published: Published) -> None:
+def test_states_without_a_known_age_do_not_change_the_usual_delay(published: Published) -> None:
     newest = NewestState()
     for checkpoint in (
         published(age_s=0.25, live=False),

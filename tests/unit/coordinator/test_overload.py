@@ -14,7 +14,7 @@ def overloaded() -> OverloadDetector:
     return detector
 
 
-def test_most_steps_must_wait_not_a_few() -> None:
+def test_an_overload_begins_only_if_most_steps_are_late() -> None:
     detector = OverloadDetector()
     for number in range(5 * STEPS):
         detector.on_step_decided(10 * LATE_NS if number % 5 < 2 else 1_000)
@@ -22,7 +22,7 @@ def test_most_steps_must_wait_not_a_few() -> None:
     assert overloaded().is_overloaded
 
 
-def test_it_is_over_when_steps_are_well_in_time_again() -> None:
+def test_an_overload_ends_when_steps_are_well_in_time() -> None:
     detector = overloaded()
     for _ in range(STEPS):
         detector.on_step_decided(IN_TIME_NS + 1)
@@ -44,13 +44,13 @@ def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None 
     return 21.0 + first + steps
 
 
-def test_the_status_tells_of_an_overload() -> None:
+def test_the_status_shows_an_overload() -> None:
     story = with_two_clusters()
     at_s = slow(story, 4, STEPS)
     assert story.coordinator.status(int(at_s * SECOND), {}).overloaded
 
 
-def test_periodic_searches_wait_until_there_is_time() -> None:
+def test_periodic_searches_wait_until_an_overload_ends() -> None:
     story = with_two_clusters()
     every = BeliefSettings().search_every_steps
     slow(story, 4, every + STEPS)
@@ -61,7 +61,7 @@ def test_periodic_searches_wait_until_there_is_time() -> None:
     assert any(belief.searching for belief in story.beliefs[-2 * STEPS :])
 
 
-def test_where_all_are_slow_one_that_is_slower_keeps_its_job_for_longer() -> None:
+def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -> None:
     story = with_two_clusters()
     slow(story, 4, STEPS)
     slower = story.places["c1"]

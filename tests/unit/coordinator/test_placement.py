@@ -61,7 +61,7 @@ def test_an_order_without_answer_is_repeated_with_the_same_epoch() -> None:
     assert again.order > first.order
 
 
-def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot() -> None:
+def test_another_worker_continues_the_cluster_of_a_dead_worker_from_its_last_snapshot() -> None:
     made = placement("a", "b")
     made.jobs.begin({"c0": track(0)})
     orders = due(made, 0)
@@ -79,7 +79,7 @@ def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot()
     assert assignment.job.start.step == 10
 
 
-def test_a_new_number_of_particles_reaches_the_worker_and_whoever_takes_over() -> None:
+def test_a_new_number_of_particles_reaches_the_worker_and_its_successor() -> None:
     made = placement("a", "b")
     made.jobs.begin({"c0": track(0), "c1": track(1)})
     follow(made, due(made, 0))
@@ -108,7 +108,7 @@ def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again()
     assert order.resize == (("c0", 500, 30),)
 
 
-def test_without_a_worker_jobs_are_kept_until_one_appears() -> None:
+def test_jobs_are_kept_until_a_worker_appears() -> None:
     made = placement()
     made.jobs.begin({"c0": track(0)})
     assert due(made, 0) == []
@@ -116,7 +116,7 @@ def test_without_a_worker_jobs_are_kept_until_one_appears() -> None:
     assert begun(due(made, SECOND)) == {"late": ["c0"]}
 
 
-def test_a_worker_that_starts_anew_gets_its_jobs_again() -> None:
+def test_a_restarted_worker_gets_its_jobs_again() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
     follow(made, due(made, 0))
@@ -124,7 +124,7 @@ def test_a_worker_that_starts_anew_gets_its_jobs_again() -> None:
     assert begun(due(made, SECOND)) == {"a": ["c0"]}
 
 
-def test_a_candidate_takes_jobs_from_workers_that_have_two_more() -> None:
+def test_a_new_worker_takes_jobs_from_workers_that_have_two_more() -> None:
     made = placement("a")
     made.jobs.begin({f"c{n}": track(n) for n in range(3)})
     follow(made, due(made, 0))
@@ -165,7 +165,7 @@ def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
     assert due(made, 9 * SECOND) == []
 
 
-def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
+def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
     follow(made, due(made, 0))
@@ -178,7 +178,7 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
     assert due(made, 9 * SECOND) == []
 
 
-def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
+def test_a_worker_given_up_before_it_joined_disturbs_no_other() -> None:
     before = placement("absent")
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
@@ -195,7 +195,7 @@ def track_again(_job_id: str) -> TrackJob:
     return track(0)
 
 
-def test_particles_are_handed_on_until_their_worker_has_them() -> None:
+def test_particles_are_transferred_until_their_worker_has_confirmed_them() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
 
@@ -210,7 +210,7 @@ def test_particles_are_handed_on_until_their_worker_has_them() -> None:
     assert handed_on() == [track(0)], "no worker holds them any more"
 
 
-def test_silent_shards_go_to_others_and_their_worker_that_never_reported_gets_nothing() -> None:
+def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job() -> None:
     made = placement("a-0", "b-0", "b-1")
     jobs = {f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(6)}
     made.jobs.begin(jobs)

@@ -81,7 +81,7 @@ POISONS = [
 
 
 @pytest.mark.parametrize("poison", POISONS)
-def test_one_that_cannot_be_is_left_out_and_the_file_carried_on_from(
+def test_an_impossible_state_is_ignored_and_the_file_is_used(
     model: SensorModel, poison: Callable[[Tree], None]
 ) -> None:
     living = lived(model)
@@ -122,13 +122,13 @@ def test_a_worker_that_claims_a_higher_term_deposes_no_coordinator(model: Sensor
     assert max(place.cluster for place in after.hypotheses) >= newest, "it did not begin again"
 
 
-def test_a_worker_cannot_claim_the_last_of_all_terms() -> None:
+def test_a_worker_cannot_claim_the_highest_possible_term() -> None:
     claimed = OrderAnswer(sender="w", order=1, jobs=(), term=2**53 - 1)
     with pytest.raises(MalformedMessageError, match="term 9007199254740991 is over 75 years"):
         check_term(claimed, time.time_ns())
 
 
-def test_a_claimed_term_leaves_room_for_coordinators_above_it() -> None:
+def test_a_claimed_term_leaves_room_for_higher_terms() -> None:
     claimed, clock_ns = OrderAnswer(sender="w", order=1, jobs=(), term=0), 0
     term = Term.of(1_000)
     for _ in range(100):

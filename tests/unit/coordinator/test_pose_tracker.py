@@ -60,7 +60,7 @@ def believed_at(
     return tracker
 
 
-def test_before_any_data_there_is_no_pose_and_it_says_so() -> None:
+def test_the_freshness_is_none_before_any_data() -> None:
     answer = new_tracker().answer(5, workers=2)
     assert answer.freshness == "none"
     assert answer.map_from_robot is None
@@ -75,7 +75,7 @@ def test_the_newest_odometry_carries_the_pose_forward() -> None:
     assert answer.stamp_ns == 2 * SECOND
 
 
-def test_an_uncertain_heading_makes_the_place_uncertain_across_the_drive() -> None:
+def test_an_uncertain_heading_adds_uncertainty_across_the_drive() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
     tracker.odometry(2 * SECOND, (2.0, 0.0, 0.0), now_ns=SECOND)
     covariance = tracker.answer(SECOND, workers=1).covariance
@@ -84,7 +84,7 @@ def test_an_uncertain_heading_makes_the_place_uncertain_across_the_drive() -> No
     assert covariance[4] == pytest.approx(0.01 + 2.0**2 * 0.01)
 
 
-def test_covariances_are_carried_as_poses_are() -> None:
+def test_covariances_are_moved_by_odometry_as_poses_are() -> None:
     """Against a numeric derivative: obliquely, forward and sideways, from an oblique heading."""
     odom_before, odom_after = (4.0, -2.0, 0.3), (5.5, -1.2, 0.9)
     mean: PoseTuple = (2.0, 3.0, 0.7)
@@ -99,7 +99,7 @@ def test_covariances_are_carried_as_poses_are() -> None:
     np.testing.assert_allclose(np.reshape(covariance, (3, 3)), expected, atol=1e-8)
 
 
-def test_old_data_is_called_stale_and_tells_its_age() -> None:
+def test_old_data_is_stale_and_has_its_age() -> None:
     tracker = believed_at(FACING_NORTH, odom_from_robot=(0.0, 0.0, 0.0))
     assert tracker.answer(SECOND, workers=1).freshness == "fresh"
     answer = tracker.answer(3 * SECOND, workers=1)
@@ -107,7 +107,7 @@ def test_old_data_is_called_stale_and_tells_its_age() -> None:
     assert answer.age_s == pytest.approx(3.0)
 
 
-def test_a_clock_that_stands_still_makes_the_pose_stale() -> None:
+def test_a_stopped_clock_makes_the_pose_stale() -> None:
     tracker = believed_at(FACING_NORTH, odom_from_robot=(0.0, 0.0, 0.0))
     for now_s in range(1, 5):
         tracker.odometry(2 * SECOND, (0.0, 0.0, 0.0), now_ns=now_s * SECOND)
@@ -122,14 +122,14 @@ def test_a_scan_older_than_the_newest_odometry_does_not_take_the_pose_back() -> 
     assert answer.map_from_robot == pytest.approx((2.0, 0.0, 0.0))
 
 
-def test_stamps_of_scans_may_step_back_where_there_is_no_odometry_between() -> None:
+def test_stamps_of_scans_may_step_back_without_odometry_in_between() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
     tracker.scan(SECOND // 2, (1.0, 0.0, 0.0), now_ns=SECOND)
     assert tracker.answer(SECOND, workers=1).map_from_robot == pytest.approx((1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
-def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshness: str) -> None:
+def test_delayed_data_of_a_live_robot_is_not_fresh(live: bool, freshness: str) -> None:
     tracker = new_tracker()
     tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=live)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
@@ -138,7 +138,7 @@ def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshne
     assert answer.age_s == pytest.approx(1.3 if live else 0.0)
 
 
-def test_a_scan_says_whether_stamps_tell_how_late_data_is() -> None:
+def test_the_newest_scan_decides_whether_stamps_show_delays() -> None:
     tracker = new_tracker()
     assert not tracker.live
     for step, live in enumerate((True, True, False, True)):
@@ -146,7 +146,7 @@ def test_a_scan_says_whether_stamps_tell_how_late_data_is() -> None:
         assert tracker.live == live
 
 
-def test_a_clock_learnt_of_one_robot_is_not_that_of_the_recording_that_follows() -> None:
+def test_a_recording_after_a_live_robot_does_not_use_its_clock() -> None:
     tracker = new_tracker()
     tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
     tracker.scan(SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=False)
@@ -155,7 +155,7 @@ def test_a_clock_learnt_of_one_robot_is_not_that_of_the_recording_that_follows()
 
 
 @pytest.mark.parametrize("live", [True, False])
-def test_who_takes_over_knows_from_the_other_whether_the_robot_is_live(live: bool) -> None:
+def test_a_successor_receives_whether_the_robot_is_live(live: bool) -> None:
     tracker = new_tracker()
     tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0, live=live)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
@@ -191,7 +191,7 @@ def test_odometry_alone_makes_the_pose_as_uncertain_as_particles_without_scans_b
     assert scale[0] > 2 * 0.1, "the robot has come back, and yet knows little"
 
 
-def test_all_places_grow_as_uncertain_as_the_best_one() -> None:
+def test_all_hypotheses_become_as_uncertain_as_the_best_one() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), MotionSettings())
     tracker.odometry(2 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
     (place,) = tracker.hypotheses()
@@ -235,7 +235,7 @@ def test_without_workers_the_pose_is_dead_reckoning_and_without_data_stale() -> 
     assert tracker.answer(3 * SECOND, workers=0).freshness == "stale"
 
 
-def test_a_live_robots_stamps_tell_how_old_a_scan_from_the_history_is() -> None:
+def test_a_live_robots_stamps_show_the_age_of_a_fetched_scan() -> None:
     tracker = new_tracker()
     tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
     tracker.odometry(103 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
@@ -245,14 +245,14 @@ def test_a_live_robots_stamps_tell_how_old_a_scan_from_the_history_is() -> None:
     assert tracker.answer(4 * SECOND, workers=1).scan_age_s == 3.0
 
 
-def test_who_takes_over_calls_the_last_scan_no_younger_than_the_data() -> None:
+def test_after_a_take_over_the_last_scan_is_not_younger_than_the_data() -> None:
     tracker = new_tracker()
     tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0)
     answer = tracker.answer(0, workers=1)
     assert answer.scan_age_s == answer.age_s
 
 
-def test_a_scan_that_was_fetched_is_of_nobody_knows_when() -> None:
+def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
     tracker = new_tracker()
     tracker.resume(1 * SECOND, (0.0, 0.0, 0.0), 0.1, now_ns=0, live=True)
     tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND, live=True, fetched=True)
@@ -262,7 +262,7 @@ def test_a_scan_that_was_fetched_is_of_nobody_knows_when() -> None:
     assert tracker.answer(1 * SECOND, workers=1).freshness == "fresh"
 
 
-def test_who_takes_over_knows_how_late_the_last_scan_is_where_the_usual_delay_was_heard() -> None:
+def test_a_successor_with_a_usual_delay_has_the_age_of_the_last_scan() -> None:
     tracker = new_tracker()
     tracker.begin(usual_delay_ns=-99 * SECOND, now_ns=3 * SECOND)
     tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), 0.0, now_ns=int(3.3 * SECOND), live=True)
@@ -273,7 +273,7 @@ def test_who_takes_over_knows_how_late_the_last_scan_is_where_the_usual_delay_wa
     assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(0.3), "held up by the network"
 
 
-def test_the_age_of_a_scan_is_counted_from_its_own_stamp() -> None:
+def test_the_age_of_a_scan_follows_from_its_own_stamp() -> None:
     tracker = new_tracker()
     tracker.scan(1 * SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=True)
     tracker.odometry(3 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
@@ -282,7 +282,7 @@ def test_the_age_of_a_scan_is_counted_from_its_own_stamp() -> None:
     assert new_tracker().age_of_s(1 * SECOND, now_ns=4 * SECOND) == -1.0
 
 
-def test_scans_of_long_ago_say_nothing_of_how_long_data_takes() -> None:
+def test_fetched_scans_do_not_change_the_usual_delay() -> None:
     tracker = new_tracker()
     tracker.scan(100 * SECOND, (3.0, 0.0, 0.0), now_ns=100 * SECOND, live=True)
     tracker.scan(90 * SECOND, (1.0, 0.0, 0.0), now_ns=100 * SECOND, live=True, fetched=True)
@@ -293,14 +293,14 @@ def test_scans_of_long_ago_say_nothing_of_how_long_data_takes() -> None:
     assert tracker.age_s(102 * SECOND) == 1.0, "it was held up for so long"
 
 
-def test_who_learns_from_the_history_that_a_robot_is_live_counts_by_the_odometry_heard() -> None:
+def test_a_fetched_scan_of_a_live_robot_uses_the_arrival_of_odometry() -> None:
     tracker = new_tracker()
     tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
     tracker.scan(101 * SECOND, (0.1, 0.0, 0.0), now_ns=2 * SECOND, live=True, fetched=True)
     assert tracker.age_s(2 * SECOND) == 1.0, "not the 2 s since the odometry before it"
 
 
-def test_odometry_of_a_stamp_that_others_have_told_is_as_old_as_their_word() -> None:
+def test_odometry_with_a_stamp_known_from_another_coordinator_is_as_old_as_its_state() -> None:
     tracker = new_tracker()
     told_ns, arrived_ns = 10 * SECOND, 10 * SECOND + SECOND // 10
     tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), told_ns, live=True, fetched=True)

@@ -8,7 +8,7 @@ def health(name: str, role: str = "worker", uptime_s: float = 1.0) -> Health:
     return Health(sender=name, role=role, version="1", uptime_s=uptime_s)
 
 
-def test_the_newest_word_of_each_is_shown_with_its_age() -> None:
+def test_the_newest_health_of_each_process_is_shown_with_its_age() -> None:
     board = ProcessRegistry()
     board.on_health("worker/b/health", health("b"), 0)
     board.on_health("bridge/health", health("bridge", "bridge"), SECOND)
@@ -18,14 +18,14 @@ def test_the_newest_word_of_each_is_shown_with_its_age() -> None:
     assert shown == [("bridge", 1.0, 2.0), ("a", 2.0, 1.0), ("b", 1.0, 3.0)]
 
 
-def test_the_silent_are_forgotten() -> None:
+def test_silent_processes_are_forgotten() -> None:
     board = ProcessRegistry()
     board.on_health("worker/a/health", health("a"), 0)
     board.on_health("worker/b/health", health("b"), SECOND)
     assert [one.sender for one in board.all(FORGOTTEN_AFTER_NS)] == ["b"]
 
 
-def test_names_made_up_by_the_thousand_are_not_kept() -> None:
+def test_thousands_of_invented_names_are_not_kept() -> None:
     board = ProcessRegistry()
     took = [
         board.on_health(f"worker/{n}/health", health(str(n)), 0) for n in range(MAX_PROCESSES + 9)

@@ -89,7 +89,7 @@ def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -
     assert (replica.role, replica.newest.checkpoint) == ("follower", state(term=900))
 
 
-def test_a_leader_that_was_stopped_publishes_and_answers_nothing_until_it_has_listened() -> None:
+def test_a_leader_that_was_stopped_publishes_and_answers_nothing_for_the_listening_time() -> None:
     replica = leading(Replica(SILENCE_S, 0), 0)
     replica.handle(TimePassed(), 1)
     woken_ns = PAUSE_NS + 2

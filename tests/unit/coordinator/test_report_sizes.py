@@ -45,7 +45,7 @@ def found(*counts: int) -> Report:
     ],
     ids=["places", "particles of places", "parts"],
 )
-def test_more_places_than_a_job_may_hand_over_are_refused(report: Report) -> None:
+def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> None:
     with pytest.raises(MalformedMessageError, match="by the settings") as caught:
         check_places(report, SETTINGS)
     assert caught.value.cause.endswith("more than its job allows")
@@ -60,5 +60,5 @@ def test_more_places_than_a_job_may_hand_over_are_refused(report: Report) -> Non
     ],
     ids=["places", "parts", "elsewhere"],
 )
-def test_as_many_as_it_may_are_taken(report: Report) -> None:
+def test_a_report_with_the_largest_allowed_number_of_places_is_accepted(report: Report) -> None:
     check_places(report, SETTINGS)

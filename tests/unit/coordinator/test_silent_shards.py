@@ -44,7 +44,7 @@ def test_a_shard_that_is_silent_while_others_report_is_given_up() -> None:
     assert search.passes(STEPS, "s0.0", "s0.1")[0] == "s0.2"
 
 
-def test_it_gets_some_times_as_long_as_the_others_took_for_their_first_step() -> None:
+def test_a_shard_may_take_a_multiple_of_the_others_first_step() -> None:
     search, took = Search(), 20
     assert search.passes(took) == []
     later = (TIMES_THE_OTHERS - 1) * took
@@ -52,14 +52,14 @@ def test_it_gets_some_times_as_long_as_the_others_took_for_their_first_step() ->
     assert search.passes(8, "s0.0", "s0.1")[0] == "s0.2"
 
 
-def test_one_that_reports_now_and_then_is_kept() -> None:
+def test_a_shard_that_reports_sometimes_is_kept() -> None:
     search = Search()
     for _ in range(20):
         assert search.passes(STEPS - 1, "s0.0", "s0.1") == []
         assert search.passes(1, "s0.0", "s0.1", "s0.2") == []
 
 
-def test_where_all_are_silent_they_are_given_up_by_time_and_each_time_later() -> None:
+def test_shards_that_are_all_silent_are_given_up_after_a_time_that_doubles() -> None:
     search = Search()
     first = LONGEST_NS // TICK_NS
     assert search.passes(first) == []
@@ -70,7 +70,7 @@ def test_where_all_are_silent_they_are_given_up_by_time_and_each_time_later() ->
     assert "s0.0" in search.passes(3)
 
 
-def test_of_a_robot_that_stands_no_report_is_owed() -> None:
+def test_no_report_is_due_while_the_robot_stands() -> None:
     search = Search()
     search.passes(1, "s0.0", "s0.1", "s0.2")
     step = search.step = 0
@@ -79,7 +79,7 @@ def test_of_a_robot_that_stands_no_report_is_owed() -> None:
         search.step = step
 
 
-def test_a_time_in_which_this_process_did_not_look_does_not_count() -> None:
+def test_time_in_which_the_process_was_stopped_does_not_count() -> None:
     search = Search()
     search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
     search.now_ns += LONGEST_NS
@@ -92,7 +92,7 @@ def test_a_shard_that_waits_for_a_worker_is_not_given_up() -> None:
     assert search.passes(100, "s0.0", "s0.1") == []
 
 
-def test_what_is_over_is_forgotten() -> None:
+def test_ended_shards_are_forgotten() -> None:
     search = Search()
     search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
     shards, search.shards = search.shards, {}

@@ -40,7 +40,7 @@ def with_two_clusters() -> StoryWithFrozen:
     return story
 
 
-def test_a_frozen_worker_costs_one_deadline_and_then_its_job() -> None:
+def test_a_frozen_worker_delays_one_step_and_then_loses_its_job() -> None:
     story = with_two_clusters()
     frozen = story.places["c1"]
     story.frozen.add(frozen)
@@ -59,7 +59,7 @@ def test_a_frozen_worker_costs_one_deadline_and_then_its_job() -> None:
     assert story.beliefs[-1].missing == ()
 
 
-def test_one_that_thaws_stands_by_and_takes_jobs_again_after_its_pause() -> None:
+def test_a_thawed_worker_gets_jobs_again_after_its_pause() -> None:
     story = with_two_clusters()
     frozen = story.places["c1"]
     story.frozen.add(frozen)
@@ -77,7 +77,7 @@ def test_one_that_thaws_stands_by_and_takes_jobs_again_after_its_pause() -> None
     assert frozen in {story.places["c0"], story.places["c1"]}
 
 
-def test_a_late_report_is_not_counted_but_its_sender_is_waited_for_again() -> None:
+def test_a_late_report_is_not_used_but_steps_wait_for_its_worker_again() -> None:
     story = with_two_clusters()
     story.tracks(4, at_s=20.0, north=0.3, south=None)
     story.tick(at_s=20.0 + DEADLINE_S)

@@ -15,7 +15,7 @@ from tests.unit.coordinator.states import checkpoint_at
 STATE = checkpoint_at((10.0, 5.0, 0.0))
 
 
-def test_what_was_written_is_read_by_its_owner_alone(tmp_path: Path) -> None:
+def test_only_its_owner_can_read_a_state_file(tmp_path: Path) -> None:
     folder = tmp_path / "new"
     write(folder, "robot", STATE, sync=True)
     assert read(folder, "robot") == STATE
@@ -24,7 +24,7 @@ def test_what_was_written_is_read_by_its_owner_alone(tmp_path: Path) -> None:
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
 
 
-def test_each_robot_has_a_file_of_its_own(tmp_path: Path) -> None:
+def test_each_robot_has_its_own_state_file(tmp_path: Path) -> None:
     for serial, robot in enumerate(("a", "a/b")):
         write(tmp_path, robot, replace(STATE, serial=serial), sync=False)
     assert [kept and kept.serial for kept in (read(tmp_path, "a"), read(tmp_path, "a/b"))] == [0, 1]
@@ -33,7 +33,7 @@ def test_each_robot_has_a_file_of_its_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut_at", [0, 1, 40, 200, -2])
-def test_a_file_cut_off_is_named_and_ignored(
+def test_a_truncated_file_is_logged_and_ignored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, cut_at: int
 ) -> None:
     write(tmp_path, "robot", STATE, sync=False)
@@ -43,7 +43,7 @@ def test_a_file_cut_off_is_named_and_ignored(
     assert str(file) in caplog.text
 
 
-def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
+def test_any_flipped_bit_is_detected(tmp_path: Path) -> None:
     write(tmp_path, "robot", STATE, sync=False)
     file = file_of(tmp_path, "robot")
     whole = file.read_bytes()
@@ -54,7 +54,7 @@ def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
         assert read(tmp_path, "robot") is None
 
 
-def test_no_more_of_a_file_is_read_than_a_state_may_have(
+def test_at_most_the_size_of_a_state_is_read_from_a_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with file_of(tmp_path, "robot").open("wb") as file:
@@ -71,7 +71,7 @@ def test_no_more_of_a_file_is_read_than_a_state_may_have(
         (replace(STATE, term=time.time_ns() // 1_000 + 2 * MAX_AHEAD_US), "ahead of the clock"),
     ],
 )
-def test_a_state_that_cannot_be_is_named_and_ignored(
+def test_an_impossible_state_is_logged_and_ignored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, state: Checkpoint, named: str
 ) -> None:
     write(tmp_path, "robot", state, sync=False)
@@ -89,7 +89,7 @@ def test_the_newest_state_is_in_the_file_at_the_end(tmp_path: Path) -> None:
     assert kept.serial == 24
 
 
-def test_each_state_is_written_at_once_and_the_disk_waited_for_once_a_second(
+def test_each_state_is_written_immediately_and_synced_once_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: list[float] = []
@@ -108,7 +108,7 @@ def test_each_state_is_written_at_once_and_the_disk_waited_for_once_a_second(
     assert len(synced) <= 2 * (took_s + 2), "file and folder"
 
 
-def test_a_belief_on_disk_gives_way_to_none_without_clusters(tmp_path: Path) -> None:
+def test_a_state_without_clusters_does_not_replace_a_belief_on_disk(tmp_path: Path) -> None:
     """A coordinator that finds no worker searches; the next one may find them all."""
     write(tmp_path, "robot", STATE, sync=False)
     keeper = StateKeeper(tmp_path, "robot", STATE)
@@ -121,17 +121,17 @@ def test_a_belief_on_disk_gives_way_to_none_without_clusters(tmp_path: Path) -> 
     assert read(tmp_path, "robot") == newer
 
 
-def test_the_first_is_in_the_file_before_others_know_of_it(tmp_path: Path) -> None:
+def test_the_first_state_of_a_term_is_in_the_file_before_it_is_published(tmp_path: Path) -> None:
     StateKeeper(tmp_path, "robot", None).offer(STATE)
     assert read(tmp_path, "robot") == STATE
 
 
-def test_a_folder_of_none_keeps_nothing() -> None:
+def test_no_state_is_kept_without_a_folder() -> None:
     with (keeper := StateKeeper(None, "robot", None)).running():
         keeper.offer(STATE)
 
 
-def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
+def test_a_disk_that_cannot_be_written_is_logged_once_and_stops_nothing(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     occupied = tmp_path / "file"
@@ -143,7 +143,7 @@ def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
     assert caplog.text.count("cannot be kept") == 1
 
 
-def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path) -> None:
+def test_unfinished_files_of_a_killed_process_are_removed_at_the_next_start(tmp_path: Path) -> None:
     write(tmp_path, "robot", STATE, sync=False)
     old, new, others = (tmp_path / f"state-{name}.part" for name in ("robot.1", "robot.2", "r2.1"))
     for part in (old, new, others):
@@ -158,7 +158,9 @@ def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path)
     assert read(tmp_path, "robot") == STATE
 
 
-def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_no_unfinished_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(_number: int) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -38,20 +38,20 @@ def is_over_after(recovery: StateRecovery, wait_ns: int) -> bool:
     return recovery.is_over(BEGAN_NS + wait_ns) and not recovery.is_over(BEGAN_NS + wait_ns - 1)
 
 
-def test_who_has_heard_all_waits_no_longer() -> None:
+def test_recovery_ends_when_all_workers_have_answered() -> None:
     recovery = asked("w1")
     assert not recovery.is_over(BEGAN_NS)
     recovery.on_answer("w1", NOTHING)
     assert recovery.is_over(BEGAN_NS)
 
 
-def test_with_a_checkpoint_in_hand_the_last_worker_is_hardly_waited_for() -> None:
+def test_recovery_with_a_founded_state_waits_briefly_for_the_last_worker() -> None:
     assert is_over_after(asked("w1", "w2", known=KNOWN), KNOWN_NS)
     knows_nothing = replace(KNOWN, founded=False)
     assert is_over_after(asked("w1", "w2", known=knows_nothing), SILENT_NS)
 
 
-def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> None:
+def test_recovery_without_a_founded_state_waits_for_silent_busy_workers() -> None:
     recovery = asked("w1", "w2", "w3")
     assert is_over_after(recovery, SILENT_NS)
     recovery.on_answer("w1", NOTHING)  # it was just started
@@ -60,7 +60,7 @@ def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> 
     assert is_over_after(recovery, UNKNOWN_NS)
 
 
-def test_the_file_counts_as_soon_as_a_worker_knows_its_term() -> None:
+def test_the_file_counts_once_a_worker_has_received_its_term() -> None:
     recovery = asked("w1", "w2", kept=KEPT)
     assert recovery.checkpoints == [], "all may have been started again"
     assert is_over_after(recovery, SILENT_NS)
@@ -72,34 +72,34 @@ def test_the_file_counts_as_soon_as_a_worker_knows_its_term() -> None:
     assert recovery.checkpoints == [KEPT], "also when that one has gone since"
 
 
-def test_the_file_counts_nothing_where_a_later_coordinator_had_a_belief() -> None:
+def test_the_file_does_not_count_if_a_later_coordinator_had_a_belief() -> None:
     recovery = asked("w1", "w2", kept=KEPT)
     recovery.on_answer("w1", of_it())
     recovery.on_answer("w2", of_it(terms=(1, 5, 9), founded=5))
     assert recovery.checkpoints == []
 
 
-def test_one_that_took_over_without_a_belief_leaves_the_file_as_it_is() -> None:
+def test_the_file_counts_if_a_later_coordinator_had_no_belief() -> None:
     recovery = asked("w1", kept=KEPT)
     recovery.on_answer("w1", of_it(terms=(1, 5, 9)))
     assert recovery.checkpoints == [KEPT]
 
 
-def test_states_of_a_coordinator_without_places_displace_no_state_with_places() -> None:
+def test_states_without_places_replace_no_state_with_places() -> None:
     recovery = asked("w1", known=KNOWN)
     for serial in range(10):
         recovery.on_checkpoint(replace(KNOWN, term=7, serial=serial, founded=False))
     assert recovery.checkpoints[0] == KNOWN
 
 
-def test_reports_are_asked_for_since_the_oldest_step_to_carry_on_from() -> None:
+def test_reports_are_requested_since_the_oldest_step_of_a_usable_state() -> None:
     newer = replace(KNOWN, step=8, serial=4)
     for known, kept, since in ((None, None, 5), (newer, None, 8), (newer, KEPT, 3)):
         (question,) = asked("w1", known=known, kept=kept).questions(7, 5, BEGAN_NS)
         assert (question.question.term, question.question.since) == (7, since)
 
 
-def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
+def test_only_impossible_jobs_and_malformed_reports_of_a_worker_are_left_out() -> None:
     good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
     nan = cloud_at((math.nan, 0.0, 0.0), 3)
     beyond = replace(good, job=TrackJob(cluster=1, start=nan, exact=True))

@@ -32,7 +32,7 @@ def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
 
 
-def test_after_its_deadline_a_step_goes_on_without_those_who_are_missing() -> None:
+def test_a_step_is_ready_without_missing_reports_after_its_deadline() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     assert made.ready(["c0"], never_placed, DEADLINE_NS - 1) is None
@@ -47,7 +47,7 @@ def test_a_lockstep_step_waits_long() -> None:
     assert made.ready(["c0"], never_placed, 19_000_000_000) is None
 
 
-def test_a_job_that_has_just_changed_hands_is_waited_for() -> None:
+def test_a_step_waits_longer_for_a_job_that_just_changed_hands() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     placed = DEADLINE_NS - 1
@@ -59,7 +59,7 @@ def test_a_job_that_has_just_changed_hands_is_waited_for() -> None:
     assert made.ready(["c0"], placed_ns, placed + HAND_OVER_NS) is not None
 
 
-def test_steps_come_in_their_order_and_each_once() -> None:
+def test_steps_are_given_out_in_order_and_once() -> None:
     made = collector()
     for step in (1, 0, 1):
         made.on_scan(scan(step), 0)
@@ -71,7 +71,7 @@ def test_steps_come_in_their_order_and_each_once() -> None:
     assert made.ready([], never_placed, 0) is None
 
 
-def test_a_scan_that_never_came_is_counted_as_lost() -> None:
+def test_a_scan_that_never_arrives_is_counted_as_lost() -> None:
     made = collector()
     for step in (0, 3):
         made.on_scan(scan(step), 0)
@@ -79,7 +79,7 @@ def test_a_scan_that_never_came_is_counted_as_lost() -> None:
     assert made.steps_lost == 2
 
 
-def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
+def test_a_lost_scan_is_reported_and_waited_for_briefly() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     made.ready([], never_placed, 0)
@@ -93,14 +93,14 @@ def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
     assert made.steps_lost == 0
 
 
-def test_nothing_is_lost_before_the_first_scan_or_one_that_follows() -> None:
+def test_no_scan_is_lost_before_the_first_scan_or_between_consecutive_ones() -> None:
     made = collector()
     assert made.lost_before(scan(7)) is None
     made.on_scan(scan(7), 0)
     assert made.lost_before(scan(8)) is None
 
 
-def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> None:
+def test_a_late_track_report_is_useless_but_a_late_search_report_is_used() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     made.ready([], never_placed, 0)
@@ -112,7 +112,7 @@ def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> No
     assert [report.job_id for report in ready.reports] == ["s0.0"]
 
 
-def test_a_search_beside_clusters_holds_no_step_up() -> None:
+def test_a_search_next_to_clusters_delays_no_step() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     jobs = ["c0", "s1.0"]
@@ -130,7 +130,7 @@ def test_a_search_beside_clusters_holds_no_step_up() -> None:
     assert late in following.reports
 
 
-def test_a_lockstep_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> None:
+def test_a_step_waits_for_a_search_in_lockstep_or_if_so_configured() -> None:
     made = collector()
     made.on_scan(scan(0, lockstep=True), 0)
     assert made.ready(["s1.0"], never_placed, 19_000_000_000, ["s1.0"]) is None
@@ -140,7 +140,7 @@ def test_a_lockstep_step_waits_for_its_search_and_so_does_one_that_is_told_to() 
     assert patient.ready(["s1.0"], never_placed, 200_000_000, ["s1.0"]) is not None
 
 
-def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> None:
+def test_a_successor_keeps_waiting_scans_and_no_reports() -> None:
     """They belong to its old jobs, which have the same ids."""
     made, other = collector(), collector()
     for step in (3, 4):
@@ -160,7 +160,7 @@ def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> N
     assert later.reports == ()
 
 
-def test_steps_before_the_first_that_is_searched_for_are_nobodys() -> None:
+def test_steps_before_the_start_of_the_search_are_discarded() -> None:
     made = collector()
     for step in (3, 4, 6):
         made.on_scan(scan(step), 0)
@@ -174,7 +174,7 @@ def test_steps_before_the_first_that_is_searched_for_are_nobodys() -> None:
     assert made.ready([], never_placed, 3) is not None, "it has begun, and goes on from there"
 
 
-def test_a_report_of_a_step_far_above_all_scans_finds_no_room() -> None:
+def test_a_report_of_a_step_far_above_all_scans_is_refused() -> None:
     made = collector()
     made.on_scan(scan(7), 0)
     assert made.has_room_for(tracked("c0", 7 + REPORTS_AHEAD, 1.0, HERE))
@@ -186,7 +186,7 @@ def test_a_report_of_a_step_far_above_all_scans_finds_no_room() -> None:
     assert made.has_room_for(tracked("c0", 3, 1.0, HERE)), "it is over, and kept nowhere"
 
 
-def test_what_is_told_late_is_of_a_bounded_number_of_steps() -> None:
+def test_recovered_reports_are_kept_for_a_bounded_number_of_steps() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     for step in range(2 * KEPT_AHEAD):
@@ -197,7 +197,7 @@ def test_what_is_told_late_is_of_a_bounded_number_of_steps() -> None:
     assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE), is_recovered=True)
 
 
-def test_particles_wait_with_no_step() -> None:
+def test_waiting_reports_have_no_particles() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)))
@@ -206,7 +206,7 @@ def test_particles_wait_with_no_step() -> None:
     assert ready.reports == (tracked("c0", 0, 1.0, HERE),)
 
 
-def test_of_one_search_a_bounded_number_of_reports_waits() -> None:
+def test_a_bounded_number_of_reports_of_a_search_is_kept() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     for step in range(BULKY_REPORTS):
@@ -218,7 +218,7 @@ def test_of_one_search_a_bounded_number_of_reports_waits() -> None:
     assert made.has_room_for(tracked("c0", BULKY_REPORTS, 1.0, HERE))
 
 
-def test_of_late_reports_of_one_search_the_newest_are_kept() -> None:
+def test_the_newest_late_reports_of_a_search_are_kept() -> None:
     made = collector()
     for step in range(2 * BULKY_REPORTS):
         made.on_scan(scan(step), 0)

@@ -27,7 +27,7 @@ def miss(policy: StragglerPolicy, steps: int, at_ns: int = 0) -> list[str]:
     return given_up
 
 
-def test_who_has_missed_one_step_is_not_waited_for_until_it_speaks_again() -> None:
+def test_no_step_waits_for_a_worker_that_missed_one_until_it_reports_again() -> None:
     policy = proven()
     assert policy.waits_for("slow")
     assert miss(policy, 1) == []
@@ -37,14 +37,14 @@ def test_who_has_missed_one_step_is_not_waited_for_until_it_speaks_again() -> No
     assert policy.waits_for("slow")
 
 
-def test_who_misses_three_steps_in_a_row_is_given_up() -> None:
+def test_a_worker_that_misses_three_consecutive_steps_is_given_up() -> None:
     policy = StragglerPolicy()
     assert miss(policy, GIVEN_UP_AFTER - 1) == []
     assert miss(policy, 1) == ["slow"]
     assert not policy.may_work("slow", 0, answers=False)
 
 
-def test_late_reports_save_nobody_and_one_in_time_does() -> None:
+def test_a_report_in_time_saves_a_worker_and_a_late_one_does_not() -> None:
     late, back = proven(), proven()
     for policy, in_time in ((late, False), (back, True)):
         miss(policy, GIVEN_UP_AFTER - 1)
@@ -53,14 +53,14 @@ def test_late_reports_save_nobody_and_one_in_time_does() -> None:
     assert miss(back, 1) == []
 
 
-def test_when_all_are_missing_it_is_nobodys_fault() -> None:
+def test_no_worker_is_blamed_if_all_reports_are_missing() -> None:
     policy = StragglerPolicy()
     for _ in range(10):
         assert policy.on_step_decided(set(), {"a", "b"}, 0) == []
     assert policy.waits_for("a")
 
 
-def test_who_reports_with_one_of_its_jobs_is_not_late_with_the_other() -> None:
+def test_a_worker_that_reports_one_of_its_jobs_is_not_late() -> None:
     policy = StragglerPolicy()
     for _ in range(10):
         assert policy.on_step_decided({"a"}, {"a"}, 0) == []
@@ -77,7 +77,7 @@ def test_a_frozen_worker_works_again_when_it_answers_and_its_pause_is_over() -> 
     assert policy.may_work("slow", FIRST_PAUSE_NS, answers=False), "it works now"
 
 
-def test_pauses_double_and_are_forgotten_after_long_good_work() -> None:
+def test_pauses_double_and_are_short_again_after_long_good_work() -> None:
     policy, now_ns, pauses_s = StragglerPolicy(), 0, []
     for _ in range(7):
         miss(policy, GIVEN_UP_AFTER, now_ns)
@@ -91,7 +91,7 @@ def test_pauses_double_and_are_forgotten_after_long_good_work() -> None:
     assert policy.may_work("slow", now_ns + FIRST_PAUSE_NS, answers=True)
 
 
-def test_one_of_the_same_name_starts_anew() -> None:
+def test_a_later_worker_of_the_same_name_has_no_history() -> None:
     policy = proven()
     miss(policy, GIVEN_UP_AFTER)
     policy.forget("slow")
@@ -116,7 +116,7 @@ def test_sixty_names_of_one_origin_are_given_up_as_one() -> None:
     assert policy.waits_for("other-0")
 
 
-def test_while_none_has_reported_all_are_trusted_but_those_that_were_given_up() -> None:
+def test_all_workers_are_trusted_before_the_first_report_except_given_up_ones() -> None:
     policy = StragglerPolicy()
     workers = ["good-0", "good-1", "liar-0", "liar-1"]
     assert policy.trusted(workers) == workers
@@ -124,7 +124,7 @@ def test_while_none_has_reported_all_are_trusted_but_those_that_were_given_up() 
     assert policy.trusted(workers) == ["good-0", "good-1"]
 
 
-def test_those_are_trusted_of_whose_origin_one_has_reported() -> None:
+def test_workers_of_an_origin_that_has_reported_are_trusted() -> None:
     policy = StragglerPolicy()
     policy.on_report("good-0", in_time=True)
     assert policy.trusted(["good-0", "good-1", "liar-0", "alone"]) == ["good-0", "good-1"]
@@ -134,7 +134,7 @@ def test_those_are_trusted_of_whose_origin_one_has_reported() -> None:
     assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0", "good-2"]
 
 
-def test_an_origin_that_was_given_up_stays_so_when_its_worker_goes_and_comes() -> None:
+def test_an_origin_stays_given_up_when_its_worker_returns() -> None:
     policy = StragglerPolicy()
     policy.give_up("liar-0", SECOND)
     policy.forget("liar-0")

@@ -14,7 +14,7 @@ def model() -> SensorModel:
     return symmetric_room()
 
 
-def test_a_coordinator_that_has_taken_over_forgets_what_workers_told(model: SensorModel) -> None:
+def test_a_coordinator_drops_the_workers_answers_after_a_take_over(model: SensorModel) -> None:
     living = Living(model)
     for step in range(12):
         living.drive(step)

@@ -4,7 +4,7 @@ from protocol.work import Checkpoint
 KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")
 
 
-def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None:
+def test_a_term_is_raised_above_all_received_terms_before_it_begins() -> None:
     term = Term.of(5, KNOWN)
     raised = term.number
     assert raised > KNOWN.term
@@ -14,13 +14,13 @@ def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None
     assert term.outranked_by is None
 
 
-def test_the_epochs_of_one_term_are_over_where_the_next_one_begins() -> None:
+def test_a_raised_term_lies_above_the_epochs_of_the_other_term() -> None:
     term = Term.of(KNOWN.term + 3, None)
     assert term.on_term(KNOWN.term), "it began a moment before, and may have given jobs since"
     assert term.number >= KNOWN.term + APART_US
 
 
-def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
+def test_a_term_that_has_begun_is_outranked_by_the_highest_received_term() -> None:
     term = Term.of(5, None)
     term.begun = True
     assert not term.on_term(5)
@@ -30,9 +30,7 @@ def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
     assert (term.number, term.outranked_by) == (5, 7)
 
 
-def test_a_worker_deposes_nobody_and_a_term_rises_above_its_claim_when_no_coordinator_appears() -> (
-    None
-):
+def test_a_workers_term_deposes_no_coordinator_but_raises_the_term_later() -> None:
     term = Term.of(5)
     term.begun = True
     term.on_worker_term(9, now_ns=0)

@@ -56,7 +56,7 @@ def entered(
 # --- beside clusters ----------------------------------------------------------------------------
 
 
-def test_nobody_is_put_out_by_places_that_share_next_to_nothing() -> None:
+def test_places_with_almost_no_share_replace_no_cluster() -> None:
     """However they weigh beside clusters that a search has brought and that are nothing now."""
     found, room = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST)), (0.0, 1e-18, 0.9995)
     for log_weight, most, come in (
@@ -68,7 +68,7 @@ def test_nobody_is_put_out_by_places_that_share_next_to_nothing() -> None:
         assert len(came.entering) == come
 
 
-def test_a_place_weighs_its_share_of_what_the_whole_search_weighs() -> None:
+def test_the_weight_of_a_place_is_its_share_of_the_search() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.25, FARTHER))
     weights = entered(found, math.log(3.0))
     assert list(weights) == [FAR, FARTHER], "what a cluster holds does not enter"
@@ -79,7 +79,7 @@ def on_trial(found: Pool, log_weight: float, **belief: object) -> dict[PoseTuple
     return entered(found, log_weight, is_over=True, **belief)
 
 
-def test_when_a_search_is_over_all_it_has_found_is_worth_no_less_than_is_set() -> None:
+def test_places_of_a_finished_search_have_at_least_the_configured_probability() -> None:
     found = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST))
     trial = {FAR: 0.01, FARTHER: 0.002}
     assert on_trial(found, NO_EVIDENCE) == pytest.approx(trial), "0.0008 is too improbable"
@@ -89,8 +89,7 @@ def test_when_a_search_is_over_all_it_has_found_is_worth_no_less_than_is_set() -
     assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
 
 
-def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
-    """They give it its weight."""
+def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
     found = pool((0.5, FAR), (0.4, HELD[0]))
     for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
         admitted = admission(
@@ -99,7 +98,7 @@ def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
         assert [place.share for place in admitted.entering] == pytest.approx(came)
 
 
-def test_the_search_that_found_the_clusters_has_no_candidates_beside_them() -> None:
+def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
     came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
     assert [place.mean for place in came.entering] == [FAR]
@@ -117,7 +116,7 @@ def test_the_search_that_found_the_clusters_has_no_candidates_beside_them() -> N
     assert [place.mean for place in came.entering] == [FAR], "nor does a search tell headings"
 
 
-def test_a_place_beside_a_cluster_has_to_earn_its_place() -> None:
+def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
     assert on_trial(found, NO_EVIDENCE) == pytest.approx({FAR: 0.008})
     assert on_trial(found, math.log(0.1)) == pytest.approx({BESIDE: 0.06, FAR: 0.04})
@@ -129,7 +128,7 @@ def test_a_place_is_near_only_in_place_and_heading() -> None:
     assert set(entered(found, 0.0)) == {turned, aside}
 
 
-def test_nobody_more_probable_leaves_for_a_candidate() -> None:
+def test_no_more_probable_cluster_is_replaced_by_a_candidate() -> None:
     found = pool((0.5, FAR), (0.3, FARTHER), (0.2, LEAST))
     assert set(entered(found, 0.0, (0.0, 0.2, 0.25))) == {FAR, FARTHER}
     assert set(entered(found, 0.0, (0.0, 0.31, 0.4))) == {FAR}
@@ -137,7 +136,7 @@ def test_nobody_more_probable_leaves_for_a_candidate() -> None:
     assert set(entered(found, 0.0, ())) == set()
 
 
-def test_it_is_told_how_many_ask_to_enter_whether_there_is_room_or_not() -> None:
+def test_the_number_of_candidates_includes_those_without_room() -> None:
     found = pool((0.5, FAR), (0.3, FARTHER), (0.1, HELD[0]), (0.05, LEAST))
     for room in ((), (0.0, 0.9)):
         assert admission(found, HELD, room, 0.0, SETTINGS, is_over=False).asking == 3
@@ -149,7 +148,7 @@ def test_places_that_are_too_improbable_do_not_enter() -> None:
     assert set(entered(found, 0.0, least_probability=0.05)) == {FAR, FARTHER}, "just enough"
 
 
-def test_what_enters_or_is_held_is_explained() -> None:
+def test_the_weight_of_entered_and_held_places_is_explained() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
     for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
         assert admission(
@@ -175,7 +174,7 @@ def test_first_places_are_as_probable_as_their_shares() -> None:
     assert first_shares(found) == [0.6, 0.3, 0.05]
 
 
-def test_first_places_are_at_most_as_many_as_may_be_and_none_too_improbable() -> None:
+def test_first_places_are_limited_in_number_and_by_probability() -> None:
     found = pool((0.6, FAR), (0.3, FARTHER), (0.0005, LEAST))
     assert len(first_shares(found)) == 2
     assert len(first_shares(found, max_clusters=1)) == 1
@@ -183,7 +182,7 @@ def test_first_places_are_at_most_as_many_as_may_be_and_none_too_improbable() ->
     assert first_shares(pool()) == []
 
 
-def test_a_search_that_found_the_clusters_weighs_as_they_say() -> None:
+def test_the_weight_of_the_search_that_found_the_clusters_is_that_of_the_clusters() -> None:
     """It holds places with half of it that have 0.4 of the belief: the whole weighs 0.8."""
     found = pool((0.3, HELD[0]), (0.2, FAR), (0.5, FARTHER))
     held: list[tuple[PoseTuple, float]] = [(HELD[0], 0.25), (FAR, 0.15), (LEAST, 0.6)]
@@ -193,7 +192,7 @@ def test_a_search_that_found_the_clusters_weighs_as_they_say() -> None:
     assert log_weight_of_held(pool(), held, SETTINGS.search) is None
 
 
-def test_a_given_cloud_has_the_mean_and_covariance_that_were_given() -> None:
+def test_particles_of_a_given_pose_have_its_mean_and_covariance() -> None:
     spread = np.array([[0.5, 0.1, 0.0], [0.1, 0.2, 0.03], [0.0, 0.03, 0.04]])
     rng = np.random.default_rng(0)
     made = cloud((3.0, -2.0, 0.5), covariance_tuple(spread), rng, step=4, odom_from_robot=HELD[0])

@@ -64,7 +64,7 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
     assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
 
 
-def test_a_robot_that_stands_still_is_neither_kidnapped_nor_mixed_up_nor_told_anything() -> None:
+def test_a_standing_robot_is_not_kidnapped_or_mixed_up_and_learns_nothing() -> None:
     made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
         made.weigh(told(0.9, 0.1), 5.0, new_view=0.0, news=news_of(np.zeros(3)))
@@ -81,19 +81,19 @@ def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up()
     )
 
 
-def test_while_nobody_weighs_elsewhere_it_keeps_its_probability() -> None:
+def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
     made = first(0.6, 0.3)
     assert made.weigh(told(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
 
 
-def test_where_no_cluster_was_heard_of_nothing_changes() -> None:
+def test_a_step_without_reports_changes_nothing() -> None:
     made = first(0.6, 0.3)
     assert made.weigh({}, -2.0) == 0.0
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
-def test_a_cluster_that_has_ended_has_no_say() -> None:
+def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     """Its worker may not have received the order yet, or there was no coordinator to send it."""
     both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
     reports = told(0.2, 0.1, 0.9, fit=-1.0)
@@ -102,7 +102,7 @@ def test_a_cluster_that_has_ended_has_no_say() -> None:
     assert probabilities(both) == probabilities(one)
 
 
-def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
+def test_elsewhere_is_impossible_if_the_robot_is_never_kidnapped() -> None:
     made = first(0.6, 0.3, kidnapping_probability=0.0)
     assert probabilities(made) == pytest.approx([2 / 3, 1 / 3, 0.0])
     made.weigh(told(0.1, 0.2))
@@ -115,9 +115,7 @@ def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
     assert probabilities(made) == [1.0, 0.0]
 
 
-def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhere_in_full() -> (
-    None
-):
+def test_evidence_between_places_is_tempered_and_evidence_against_elsewhere_is_not() -> None:
     """Where half of the scan is a new view, and where the best one's residual halves it again."""
     best = math.log(0.5)
     made = first(
@@ -140,7 +138,7 @@ FITS = st.floats(-3.0, 1.0) | st.just(math.nan)
 @hypothesis.given(
     st.floats(0.2, 0.8), NATS, NATS, NATS, st.floats(0.0, 0.009), FITS, FITS, FITS
 )  # fmt: skip
-def test_two_places_are_told_apart_as_if_there_were_no_improbable_third(
+def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
     share: float, a: float, b: float, c: float, third: float, fit_a: float, fit_b: float,
     fit_c: float,
 ) -> None:  # fmt: skip
@@ -193,7 +191,7 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
-def test_in_a_crude_map_half_of_what_tells_places_apart_counts() -> None:
+def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
     clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
     clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)
     for made in (clear, crude):
@@ -202,7 +200,7 @@ def test_in_a_crude_map_half_of_what_tells_places_apart_counts() -> None:
     assert odds == pytest.approx([2.0, 1.0], abs=0.001)
 
 
-def test_places_are_told_apart_among_people_where_the_other_beams_fit() -> None:
+def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
     """Three of ten beams end at people, at the true place as at another."""
     made = first(
         0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_residual=0.25
@@ -224,7 +222,7 @@ def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
     assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
 
 
-def test_what_candidates_explain_is_no_longer_elsewhere() -> None:
+def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     """Elsewhere had 0.5; the search explains 0.8 of it, half of which the candidate has."""
     made = first(0.5)
     made.take_from_elsewhere(0.8)
@@ -237,7 +235,7 @@ def test_what_candidates_explain_is_no_longer_elsewhere() -> None:
     assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
 
 
-def test_the_candidates_weights_are_beside_those_of_the_belief() -> None:
+def test_weights_of_candidates_are_relative_to_the_belief() -> None:
     made = first(0.5, 0.3, 0.2, max_clusters=3)
     assert made.room(0) == pytest.approx([0.2, 0.3, 0.5])
     admitted, _ = made.admit([(place(0.45, NORTH, 1), "restart")], 1, protected_until=9)
@@ -247,11 +245,11 @@ def test_the_candidates_weights_are_beside_those_of_the_belief() -> None:
     assert made.room(9) == pytest.approx([0.24, 0.36, 0.4])
 
 
-def test_free_places_are_room_for_anybody() -> None:
+def test_any_candidate_enters_while_there_are_free_places() -> None:
     assert first(0.7, 0.3, max_clusters=4).room(0) == pytest.approx([0.0, 0.0, 0.3, 0.7])
 
 
-def test_who_is_pushed_out_is_told_by_whom() -> None:
+def test_the_event_of_a_replaced_cluster_names_its_successor() -> None:
     """Of three candidates the first takes the free place, the others the least probable ones'."""
     made = first(0.5, 0.2, 0.3, max_clusters=4)
     more: list[Candidate] = [(place(0.1, EAST, 0), "restart") for _ in range(3)]
@@ -262,7 +260,7 @@ def test_who_is_pushed_out_is_told_by_whom() -> None:
     ]
 
 
-def test_all_who_leave_are_told_where_protection_had_kept_too_many() -> None:
+def test_every_removed_cluster_has_an_event_if_protection_had_kept_too_many() -> None:
     """A given place entered while no cluster could be replaced."""
     made = first(0.5, 0.3, 0.2, max_clusters=3)
     made.protect_alternatives(5)
@@ -274,7 +272,7 @@ def test_all_who_leave_are_told_where_protection_had_kept_too_many() -> None:
     assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
 
 
-def test_who_leaves_while_nobody_comes_is_told() -> None:
+def test_a_cluster_that_is_removed_without_a_successor_has_an_event() -> None:
     made = first(0.5, 0.3, 0.2, max_clusters=2)
     _, events = made.admit([], 1)
     assert [(event.job_id, event.cause) for event in events] == [("c2", "pushed out")]
@@ -288,7 +286,7 @@ def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> 
     assert second.log_probability == LEAST_LOG
 
 
-def test_who_was_dropped_may_be_where_the_robot_is_so_it_is_elsewhere() -> None:
+def test_the_probability_of_a_dropped_cluster_goes_to_elsewhere() -> None:
     made = first(0.5, 0.3, 0.1, least_probability=0.2)
     (ended,) = made.drop_improbable(0)
     assert ended == Ended("c2", "improbable", (), pytest.approx(0.1))
@@ -359,7 +357,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             assert made.elsewhere == 0.0
 
 
-def test_only_who_was_there_before_a_search_is_lifted_after_its_candidates() -> None:
+def test_only_clusters_from_before_a_search_are_raised_after_its_candidates() -> None:
     made = first(0.9, 0.09)
     made.protect_alternatives(20)
     made.admit([(place(50.0, SOUTH, 5), "restart"), (place(0.01, NORTH, 5), "restart")], 5,
@@ -371,7 +369,7 @@ def test_only_who_was_there_before_a_search_is_lifted_after_its_candidates() -> 
     assert weak < 0.01, "found by the search itself"
 
 
-def test_what_a_search_finds_later_may_replace_what_it_found_first() -> None:
+def test_later_places_of_a_search_may_replace_its_first_places() -> None:
     made = first(0.5, 0.5, max_clusters=3)
     made.protect_alternatives(20)
     made.admit([(place(0.1, SOUTH, 5), "restart")], 5, protected_until=20)
@@ -382,7 +380,7 @@ def test_what_a_search_finds_later_may_replace_what_it_found_first() -> None:
     assert [e.job_id for e in events if isinstance(e, Ended)] == ["c2"]
 
 
-def test_what_a_search_finds_later_takes_from_its_first_finds_and_from_nobody_else() -> None:
+def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> None:
     made = first(0.6, 0.2)
     made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
     *old, held = probabilities(made)[:3]
@@ -400,7 +398,7 @@ def test_parts_of_a_cluster_are_as_old_as_it_was() -> None:
     assert [(c.born_step, c.protected_until) for c in made.all()] == [(0, 20)] * 2
 
 
-def test_two_clusters_at_one_place_become_one_with_what_both_had() -> None:
+def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made = first(0.3, 0.5)
     made.clusters[1] = replace(made.clusters[1], mean=(0.1, 5.0, 0.0))
     assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]

@@ -28,7 +28,7 @@ def found(decoy: Decoy, first_step: int) -> int:
     return step
 
 
-def test_it_is_searched_for_and_tracked_with_the_mirrored_scans() -> None:
+def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     begin, _ = decoy.follow(3, [], is_open=True)
     (search,) = begin.values()
@@ -41,7 +41,7 @@ def test_it_is_searched_for_and_tracked_with_the_mirrored_scans() -> None:
     assert len(decoy.track_ids) == DECOYS
 
 
-def test_its_jobs_track_the_mirrored_scans() -> None:
+def test_jobs_of_a_decoy_track_mirrored_scans() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     for step in range(1, 1 + SCANS):
@@ -49,7 +49,7 @@ def test_its_jobs_track_the_mirrored_scans() -> None:
     assert all(isinstance(job, TrackJob) and job.mirrored for job in begin.values())
 
 
-def test_a_robot_that_is_surely_on_the_map_has_none() -> None:
+def test_a_robot_that_is_surely_on_the_map_has_no_decoy() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     assert decoy.follow(0, [], is_open=False) == ({}, [])
     decoy.follow(1, [], is_open=True)
@@ -61,7 +61,7 @@ def test_a_robot_that_is_surely_on_the_map_has_none() -> None:
     assert [event.job_id for event in ended] == ["d0", "d1", "d2"]
 
 
-def test_while_it_is_open_others_are_searched_for_and_have_jobs_of_their_own() -> None:
+def test_further_decoys_are_searched_for_while_the_question_is_open() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + PATIENCE
@@ -73,7 +73,7 @@ def test_while_it_is_open_others_are_searched_for_and_have_jobs_of_their_own() -
     assert decoy.track_ids == ("d3", "d4", "d5")
 
 
-def test_the_best_of_them_counts() -> None:
+def test_the_best_decoy_counts() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
@@ -117,7 +117,7 @@ def test_a_decoy_that_fits_better_loses_the_robot() -> None:
     assert weighed(0.3, 0.6, -0.1, decoy_is_right=True) < 0.1
 
 
-def test_while_a_decoy_is_awaited_classes_do_not_count() -> None:
+def test_beam_classes_do_not_count_before_the_decoy_is_found() -> None:
     made = clusters(0.3)
     for beams in ((58, 0, 1, 1), (10, 8, 32, 10)):
         report = replace(tracked("c0", 1, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
@@ -131,7 +131,7 @@ def candidates(weight: float) -> list[Candidate]:
 
 @pytest.mark.parametrize("weight", [1e-3, 1.0, 1e40])
 @pytest.mark.parametrize("off_map", [0.001, 0.5, 1.0 - 1e-9])
-def test_what_fits_well_by_choice_says_nothing_against_off_the_map(
+def test_a_chosen_good_fit_is_no_evidence_for_being_on_the_map(
     weight: float, off_map: float
 ) -> None:
     made = clusters(off_map)

@@ -64,7 +64,7 @@ def test_scans_are_weighed_elsewhere_from_the_first_one_on() -> None:
     assert never.expected == ("s0.0",)
 
 
-def test_what_the_first_search_has_not_found_is_elsewhere() -> None:
+def test_probability_that_the_first_search_does_not_explain_is_elsewhere() -> None:
     made = ensemble()
     made.begin_at(0)
     nothing = made.advance(0, [elsewhere(0, -3.0)])
@@ -86,7 +86,7 @@ def test_elsewhere_takes_part_in_the_update() -> None:
     )
 
 
-def test_a_robot_that_stands_with_the_motion_gate_off_gathers_nothing() -> None:
+def test_a_standing_robot_gathers_no_evidence_without_a_motion_gate() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.39}, transition_probability=0.01, view_distance_m=0.8)
     for step in range(1, 200):
         reports = [tracked("c0", step, 0.9, NORTH), tracked("c1", step, 0.1, SOUTH)]
@@ -161,7 +161,7 @@ def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
     assert not outcome.searching
 
 
-def test_a_false_alarm_puts_nobody_out_who_was_probable_before_it() -> None:
+def test_a_false_alarm_removes_no_probable_cluster() -> None:
     made = bootstrapped({NORTH: 0.9, SOUTH: 0.1}, max_clusters=2, grace_steps=5)
     bad: list[Report] = [tracked("c0", 1, 1e-9, NORTH), tracked("c1", 1, 1e-9, SOUTH)]
     assert made.advance(1, [elsewhere(1, -1.0), *bad]).state == "lost"
@@ -201,7 +201,7 @@ def test_a_building_that_has_changed_for_good_does_not_leave_it_lost_for_ever() 
     assert outcome.elsewhere_probability < 0.05
 
 
-def test_relocalize_leaves_everything_elsewhere_and_weighs_scans_there_anew() -> None:
+def test_relocalize_moves_all_probability_elsewhere_and_restarts_its_evidence() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.39})
     outcome = made.relocalize(4)
     assert believed(outcome) == {}
@@ -220,7 +220,7 @@ def test_a_given_pose_takes_its_share_from_elsewhere_too() -> None:
     assert believed(certain)[3] == pytest.approx(1.0)
 
 
-def test_it_is_handed_on_with_all_that_was_gathered() -> None:
+def test_elsewhere_is_transferred_with_its_gathered_evidence() -> None:
     made = bootstrapped({NORTH: 0.95}, search_every_steps=1)
     made.advance(1, at_north(1, -2.0, -2.0))
     made.advance(2, at_north(2, -3.0, -4.0))

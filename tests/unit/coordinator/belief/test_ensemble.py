@@ -98,7 +98,7 @@ def test_particles_stay_where_a_probability_only_wavers() -> None:
         assert made.advance(step, reports).resize == {}
 
 
-def test_what_no_cluster_explains_takes_no_particles_from_them() -> None:
+def test_elsewhere_takes_no_particles_from_clusters() -> None:
     made = ensemble(particles=4_000, kidnapping_probability=0.001)
     made.begin_at(0)
     made.advance(0, [searched(f"s0.{n}", 0, {NORTH: 0.6, SOUTH: 0.4}) for n in range(2)])
@@ -210,7 +210,7 @@ def test_a_search_is_compared_with_where_odometry_says_that_clusters_are(
     assert not outcome.searching
 
 
-def test_a_cluster_that_is_not_heard_of_moves_with_the_robot() -> None:
+def test_a_cluster_without_a_report_moves_with_the_odometry() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
     x_m, y_m, heading = NORTH
     assert heading == 0.0
@@ -245,7 +245,7 @@ def test_a_candidate_in_its_grace_is_not_replaced() -> None:
     assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
 
 
-def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> None:
+def test_a_given_pose_takes_its_probability_from_the_others() -> None:
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
     outcome = made.set_pose(place(0.95, EAST, 0))
     assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
@@ -265,7 +265,7 @@ def test_a_given_pose_is_localized_when_a_scan_is_likelier_there_than_elsewhere(
     assert made.advance(4, []).state == "localized", "and it stays"
 
 
-def test_a_given_pose_that_is_split_waits_for_its_scan_all_the_same() -> None:
+def test_a_split_given_pose_waits_for_its_scan_too() -> None:
     made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
     made.set_pose(place(0.95, EAST, 0))
     parts = (place(0.99, EAST, 1), place(0.01, SOUTH, 1))
@@ -273,7 +273,7 @@ def test_a_given_pose_that_is_split_waits_for_its_scan_all_the_same() -> None:
     assert split.state == "searching"
 
 
-def test_where_nobody_weighs_elsewhere_the_first_report_confirms_a_given_pose() -> None:
+def test_the_first_report_confirms_a_given_pose_if_elsewhere_is_not_weighed() -> None:
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.0)
     assert made.set_pose(place(0.95, EAST, 0)).state == "searching"
     assert made.advance(1, [tracked("c2", 1, 0.1, EAST)]).state == "localized"
@@ -321,7 +321,7 @@ def test_relocalize_in_a_region_searches_there_and_later_everywhere() -> None:
     assert [job.corners for job in later if isinstance(job, SearchJob)] == [(), ()]
 
 
-def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability() -> None:
+def test_a_split_cluster_becomes_two_that_share_its_probability() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
     parts = (place(0.75, (0.0, 5.0, 0.0), 1), place(0.25, (0.0, 8.0, 0.0), 1))
     apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
@@ -335,7 +335,7 @@ def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability(
     assert set(outcome.begin) == {"c2", "c3"}
 
 
-def test_a_part_that_is_given_up_in_the_step_in_which_it_began_has_no_job() -> None:
+def test_a_part_dropped_in_the_step_of_its_split_has_no_job() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, least_probability=0.1)
     parts = (place(0.9, (0.0, 5.0, 0.0), 1), place(0.1, (0.0, 8.0, 0.0), 1))
     apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
@@ -344,7 +344,7 @@ def test_a_part_that_is_given_up_in_the_step_in_which_it_began_has_no_job() -> N
     assert set(outcome.begin) == {"c2"}
 
 
-def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
+def test_clusters_below_a_configured_threshold_are_dropped() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.22, EAST: 0.18}, least_probability=0.15)
     told: dict[str, tuple[float, PoseTuple]] = {
         "c0": (0.1, NORTH), "c1": (0.1, SOUTH), "c2": (0.05, EAST),
@@ -354,7 +354,7 @@ def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
     assert outcome.events == (Ended("c2", "improbable", (), pytest.approx(9 / 91)),)
 
 
-def test_what_later_places_of_a_search_explain_goes_from_elsewhere_to_its_places() -> None:
+def test_later_places_of_a_search_take_the_weight_they_explain_from_elsewhere() -> None:
     """In the end its own places, and elsewhere, are as probable as its shares say."""
     made = ensemble(max_clusters=4, merge_every_steps=100, kidnapping_probability=1e-12)
     made.begin_at(0)
@@ -370,7 +370,7 @@ def test_what_later_places_of_a_search_explain_goes_from_elsewhere_to_its_places
     assert outcome.elsewhere_probability == pytest.approx(0.2)
 
 
-def test_places_of_a_search_that_has_found_the_clusters_go_on_to_enter() -> None:
+def test_places_of_the_search_that_found_the_clusters_continue_to_enter() -> None:
     """The clusters that it shares give its weight."""
     made = ensemble(max_clusters=4, merge_every_steps=100)
     made.begin_at(0)
@@ -388,9 +388,7 @@ def test_places_of_a_search_that_has_found_the_clusters_go_on_to_enter() -> None
     assert [event for event in outcome.events if isinstance(event, Ended)] == []
 
 
-def test_a_probable_place_is_not_put_out_by_finds_of_a_search_whose_own_places_are_nothing() -> (
-    None
-):
+def test_a_search_with_improbable_places_replaces_no_probable_cluster() -> None:
     """Among people: what a search had brought was ruled out long since, and it went on to find."""
     rules = {"search_every_steps": 1, "kidnapping_probability": 1e-5}
     made = bootstrapped({NORTH: 1.0}, max_clusters=2, grace_steps=1, **rules)
@@ -409,7 +407,7 @@ def test_a_probable_place_is_not_put_out_by_finds_of_a_search_whose_own_places_a
     assert probabilities(outcome)[0] > 0.999
 
 
-def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:
+def test_a_search_report_of_a_step_before_its_start_is_ignored() -> None:
     made = ensemble()
     made.begin_at(7)
     outcome = made.advance(7, [searched(f"s0.{n}", 3, {NORTH: 1.0}) for n in range(2)])
@@ -418,7 +416,7 @@ def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:
 
 
 @pytest.mark.parametrize(("fit", "times"), [(1.0, 1), (1e-9, 4)])
-def test_a_search_beside_a_robot_that_is_held_does_not_take_long(fit: float, times: int) -> None:
+def test_a_search_is_short_while_the_robot_is_localized(fit: float, times: int) -> None:
     """It looks around; one that may have to find a robot that was lost has more patience."""
     made = bootstrapped({NORTH: 1.0}, search_every_steps=1, kidnapping_probability=0.001)
     first = [tracked("c0", 1, fit, NORTH), elsewhere(1, math.log(1e-3))]
@@ -444,9 +442,7 @@ def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Ou
 
 
 @pytest.mark.parametrize(("evidence", "goes_on"), [(-2.0, True), (-30.0, False)])
-def test_a_search_from_before_the_robot_was_lifted_begins_anew(
-    evidence: float, goes_on: bool
-) -> None:
+def test_a_search_from_before_a_kidnapping_begins_again(evidence: float, goes_on: bool) -> None:
     """The kept place is the robot's old one: it fits worse than the map does on average."""
     made = bootstrapped(
         {NORTH: 1.0},
@@ -475,7 +471,7 @@ def test_a_search_waits_until_there_is_room_for_its_places() -> None:
     assert Ended("s1.0", "search over") in outcome.events
 
 
-def test_where_a_robot_is_put_elsewhere_is_looked_at_from_the_next_step_on() -> None:
+def test_after_a_given_pose_elsewhere_is_weighed_from_the_next_step_on() -> None:
     made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
     outcome = made.go_on_from([place(1.0, SOUTH, 7)], 7, "new map")
     assert outcome.begin[ELSEWHERE] == ElsewhereJob(first_step=8)

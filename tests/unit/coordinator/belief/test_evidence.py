@@ -70,7 +70,9 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
 
 
 @pytest.mark.parametrize(("weight", "gap"), [(1.0, 1.0), (0.05, 1.0), (1e-4, 7.0)])
-def test_what_a_shard_without_weight_has_left_out_does_not_count(weight: float, gap: float) -> None:
+def test_places_that_a_shard_without_weight_left_out_are_not_used(
+    weight: float, gap: float
+) -> None:
     """The least gap of those that have found something: a search ends when it is large."""
     pool = SearchPool(0, 0, SearchSettings(shards=3))
     for shard, (evidence, left_out) in enumerate([(1.0, 9.0), (weight, 1.0), (1.0, 7.0)]):
@@ -127,7 +129,7 @@ def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
     assert ended == over
 
 
-def test_places_beside_those_that_hold_enough_need_no_patience() -> None:
+def test_a_search_ends_early_if_its_best_places_hold_enough_weight() -> None:
     pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
     pool.add(searched("s0.0", 12, {NORTH: 0.5, SOUTH: 0.49, (9.0, 0.0, 0.0): 0.01}))
     found = pool.pooled()
@@ -150,14 +152,14 @@ def two_places() -> Ensemble:
     return bootstrapped({NORTH: 0.5, SOUTH: 0.5}, view_distance_m=0.8, search_every_steps=10_000)
 
 
-def test_what_has_been_seen_is_told_once_however_often_the_robot_turns() -> None:
+def test_a_view_counts_once_however_often_the_robot_turns() -> None:
     made = two_places()
     once = turned(made, 1, 1)
     assert 0.03 < once[0] < 0.3
     assert turned(made, 32, 14)[0] == pytest.approx(once[0], rel=0.2)
 
 
-def test_what_has_been_seen_is_handed_on_with_the_belief() -> None:
+def test_seen_views_are_transferred_with_the_belief() -> None:
     made = two_places()
     turned(made, 1, 1)
     other = resumed(made)
@@ -166,7 +168,7 @@ def test_what_has_been_seen_is_handed_on_with_the_belief() -> None:
     assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
 
 
-def test_a_place_that_is_new_has_seen_nothing() -> None:
+def test_a_new_place_has_no_seen_views() -> None:
     """Further scans separate a given place from others, even after the robot has turned there."""
     made = two_places()
     turned(made, 1, 1)
@@ -178,7 +180,7 @@ def test_a_place_that_is_new_has_seen_nothing() -> None:
     assert told[1] > told[0] > 0.5
 
 
-def test_the_scan_by_which_a_place_was_found_is_no_news_of_it() -> None:
+def test_the_scan_by_which_a_place_was_found_is_not_used_twice() -> None:
     """Where candidates came step after step, each scan counted in full."""
     made = two_places()
     before = probabilities(made.set_pose(place(0.5, EAST, 0)))

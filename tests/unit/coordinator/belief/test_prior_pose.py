@@ -30,7 +30,7 @@ def shares(candidates: list[Candidate]) -> list[float]:
     return [candidate.share for candidate, _ in candidates]
 
 
-def test_an_offered_place_stands_beside_those_that_were_found() -> None:
+def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
     both = with_prior_pose(
         found((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0))), OFFER, ORIGIN, RULES
     )
@@ -41,7 +41,7 @@ def test_an_offered_place_stands_beside_those_that_were_found() -> None:
     assert offered.sample.step == 4, "it is tracked from where it was"
 
 
-def test_a_place_that_was_found_anyway_becomes_more_probable() -> None:
+def test_a_prior_pose_makes_a_found_place_more_probable() -> None:
     both = with_prior_pose(
         found((0.6, (1.0, 1.0, 0.0)), (0.4, (5.2, 5.0, 0.1))), OFFER, ORIGIN, RULES
     )
@@ -49,7 +49,7 @@ def test_a_place_that_was_found_anyway_becomes_more_probable() -> None:
     assert [cause for _, cause in both] == ["first search", "first search"]
 
 
-def test_it_takes_the_last_place_of_all_that_may_be_kept() -> None:
+def test_a_prior_pose_replaces_the_least_probable_place() -> None:
     three = found((0.5, (1.0, 1.0, 0.0)), (0.3, (9.0, 1.0, 0.0)), (0.2, (9.0, 9.0, 0.0)))
     kept = with_prior_pose(three, OFFER, ORIGIN, RULES)
     assert len(kept) == 3
@@ -57,12 +57,12 @@ def test_it_takes_the_last_place_of_all_that_may_be_kept() -> None:
     assert shares(kept)[2] == pytest.approx(0.1)
 
 
-def test_odometry_carries_it_to_where_it_would_be_by_now() -> None:
+def test_a_prior_pose_is_moved_by_odometry() -> None:
     _, (offered, _) = with_prior_pose(found((1.0, ORIGIN)), OFFER, (2.0, 0.0, 0.0), RULES)
     assert offered.mean == pytest.approx((7.0, 5.0, 0.0))
 
 
-def test_it_enters_once_when_the_first_search_ends_and_is_no_truth_before() -> None:
+def test_a_prior_pose_enters_once_when_the_first_search_ends() -> None:
     ensemble = Ensemble.of(RULES)
     ensemble.begin_at(4, OFFER)
     assert ensemble.advance(4, []).hypotheses == ()

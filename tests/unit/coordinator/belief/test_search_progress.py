@@ -19,15 +19,15 @@ def progress(share: float, left_out: float, step: int) -> float:
     return search.progress
 
 
-def test_it_is_the_share_of_what_its_places_must_hold() -> None:
+def test_search_progress_is_the_held_share_of_the_required_weight() -> None:
     assert progress(0.4, 1e-9, 1) == pytest.approx(0.5)
     assert progress(0.9, 1e-9, 1) == 1.0
 
 
-def test_what_was_left_out_is_not_held() -> None:
+def test_weight_of_omitted_places_is_not_progress() -> None:
     assert progress(0.9, 0.6, 1) == pytest.approx(0.5)
 
 
-def test_it_ends_with_its_time() -> None:
+def test_search_progress_is_at_least_the_share_of_the_elapsed_time() -> None:
     assert progress(0.0, 0.99, 7) == pytest.approx(0.7)
     assert progress(0.0, 0.99, 10) == 1.0

@@ -26,7 +26,7 @@ from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 STARTED = started()
 
 
-def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
+def test_the_oldest_files_are_removed_when_the_ring_is_full(tmp_path: Path) -> None:
     max_bytes = 60_000
     recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, max_bytes))
     for step in range(3_000):
@@ -38,7 +38,7 @@ def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
     assert recorded.recorder.lost == {}
 
 
-def test_files_of_an_older_coordinator_give_way_first(tmp_path: Path) -> None:
+def test_files_of_an_older_coordinator_are_removed_first(tmp_path: Path) -> None:
     old = tmp_path / f"{1:017d}-000000.mcap"
     old.write_bytes(bytes(58_000))
     (tmp_path / "notes.txt").write_bytes(bytes(100_000))
@@ -47,7 +47,7 @@ def test_files_of_an_older_coordinator_give_way_first(tmp_path: Path) -> None:
     assert (tmp_path / "notes.txt").exists()
 
 
-def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
+def test_a_slow_disk_causes_a_gap_whose_events_are_counted(tmp_path: Path) -> None:
     recordings = Recordings(tmp_path)
     recordings.make(STARTED)
     recorded = recordings.made[0]
@@ -64,7 +64,7 @@ def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
     assert len(events_in(tmp_path)) == MAX_QUEUED + 503 - lost
 
 
-def test_a_folder_that_cannot_be_written_is_told_once_and_tried_again(
+def test_a_folder_that_cannot_be_written_is_logged_once_and_tried_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "flight"
@@ -85,7 +85,7 @@ def test_a_folder_that_cannot_be_written_is_told_once_and_tried_again(
     assert len(events_in(folder)) + recorded.recorder.lost[LOST] == 22
 
 
-def test_a_disk_that_gets_full_is_told_and_localization_goes_on(
+def test_a_disk_that_becomes_full_is_logged_and_localization_continues(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     """/dev/full takes nothing."""
@@ -113,7 +113,7 @@ def test_a_full_disk_is_not_filled_with_empty_files(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_path: Path) -> None:
+def test_the_thread_writes_while_the_loop_runs_and_writes_all_at_its_end(tmp_path: Path) -> None:
     recorder = FlightRecorder(STARTED.coordinator(), Ring(tmp_path, 7, 60_000))
     deadline_s = time.monotonic() + 10.0
     with recorder.running():
@@ -125,14 +125,14 @@ def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_pat
     assert len(events_in(tmp_path)) == 101
 
 
-def test_without_a_folder_nothing_is_kept() -> None:
+def test_nothing_is_recorded_without_a_folder() -> None:
     recorder = FlightRecorder(STARTED.coordinator(), None)
     with recorder.running():
         recorder.handle(TimePassed(), 0)
     assert recorder.lost == {}
 
 
-def test_particles_and_beams_are_left_out_and_nothing_else() -> None:
+def test_only_particles_and_beams_are_left_out_of_a_recording() -> None:
     where = (1.0, 2.0, 3.0)
     report = tracked("c0", 3, 0.1, where, snapshot=cloud_at(where, 3))
     small = without_bulk(ReportArrived("w", report))
@@ -155,12 +155,12 @@ def test_particles_and_beams_are_left_out_and_nothing_else() -> None:
     assert all(one.ranges.array().shape == (0,) for one in past.scans)
 
 
-def test_nobody_else_may_read_a_recording(tmp_path: Path) -> None:
+def test_only_its_owner_can_read_a_recording(tmp_path: Path) -> None:
     RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
     assert [file.stat().st_mode & 0o777 for file in files_in(tmp_path)] == [0o600]
 
 
-def test_a_folder_that_was_removed_is_begun_again_and_what_is_missing_counted(
+def test_a_removed_folder_is_made_again_and_missing_events_are_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     folder = tmp_path / "flight"

@@ -96,7 +96,7 @@ def test_a_coordinator_that_takes_over_gives_up_the_old_map(model: SensorModel) 
 
 @hypothesis.settings(deadline=None, max_examples=10)
 @hypothesis.given(st.lists(ACTIONS, min_size=5, max_size=40))
-def test_whatever_happens_the_replay_believes_what_was_believed(
+def test_a_replay_publishes_the_recorded_beliefs_whatever_fails(
     model: SensorModel, actions: list[tuple[str, int]]
 ) -> None:
     with tempfile.TemporaryDirectory() as folder:
@@ -130,7 +130,9 @@ def test_every_file_alone_is_replayed_to_the_same_beliefs(
         assert len(left) > 2 or not left[0].stem.endswith("-000000")
 
 
-def test_each_coordinator_says_where_it_took_over(model: SensorModel, tmp_path: Path) -> None:
+def test_a_replay_shows_where_each_coordinator_took_over(
+    model: SensorModel, tmp_path: Path
+) -> None:
     recordings = Recordings(tmp_path)
     living = Living(model, made=recordings.make)
     live(living, [("drive", 0)] * 12)
@@ -147,9 +149,7 @@ def test_each_coordinator_says_where_it_took_over(model: SensorModel, tmp_path: 
     assert [h.about for h in happenings if h == Happened("worker joined", "w2")] == ["w2"] * 2
 
 
-def test_a_ring_that_went_round_is_replayed_from_its_oldest_file(
-    model: SensorModel, tmp_path: Path
-) -> None:
+def test_a_full_ring_is_replayed_from_its_oldest_file(model: SensorModel, tmp_path: Path) -> None:
     recordings = Recordings(tmp_path, max_bytes=150_000)
     living = Living(model, made=recordings.make)
     live(living, [("drive", 0)] * 100)

@@ -87,7 +87,7 @@ def test_a_coordinator_from_a_snapshot_publishes_the_same_beliefs(
     live(Living(model, made=made), [*[("drive", 0)] * 8, *actions])
 
 
-def test_every_part_of_a_coordinator_keeps_all_in_fields_that_are_encoded() -> None:
+def test_every_part_of_a_coordinator_has_only_encoded_fields() -> None:
     waiting, seen = [Coordinator], set[type]()
     while waiting:
         part = waiting.pop()
@@ -102,7 +102,7 @@ def test_every_part_of_a_coordinator_keeps_all_in_fields_that_are_encoded() -> N
 
 
 @pytest.mark.parametrize("data", [b"", b"nonsense", pickle.dumps(7), b"\x91" * 100_000])
-def test_what_is_no_snapshot_is_refused(data: bytes) -> None:
+def test_bytes_that_are_not_a_snapshot_are_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match="not a coordinator's snapshot"):
         thaw(data)
 
@@ -148,7 +148,7 @@ def loaders_of_objects(module: ast.Module) -> set[str]:
     return found
 
 
-def test_loaders_of_objects_are_found() -> None:
+def test_loaders_of_pickles_would_be_found() -> None:
     """The test above can fail."""
     text = "import pickle as p\nfrom marshal import loads\nnp.load(f, allow_pickle=True)\neval(f)"
     assert loaders_of_objects(ast.parse(text)) == {"pickle", "marshal", "allow_pickle", "eval"}
