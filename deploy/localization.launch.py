@@ -1,4 +1,4 @@
-"""Localization for nav2: its map server, and Cluster-MCL in the place of AMCL.
+"""Starts localization for nav2: a map server, and Cluster-MCL in place of AMCL.
 
 ros2 launch localization.launch.py map:=/maps/office.yaml params_file:=nav2_params.yaml
 """
@@ -10,7 +10,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Map server and lifecycle manager as in nav2_bringup, and `clustermcl up`."""
+    """Return a map server and a lifecycle manager as in nav2_bringup, and `clustermcl up`."""
     params_file = LaunchConfiguration("params_file")
     use_sim_time = LaunchConfiguration("use_sim_time")
     return LaunchDescription(

@@ -1,1 +1,1 @@
-"""A page in the browser that draws the clusters as they are: one process, one page, one socket."""
+"""A page in the browser that shows where the robot may be."""

@@ -71,7 +71,7 @@ class DriveRobot(_Request, frozen=True, tag="drive"):
     speed_m_s: _Rate = 0.0
     turn_rate_rad_s: _Rate = 0.0
     by_hand: bool = True
-    """False: end manual driving."""
+    """Whether to drive manually; False ends manual driving."""
 
 
 Question: TypeAlias = ShowPast | ShowEarlier

@@ -43,7 +43,7 @@ def drawn_picture(
 
     Args:
         grid_map: map of at most 4,096 cells a side.
-        step: frame of the step, as of `step_frame`; None: draw the map only.
+        step: frame of the step, from `step_frame`; None: draw the map only.
         long_side_px: long side of the map in the picture, without margins.
     """
     view, size = _view_of(grid_map, long_side_px)

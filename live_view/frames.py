@@ -33,7 +33,7 @@ MIN_BYTES = 3000
 
 
 def map_frame(message: MapMessage) -> Frame:
-    """Return the digest, size and position of the map; the page fetches its cells separately."""
+    """Return the digest, size and position of the map; the page fetches the cells separately."""
     return {
         "digest": message.digest,
         "rows": message.rows,

@@ -14,7 +14,7 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.2
 _TOP_SPEED_M_S, _TOP_TURN_RATE_RAD_S = 0.6, 1.0
 _LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
-"""Distance of the point that pure pursuit steers to, and that of a reached point [m]."""
+"""Distance at which a point of the path is skipped: usually, and before a corner [m]."""
 _TURN_PER_ERROR = 2.5
 """Turn rate for each radian of heading error [1/s]."""
 _NO_DRIVE_ERROR_RAD = 0.8
@@ -69,7 +69,7 @@ class Robot:
         self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
 
     def wander(self) -> None:
-        """End manual driving and drive to random goals; without effect if it has not begun."""
+        """End manual driving, if it has begun, and drive to random goals."""
         if self._hand is not None:
             self._hand, self._path, self._next = None, [], 0
 
@@ -142,7 +142,7 @@ class Robot:
         return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
 
     def _advance(self, x: float, y: float) -> None:
-        """Skip near points of the path, except one whose next point is behind a corner."""
+        """Skip near points of the path; skip a point before a corner only when it is reached."""
         while self._next < len(self._path):
             goal_x, goal_y = self._path[self._next]
             distance_m = hypot(goal_x - x, goal_y - y)
