@@ -17,11 +17,11 @@ from clustermcl.demo_output import DemoOutput, DemoSummary, result_lines, result
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.verbosity import is_verbose
-from clustermcl.view import say_link
 from evaluation.beside import beside_name
 from evaluation.recordings import counted_steps
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
+from live_view.process import say_link
 from particle_filter.trajectory import Trajectory
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file

@@ -1,52 +1,36 @@
-"""`clustermcl view`: serve the page of a running system or of a recording, until Ctrl-C."""
+"""`clustermcl view RECORDING`: serve the page of a recorded run, or save it."""
 
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from grid_maps.map_message import to_message
 from live_view.page_server import PageOptions, opened_page
-from live_view.process import serve_page
+from live_view.process import say_link
 from live_view.recorded_run import RecordedRun
 from process_runtime.output_files import check_output_file, write_output_file
-from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
 from protocol.errors import RecordingError
 from recordings.map_file import load_map
 from recordings.run_log import is_run_log
 
 
-def run_view(
-    settings: Settings,
-    page: PageOptions,
-    *,
-    robots: Sequence[str] = (),
-    recording: Path | None = None,
-    map_file: Path | None = None,
-    save_file: Path | None = None,
+def view_recording(
+    recording: Path, page: PageOptions, map_file: Path | None = None, save_file: Path | None = None
 ) -> None:
-    """Serve the page of a running system or of a recording, or save a recording as a page.
-
-    While there is no connection to the running system, the page waits for one.
+    """Serve the page of a recorded run until Ctrl-C, or save the page.
 
     Args:
-        settings: the router's endpoint and the robot's name.
+        recording: a run log, or a folder with run logs.
         page: address and features of the page.
-        robots: names of robots; empty: the robot in the settings.
-        recording: a run log, or a folder with run logs; None: show a running system.
         map_file: map of the recording; None: the map in the recording.
         save_file: file for the recording as one page, which is then not served; None: serve it.
 
     Raises:
-        SettingsError: the address, a certificate or a name is invalid.
+        SettingsError: the address or a certificate is invalid.
         InputFileError: there is no recording, or it cannot be read.
-        MapFileError: the map of the recording cannot be read.
+        MapFileError: the map cannot be read.
         OutputError: the page cannot be written.
     """
     stop = stop_on_signals()
-    if recording is None:
-        serve_page(settings, stop, page, say_link, robots=robots)
-        return
     if not is_run_log(recording):
         problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
         remedy = f"localize in it by: clustermcl demo --view --recording {recording}"
@@ -59,9 +43,3 @@ def run_view(
     else:
         check_output_file(save_file)
         write_output_file(save_file, run.saved())
-
-
-def say_link(link: str) -> None:
-    """Print the link of the page to standard error."""
-    sys.stderr.write(f"clustermcl: look at {link}\n")
-    sys.stderr.flush()

@@ -68,12 +68,6 @@ class PageOptions:
     """Accept commands from browsers on other machines too."""
     open_browser: bool = False
     """Open the page in a browser of this machine."""
-    by_hand: bool = False
-    """Begin with manual driving of the simulated robot."""
-    story: str = ""
-    """Name of the world for which captions are shown; empty: no captions."""
-    beside: str = ""
-    """Robot's name in the system of AMCL's filter, for a second map; empty: no second map."""
     certificate: Path | None = None
     """PEM file of the certificate for HTTPS; None: plain HTTP."""
     private_key: Path | None = None

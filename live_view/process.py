@@ -1,8 +1,8 @@
 """The process of the page, which shows one or several robots."""
 
 import argparse
-import logging
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 
@@ -18,8 +18,6 @@ from protocol.errors import SettingsError
 from protocol.names import is_name, name_rule
 
 _POLL_S = 0.1
-
-_log = logging.getLogger(__name__)
 
 
 def main() -> None:
@@ -39,13 +37,21 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument(
-        "--by-hand", action="store_true", help="begin with driving the robot by the arrow keys"
+        "--by-hand",
+        action="store_true",
+        help="begin with driving the simulated robot by the arrow keys",
     )
     parser.add_argument(
-        "--story", default="", metavar="WORLD", help="show the captions of this world"
+        "--story",
+        default="",
+        metavar="WORLD",
+        help="show the captions of this world (default: none)",
     )
     parser.add_argument(
-        "--beside", default="", metavar="NAME", help="robot's name in the system for a second map"
+        "--beside",
+        default="",
+        metavar="NAME",
+        help="robot's name in the system of AMCL's filter, for a second map (default: none)",
     )
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument(
@@ -60,63 +66,39 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def say_link(link: str) -> None:
+    """Print the link of the page to standard error."""
+    sys.stderr.write(f"clustermcl: look at {link}\n")
+    sys.stderr.flush()
+
+
 def run_live_view(invocation: Invocation) -> None:
-    """Serve the page until the process is stopped.
+    """Serve the page until the process is stopped, also while no system is running.
 
     Raises:
         SettingsError: the address, a certificate or a robot's name cannot be used.
     """
-    arguments = invocation.arguments
+    settings, arguments = invocation.settings, invocation.arguments
     options = PageOptions(
         address=parsed_address(arguments.listen),
         allow_commands=arguments.allow_commands,
         open_browser=arguments.open,
-        by_hand=arguments.by_hand,
-        story=arguments.story,
-        beside=arguments.beside,
         certificate=arguments.certificate,
         private_key=arguments.private_key,
     )
-
-    def on_link(link: str) -> None:
-        _log.info("look at %s", link)
-
-    serve_page(invocation.settings, invocation.stop, options, on_link, robots=arguments.robot)
-
-
-def serve_page(
-    settings: Settings,
-    stop: StopFlag,
-    options: PageOptions,
-    on_link: Callable[[str], None],
-    *,
-    robots: Sequence[str] = (),
-) -> None:
-    """Serve the page until `stop` is set, also while no system is running.
-
-    Args:
-        settings: the router's endpoint and the robot's name.
-        stop: flag that ends the server.
-        options: address and features of the page.
-        on_link: called with the page's link, once the page is served.
-        robots: names of robots, each with its own page; empty: the robot of the settings.
-
-    Raises:
-        SettingsError: the address, a certificate or a robot's name cannot be used.
-    """
-    names = list(dict.fromkeys(robots)) or [settings.robot.name]
+    names = list(dict.fromkeys(arguments.robot)) or [settings.robot.name]
     about = {
         "commands": options.obeys_commands,
-        "by_hand": options.by_hand,
+        "by_hand": arguments.by_hand,
         "radius_m": settings.robot.radius_m,
-        "story": options.story,
-        "beside": options.beside,
+        "story": arguments.story,
+        "beside": arguments.beside,
         "robots": names if len(names) > 1 else [],
     }
-    shown = [*names, options.beside] if options.beside else names
-    loops = [LiveLoop(_of_robot(settings, name), about, stop) for name in shown]
-    with opened_page(options, [loop.room for loop in loops], on_link):
-        _run_all(loops, stop)
+    shown = [*names, arguments.beside] if arguments.beside else names
+    loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in shown]
+    with opened_page(options, [loop.room for loop in loops], say_link):
+        _run_all(loops, invocation.stop)
 
 
 def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:

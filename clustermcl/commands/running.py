@@ -26,7 +26,7 @@ from clustermcl.commands.options import (
 )
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
-from process_runtime.settings_file import load_settings, with_setting
+from process_runtime.settings_file import with_setting
 from process_runtime.supervisor import python_module
 from protocol.errors import SettingsError
 
@@ -213,23 +213,22 @@ def serve_view(
     if recording is not None and robots:
         problem = "--robot: a recording is of one robot; leave it out"
         raise SettingsError(key="--robot", problem=problem)
-    from clustermcl.view import run_view  # noqa: PLC0415 - see the package
+    if recording is None:
+        flags = {"--allow-commands": allow_commands, "--open": open_browser}
+        words = ["--listen", listen or HERE, *(flag for flag, given in flags.items() if given)]
+        files = {"--certificate": certificate, "--private-key": private_key}
+        words += [word for name, file in files.items() if file for word in (name, str(file))]
+        words += [word for robot in robots or () for word in ("--robot", robot)]
+        _become("live_view", words, settings_file, as_assignments(None, router), assignments)
+        return
+    from clustermcl.view import view_recording  # noqa: PLC0415 - see the package
     from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
     from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
 
     page = PageOptions(
         address=parsed_address(listen or HERE),
-        allow_commands=allow_commands,
         open_browser=open_browser,
         certificate=certificate,
         private_key=private_key,
     )
-    given = [*as_assignments(None, router), *(assignments or ())]
-    run_view(
-        load_settings(settings_file, given),
-        page,
-        robots=robots or (),
-        recording=recording,
-        map_file=map_file,
-        save_file=save_file,
-    )
+    view_recording(recording, page, map_file, save_file)

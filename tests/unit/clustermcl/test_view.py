@@ -6,7 +6,7 @@ import pytest
 
 from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
-from clustermcl.view import run_view
+from clustermcl.view import view_recording
 from live_view.admission import parsed_address
 from live_view.page_server import PageOptions
 from process_runtime.output_files import OutputError
@@ -35,7 +35,7 @@ def test_a_path_without_a_recorded_run_is_refused_with_a_remedy(tmp_path: Path, 
         written(tmp_path, "mcap", [scan(2, [1.0])]).rename(tmp_path / "robot.mcap")
     page = PageOptions(address=parsed_address("127.0.0.1:0"))
     with pytest.raises(RecordingError, match="demo --view --recording"):
-        run_view(Settings(), page, recording=tmp_path / name)
+        view_recording(tmp_path / name, page)
 
 
 @pytest.mark.parametrize("name", ["now", "now.jpg"])
