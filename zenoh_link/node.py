@@ -25,6 +25,7 @@ from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import (
+    TIMED_OUT,
     Asked,
     Link,
     Publisher,
@@ -260,7 +261,8 @@ class Node:
             if time.monotonic() < until_s:
                 self._unanswered.append(query)
             else:
-                self.inbox.put_own(Call(partial(on_failure, problem), from_peer=bool(problem)))
+                from_peer = problem not in ("", TIMED_OUT)
+                self.inbox.put_own(Call(partial(on_failure, problem), from_peer=from_peer))
 
         query()
 

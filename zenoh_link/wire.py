@@ -25,6 +25,8 @@ M = TypeVar("M")
 
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
 """Consolidation of replies; with the default, the first waits until all queryables replied."""
+TIMED_OUT = "Timeout"
+"""Error reply that this process's own session adds to a query without an answer."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from protocol.errors import RefusedError
 from tests.integration.conftest import OpenClient
 from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.node import Node
-from zenoh_link.wire import Asked, ask, is_alive
+from zenoh_link.wire import Asked, Link, ask, is_alive
 
 DONE = CommandDone(sender="another")
 
@@ -67,6 +67,24 @@ def test_a_query_that_no_process_answers_fails_in_the_loop(node: Node) -> None:
     assert failures == []
     wait_until(lambda: turning(node) and failures)
     assert failures == [""]
+
+
+def test_a_session_stays_suspect_when_a_query_times_out_after_its_link_returned(
+    node: Node, other: Node
+) -> None:
+    """Zenoh reports the time-out of a query as an error reply, though nothing was received."""
+    asked, failures = list[Asked](), list[str]()
+    other.serve(keys.UPDATE, asked.append)
+    other.announce(keys.COORDINATOR_ALIVE)
+    node.peers = keys.COORDINATOR_ALIVE
+    for up in (False, True):
+        node.inbox.put_own(Link(up=up))
+    while not asked:  # until the router knows the queryable
+        node.ask(keys.UPDATE, CommandDone, lambda _: None, failures.append, timeout_s=0.5)
+        wait_until(lambda: turning(node, other) and (asked or failures))
+    failures.clear()
+    wait_until(lambda: turning(node, other) and failures)
+    assert node.replace_stale_session()
 
 
 def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenClient) -> None:
