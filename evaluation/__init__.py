@@ -1,1 +1,1 @@
-"""Measures accuracy: localization in one process, baselines, experiments."""
+"""Measures accuracy: localization in one process, baselines, checks of maps."""

@@ -1,7 +1,7 @@
-"""The process that localizes a robot by AMCL's filter, for the page of a demo.
+"""The process that localizes a demo's robot by AMCL's filter too, for comparison on the page.
 
-It receives the robot's scans, and publishes scans, ground truth and its own belief in a separate
-namespace, as if a second robot drove there. The page draws that robot in a second map.
+It receives the robot's scans, and publishes scans, ground truth and its own belief under the name
+of a second robot, which the page draws in a second map.
 """
 
 import time
@@ -34,7 +34,7 @@ _KEPT = 1024
 
 
 def beside_name(robot: str) -> str:
-    """Return the robot name under which the second belief is published."""
+    """Return the name of the second robot, as which AMCL's belief is published."""
     return robot[: LONGEST_NAME - len(_SUFFIX)].rstrip("-") + _SUFFIX
 
 
@@ -47,7 +47,6 @@ def main() -> None:
 
 
 def run_beside(invocation: Invocation) -> None:
-    """Follow the robot until the process is stopped."""
     settings, stop, name = invocation.settings, invocation.stop, invocation.process
     own_robot = msgspec.structs.replace(settings.robot, name=beside_name(settings.robot.name))
     own_settings = msgspec.structs.replace(settings, robot=own_robot)
@@ -91,7 +90,7 @@ def run_beside(invocation: Invocation) -> None:
 
 
 class Follower:
-    """AMCL's filter on the robot's scans, which restarts when the coordinator drops all places."""
+    """AMCL's filter, applied to the robot's scans; it restarts when the robot is relocalized."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self._began_s = settings, time.monotonic()
@@ -102,7 +101,6 @@ class Follower:
         self._last: Outcome | None = None
 
     def use(self, model: SensorModel, message: MapMessage) -> None:
-        """Use a map and its sensor model."""
         self._model, self._digest = model, message.digest
 
     def on_scan(self, scan: Scan) -> None:
@@ -111,7 +109,7 @@ class Follower:
         self._waiting.append(scan)
 
     def on_events(self, published: JobEvents) -> None:
-        """Restart after `relocalize`, but not after a given pose, which AMCL would accept."""
+        """Restart after the command `relocalize`, but not after a pose given by a user."""
         events = [numbered.event for numbered in published.events]
         is_given = any(isinstance(event, Began) and event.cause == "given" for event in events)
         if not is_given and any(

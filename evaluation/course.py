@@ -1,4 +1,4 @@
-"""The steps of one run with the true poses, whether the robot is simulated or recorded."""
+"""The steps of one run, with true poses, of a simulated or a recorded robot."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ TrueStep = tuple[Scan, PoseTuple | None]
 
 
 class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot to simulate: its world, its map, and the people around it."""
+    """A robot to simulate."""
 
     world: str
     """Name of a world, or a map file."""
@@ -36,12 +36,12 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A recording of a robot, with the map and the ground truth."""
+    """A recording of a robot, with its map and perhaps the ground truth."""
 
     recording: Path
     map: Path
     reference: Path | None = None
-    """File with the ground truth; None: unknown, and no step is judged."""
+    """File with the ground truth; None: the ground truth is unknown, so no step is judged."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,9 +49,10 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
 
     robot: SimulatedRobot | RecordedRobot
     updates: int | None = None
-    """Most steps of a run; None: to the recording's end."""
+    """Largest number of steps; None: to the end of the recording."""
     mirrored: bool = False
-    """Mirror every scan and motion: the robot is nowhere on the map, so no step is judged."""
+    """Whether to mirror all scans and motions: the robot is then not on the map, and no step is
+    judged."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +60,13 @@ class Course:
     """The steps of one run."""
 
     map: GridMap
-    """The map for the localizer."""
+    """The map given to the localizer."""
     map_name: str
-    """Its file or world, for errors."""
+    """File or world of the map, for errors."""
     steps: Iterator[TrueStep]
-    """Lazy: each step is made when it is needed."""
+    """The steps, each computed when it is requested."""
     kidnap: Callable[[], object]
-    """Kidnap the robot before the next step; not for a recording."""
+    """Kidnaps the robot before the next step; raises ValueError for a recorded robot."""
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:

@@ -1,6 +1,6 @@
 """`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy.
 
-It runs one experiment built from the options instead of one from the catalogue.
+Without Zenoh, as fast as possible.
 """
 
 import json
@@ -34,7 +34,7 @@ from recordings.map_file import map_file_of
 from recordings.run_log import RunLog
 
 DEFAULT_STEPS = 300
-"""Steps of a simulated robot, which never ends by itself."""
+"""Default number of steps of a simulated robot, which would drive for ever."""
 DEFAULT_STEPS_OF_A_START = 60
 
 
@@ -48,12 +48,12 @@ class EvaluateOptions:
     algorithm: str = "cluster-mcl"
     seeds: int = 1
     starts: int | None = None
-    """Number of runs: from start steps spread evenly over a recording, or with different seeds of
-    a simulated robot."""
+    """Number of runs: of a recording, from start steps spread evenly; of a simulated robot, with
+    different seeds."""
     steps: int | None = None
     kidnap_at: int | None = None
     mirrored: bool = False
-    """Mirror every scan and motion: a robot that is nowhere on the map."""
+    """Whether to mirror all scans and motions: the robot is then not on the map."""
     jobs: int | None = None
     as_json: bool = False
     """Print JSON instead of tables."""
@@ -74,7 +74,7 @@ class Task:
     seed: int
     settings: Settings
     start_step: int = 0
-    """First step of a recording, as if the robot had been switched on there."""
+    """First step used of a recording, as if the robot had been switched on there."""
 
     def prepared(self) -> Run:
         """Return the run.
@@ -92,10 +92,10 @@ class Task:
 
 
 def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeasures:
-    """Run a task from the first step to the last.
+    """Execute a run, and write its files.
 
     Args:
-        task: the specification.
+        task: the specification of the run.
         on_update: called after each step.
 
     Raises:
@@ -129,7 +129,7 @@ def _recorder(file: Path | None) -> AbstractContextManager[RunLog | None]:
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
-    """Run all seeds, print tables or JSON, and write the requested files.
+    """Execute all runs, print tables or JSON, and write the requested files.
 
     Raises:
         ClusterMclError: an input cannot be used, or a run failed.
@@ -198,7 +198,7 @@ def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
 
 
 def case_of(options: EvaluateOptions) -> tuple[Case, int]:
-    """Return the robot with the length of a run, and the number of seeds.
+    """Return the robot and length of each run, and the number of seeds.
 
     Raises:
         SettingsError: options contradict each other.
@@ -217,7 +217,7 @@ def case_of(options: EvaluateOptions) -> tuple[Case, int]:
 
 
 def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
-    """Return the start steps of runs, evenly from 0 to the last that leaves a full run.
+    """Return start steps of runs, evenly from 0 to the last from which a full run fits.
 
     Args:
         steps: steps of the recording.
@@ -255,7 +255,7 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
 
 
 def _steps_count(task: Task) -> int:
-    """Return the number of available steps, after checking the inputs.
+    """Return the number of steps of the robot; opens all inputs, which checks them.
 
     Raises:
         ClusterMclError: an input cannot be used.
@@ -268,7 +268,7 @@ def _steps_count(task: Task) -> int:
 
 
 def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[RunMeasures]:
-    """Run one task per core, and return all results in order."""
+    """Execute the runs, in parallel if there are several; return their measures in order."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, RunMeasures] = {}
     with _progress() as progress:
@@ -289,7 +289,7 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[Ru
 
 
 def _progress() -> Progress:
-    """Show progress on standard error, if that is a terminal."""
+    """Return a progress bar on standard error; hidden if that is no terminal, or if quiet."""
     console = Console(stderr=True, emoji=False)
     hidden = is_quiet() or not console.is_terminal
     return Progress(console=console, transient=True, disable=hidden)

@@ -30,9 +30,9 @@ def outcomes(
     """Yield the belief after every step.
 
     Args:
-        scans: gated steps, in their order.
-        model: the map as the sensors see it.
-        settings: the filter's numbers.
+        scans: steps of the motion gate, in ascending order.
+        model: the sensor model of the map.
+        settings: the settings at the start; those in a scan override them.
     """
     process = InProcess(model, settings)
     for scan in scans:
@@ -45,9 +45,9 @@ class InProcessState(msgspec.Struct, frozen=True):
     ensemble: Ensemble
     jobs: tuple[Assignment, ...]
     searched: tuple[Scan, ...]
-    """The scans since the running search began: a search continues by repeating them."""
+    """Scans since the running search began; a resumed search takes them again."""
     applied: Scan
-    """The last step."""
+    """The scan of the last step."""
 
     @property
     def problem(self) -> str | None:
@@ -73,7 +73,7 @@ class InProcess:
         """The scan of the last step; None before the first."""
 
     def advance(self, scan: Scan) -> Outcome:
-        """Apply a step; jobs have begun and ended when it returns."""
+        """Apply a step; then begin and end jobs as the belief requires."""
         self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
@@ -87,11 +87,9 @@ class InProcess:
         return outcome
 
     def _reports(self, scan: Scan) -> list[Report]:
-        """Apply a scan to all jobs."""
         return [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
 
     def _use(self, settings: FilterSettings) -> None:
-        """Apply the settings of a step."""
         if settings == self._settings:
             return
         if settings.sensor != self._settings.sensor:
@@ -127,7 +125,7 @@ class InProcess:
         """The state after the last step.
 
         Raises:
-            ValueError: there was none yet.
+            ValueError: no step was applied yet.
         """
         if self.applied is None:
             raise ValueError("there is no state before the first step")

@@ -1,8 +1,8 @@
 """Ordinary and augmented MCL as baselines, built from Cluster-MCL's components.
 
 One particle set starts over the whole free space, shrinks to the number of particles that all
-clusters have together, and is never restarted. Its places are clusters of the particles at each
-step, as in nav2.
+clusters of Cluster-MCL have together, and is never restarted. The reported places are clusters of
+its particles, as in nav2.
 """
 
 import math
@@ -29,7 +29,7 @@ from worker.jobs import scan_beams
 
 START_PARTICLES_PER_M2, LEAST_START_PARTICLES, MOST_START_PARTICLES = 400.0, 50_000, 2_000_000
 SHRINKING_STEPS = 6
-"""Steps over which the number of particles shrinks."""
+"""Number of steps over which the number of particles shrinks."""
 RESAMPLE_BELOW_ESS = 0.5
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _LOWEST_LOG = -700.0
@@ -83,7 +83,7 @@ def start_particles(grid: Grid) -> int:
 
 
 def kept_particles(settings: FilterSettings) -> int:
-    """Return the number of particles that all clusters have together."""
+    """Return the number of particles that all clusters of Cluster-MCL have together."""
     each = settings.belief.max_clusters * settings.cluster.particles
     return settings.belief.particles or each
 
@@ -94,7 +94,7 @@ def uniform_over_free_space(grid: Grid, count: int, rng: np.random.Generator) ->
     Args:
         grid: the map.
         count: number of poses.
-        rng: places each within its stratum.
+        rng: chooses the pose within each stratum.
 
     Raises:
         ValueError: the map has no free cell.
@@ -164,12 +164,12 @@ class OrdinaryMCL:
         return result.particles
 
     def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles to resample to; None: the number of particles stays."""
+        """Return the number of particles to resample to; None: the present number. A hook."""
         del particles
         return None
 
     def _redrawn(self, particles: ParticleSet, rng: np.random.Generator) -> ParticleSet:
-        """Resample with random particles or to an adapted number; else return them unchanged."""
+        """Resample if random particles are due, or to the number of `adapted_count`."""
         share = self._recovery.random_share if self._recovery else 0.0
         count = self.adapted_count(particles)
         if share == 0.0 and (count is None or not _is_degenerate(particles)):
@@ -182,7 +182,7 @@ class OrdinaryMCL:
         return ParticleSet.even(poses)
 
     def _shrunk(self, particles: ParticleSet, rng: np.random.Generator) -> ParticleSet:
-        """Resample to shrink, or if the effective sample size is too small."""
+        """Resample to shrink the set, or if the effective sample size is too small."""
         progress = min(self.steps / SHRINKING_STEPS, 1.0)
         count = round(self._start_count * (self.kept / self._start_count) ** progress)
         if count >= len(particles.log_weights) and not _is_degenerate(particles):

@@ -1,12 +1,12 @@
-"""The measures of one run: every term of `clustermcl evaluate`'s results is defined here.
+"""The measures of one run; defines each term of the results of `clustermcl evaluate`.
 
-- *Estimate*: the most probable place. During the first search there is none.
+- *Estimate*: the most probable place; none while the first search runs.
 - *Right*: within 1 m and 20 degrees of the ground truth.
 - *Right for good*: from the first step after which every estimate of the run is right.
-- *Judged*: a step with a known true pose. Others count only in the number of steps, in their
-  states and in the probability of no place.
-- *Reported*: the places of a step with their probabilities, including the first search's.
-- *Tracked*: some place after the first search is right.
+- *Judged*: a step with a known true pose. Other steps count only in the number of steps, the
+  fractions of states, and the means of "elsewhere" and "off the map".
+- *Reported*: the places of a step with their probabilities, also while the first search runs.
+- *Tracked*: a step after the first search with a right place, probable or not.
 """
 
 import math
@@ -24,7 +24,7 @@ from protocol.answers import State
 from protocol.message import PoseTuple
 
 LAST_STEPS = 10
-"""A run with this number of right estimates at its end is localized."""
+"""Number of right estimates at the end of a localized run."""
 LEAST_PROBABILITY = 0.001
 """Lower bound of probabilities before the logarithm: a step costs at most 6.9 nat."""
 
@@ -44,16 +44,16 @@ class StepFacts:
     """The facts of one step, from which measures and drawings are computed."""
 
     step: int
-    """Number of the step in the run; the first is 0."""
+    """Number of the step in the run, from 0."""
     stamp_ns: int
-    """Time of its scan."""
+    """Time of the scan [ns]."""
     state: State
     truth: PoseTuple | None
     """The true pose; None if it is unknown."""
     reported: tuple[ReportedPlace, ...]
     """Most probable first; empty if the true pose is unknown."""
     best_error: PoseError | None
-    """Error of the first of these."""
+    """Error of the most probable reported place; None: there is none."""
     elsewhere: float | None
     """Probability that the robot is at none of the places; None: not in the belief."""
     off_map: float
@@ -61,17 +61,17 @@ class StepFacts:
 
     @property
     def claims(self) -> tuple[ReportedPlace, ...]:
-        """The places after the first search; the first is the estimate."""
+        """The reported places, or none while the first search runs; the first is the estimate."""
         return () if self.state == "searching" else self.reported
 
     @property
     def error(self) -> PoseError | None:
-        """Error of the estimate; None without one."""
+        """Error of the estimate; None: there is no estimate."""
         return self.best_error if self.claims else None
 
     @property
     def truth_probability(self) -> float:
-        """Probability of all right places together, including a first search's."""
+        """Probability of all right reported places together."""
         return math.fsum(place.probability for place in self.reported if place.right)
 
     @property
@@ -84,7 +84,7 @@ class StepFacts:
 
     @property
     def confident(self) -> bool:
-        """Whether the estimate has a probability of 0.9 or more."""
+        """Whether there is an estimate, with a probability of 0.9 or more."""
         return bool(self.claims) and self.claims[0].probability >= CONFIDENT_PROBABILITY
 
 
@@ -92,9 +92,9 @@ def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None
     """Return the facts of a step.
 
     Args:
-        step: number of the step in the run; the first is 0.
-        stamp_ns: time of its scan.
-        outcome: the belief after it.
+        step: number of the step in the run, from 0.
+        stamp_ns: time of the scan [ns].
+        outcome: the belief after the step.
         truth: the true pose; None if it is unknown.
     """
     places = outcome.hypotheses if truth else ()
@@ -120,21 +120,21 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     steps: int
     """Steps of the run."""
     localized: bool
-    """The estimates of the last 10 judged steps (of all, if there were fewer) were right."""
+    """Whether the estimates of the last 10 judged steps, or of all if fewer, were right."""
     final_error_m: float | None
     """Position error of the last estimate."""
     final_error_rad: float | None
     """Heading error of the last estimate."""
     localized_at_step: int | None
-    """If localized: right for good from this step on."""
+    """The first step from which the estimate is right for good; None: not localized."""
     localized_at_s: float | None
-    """Time from the first step to that one."""
+    """Time from the first step to `localized_at_step`."""
     confidently_wrong_fraction: float | None
-    """Fraction of the steps whose estimate was wrong and had a probability of 0.9 or more."""
+    """Fraction of the judged steps whose estimate was wrong, with a probability of 0.9 or more."""
     truth_tracked_fraction: float | None
-    """Fraction of the steps after the first search at which the truth was tracked."""
+    """Fraction of the judged steps after the first search at which the truth was tracked."""
     truth_probability_mean: float | None
-    """Mean over the same steps of the probability of all right places together."""
+    """Mean over the judged steps after the first search of the probability of all right places."""
     rmse_m: float | None
     """Root mean square error of the position once right for good."""
     sure_and_right_at_step: int | None
@@ -143,7 +143,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     """Mean over all judged steps of the natural logarithm of the reported probability of all
     right places together, bounded below by 0.001. 0 is the best."""
     truth_probability_lowest_once_sure: float | None
-    """The lowest reported probability of all right places together, once sure and right."""
+    """Lowest reported probability of all right places, from `sure_and_right_at_step` on."""
     brier_mean: float | None
     """Brier score, mean over all judged steps: (1 - p)^2, with p the reported probability of all
     right places together, plus the squared probabilities of the wrong places. Probability given
@@ -158,9 +158,9 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     lost_fraction: float
     searching_fraction: float
     wall_s: float
-    """Duration of the run without loading maps."""
+    """Duration of the run without loading the map [s]."""
     cpu_s: float
-    """CPU time of the run, all threads."""
+    """CPU time of the run, of all threads [s]."""
 
 
 def measures_of(
@@ -213,13 +213,13 @@ def measures_of(
 
 
 def mean(values: Iterable[float]) -> float | None:
-    """Return the mean; None if there are no values."""
+    """Return the mean; None: there are no values."""
     values = list(values)
     return float(np.mean(values)) if values else None
 
 
 def brier(facts: StepFacts) -> float:
-    """Return the Brier score with all right places as one; see `RunMeasures`."""
+    """Return the Brier score of a step, in which all right places count as one."""
     wrong = math.fsum(place.probability**2 for place in facts.reported if not place.right)
     return (1.0 - facts.truth_probability) ** 2 + wrong
 
@@ -231,6 +231,6 @@ def after_first_search(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
 
 
 def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """Return the final run of right estimates; empty if shorter than 10, unless all are right."""
+    """Return the last steps, all right; empty if fewer than 10 steps, unless all are right."""
     count = sum(1 for _ in takewhile(lambda each: each.right, reversed(judged)))
     return judged[len(judged) - count :] if count >= min(LAST_STEPS, len(judged)) else ()

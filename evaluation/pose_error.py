@@ -13,7 +13,7 @@ CONFIDENT_PROBABILITY = 0.9
 
 @dataclass(frozen=True, slots=True)
 class PoseError:
-    """Distance of a pose to the truth; both numbers are non-negative."""
+    """The error of a pose: distance [m] and angle [rad] to the true pose, both non-negative."""
 
     distance_m: float
     heading_rad: float
@@ -29,5 +29,5 @@ class PoseError:
 
 
 def pose_error(pose: PoseTuple, truth: PoseTuple) -> PoseError:
-    """Return the distance of two poses; the heading error is at most pi."""
+    """Return the error of a pose; the heading error is at most pi."""
     return PoseError(math.dist(pose[:2], truth[:2]), float(heading_distance(pose[2], truth[2])))

@@ -1,4 +1,4 @@
-"""Opens recordings for commands, reports bad lines, counts steps."""
+"""Opens recordings for commands, with a warning of bad lines."""
 
 import logging
 

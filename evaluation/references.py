@@ -1,4 +1,4 @@
-"""Trajectories in the TUM format: the ground truth is read, the estimate written.
+"""Reads ground truth, and writes estimated trajectories, in the TUM format.
 
 One pose a line, `timestamp x y z qx qy qz qw`, in seconds and metres; `#` begins a comment. Only
 the heading is used of the orientation. evo and the TUM RGB-D benchmark's tools read the same.
@@ -17,7 +17,7 @@ from protocol.message import MAX_POSE_M, PoseTuple
 from recordings.log_file import LogFile, numbers_of, stamp_ns_of
 
 MAX_OUTSIDE_NS = 1_000_000_000
-"""Before the first and after the last pose, that pose holds for this time [ns]."""
+"""Time for which the first pose holds before it, and the last after it [ns]."""
 
 OnPose = Callable[[int, PoseTuple], None]
 """A function of a stamp [ns] and the pose `map_from_robot` at that time."""
@@ -31,7 +31,7 @@ def load_reference(path: Path | str) -> Trajectory:
 
     Raises:
         ReferenceFileError: with the line: the file is missing, cut off, holds no pose, or a line
-            has another format. No line is skipped, because a gap would falsify the measures.
+            has another format. No line is skipped, because a gap would distort the measures.
     """
     path = Path(path)
     log = LogFile(path, ReferenceFileError)

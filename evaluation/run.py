@@ -31,7 +31,7 @@ ALGORITHMS: dict[str, Outcomes] = {
     "mcl": mcl.outcomes,
     "amcl": partial(mcl.outcomes, gains=mcl.AMCL_GAINS),
 }
-"""Cluster-MCL, and one particle set without and with random particles."""
+"""Cluster-MCL, ordinary MCL, and augmented MCL (as AMCL)."""
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,14 +41,14 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NU
 
 
 class Run:
-    """A prepared run, with map and robot.
+    """A run of an algorithm; the map is loaded, and no step is done yet.
 
     Args:
         case: the robot.
         follow: the algorithm.
         seed: of the filter and of a simulated robot.
-        settings: settings but for the seed.
-        start_step: first step of a recording, as if the robot had been switched on there.
+        settings: all settings; `seed` overrides theirs.
+        start_step: first step used of a recording.
         cache_folder: folder for computed likelihood fields; None: the user's.
 
     Raises:
@@ -89,7 +89,7 @@ class Run:
 
 
 class RunError(ClusterMclError):
-    """A run failed, or its process ended."""
+    """A run failed, or its process was killed."""
 
     def __init__(self, problem: str) -> None:
         self.problem = problem
@@ -99,16 +99,16 @@ class RunError(ClusterMclError):
 def in_parallel(
     work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
 ) -> Iterator[tuple[int, R]]:
-    """Call a function with each piece, each call in one of several spawned processes.
+    """Call a function for each piece, in spawned processes.
 
     Args:
-        work: a function of a module.
-        pieces: its arguments, begun in this order.
+        work: a function of a module, so that it can be pickled.
+        pieces: the arguments of the calls, begun in this order.
         jobs: number of processes; each uses one thread.
-        stop: ends all processes, and then the iterator.
+        stop: if set, all processes are ended.
 
     Yields:
-        Index and result of each piece, as they end.
+        Index and result of each piece, in the order in which the calls return.
 
     Raises:
         RunError: a call has raised a `ClusterMclError`, or its process was killed; the other
@@ -143,7 +143,7 @@ def _attempt(work: Callable[[T], R], piece: T) -> R:
 
 
 def _prepare_process(parent_pid: int) -> None:
-    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent decides what to do."""
+    """Leave Ctrl-C, which reaches all processes of a terminal, to the parent."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     die_with_parent(parent_pid)

@@ -1,1 +1,1 @@
-"""The process that owns particles: tracks one cluster, or a share of a global search."""
+"""The worker process, which holds particles: it tracks clusters and searches the map."""

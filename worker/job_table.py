@@ -17,14 +17,13 @@ from worker.search_queue import SearchQueue
 RECENT_SCANS = 64
 """Number of scans kept for a job that begins a few steps behind."""
 RECENT_SCANS_OF_WAITING = 512
-"""Number of scans kept while a job waits for older ones: more than arrive before the query for them
-times out."""
+"""Number of scans kept while a job waits for older ones, until the query for these times out."""
 KEPT_STEPS = 300
 """Number of reports kept for each job. The bridge keeps as many scans, and older steps cannot be
 applied."""
 KEPT_SEARCH_STEPS = 16
-"""Number of reports kept for a search. A report has all places, up to half a megabyte. Shards need
-one common step, and are seldom further apart."""
+"""Number of reports kept for a search; a report has up to half a megabyte. A new coordinator needs
+a step that all shards have reported, and shards are seldom further apart."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class MissingScans:
 
 
 class RecentReports:
-    """The last reports of each job for the next coordinator; the newest keeps its particles."""
+    """The last reports of each job, for the next coordinator; only the newest has particles."""
 
     def __init__(self) -> None:
         self._of: dict[str, deque[Report]] = {}
@@ -57,11 +56,11 @@ class RecentReports:
         self._of = {job_id: self._of[job_id] for job_id in job_ids if job_id in self._of}
 
     def of_step(self, step: int) -> list[Report]:
-        """Return the last report of each job that is of this step."""
+        """Return the reports of a step by the jobs that have done no later step."""
         return [kept[-1] for kept in self._of.values() if kept[-1].step == step]
 
     def since(self, step: int) -> list[Report]:
-        """Return the reports of later steps, in their order; all that are kept of a search."""
+        """Return the reports of later steps, and all kept reports of searches, by step."""
         return sorted(
             (
                 report
@@ -80,10 +79,10 @@ class JobTable:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
         self._recent: deque[Scan] = deque()
-        self._reports = RecentReports()
+        self.reports = RecentReports()
         self._step_resets = StepResetDetector()
         self._waiting: set[str] = set()
-        """Jobs that take no scan before their missing ones arrive."""
+        """Jobs that take no scan until their missing scans arrive."""
         self._searches = SearchQueue()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
@@ -93,7 +92,7 @@ class JobTable:
         )
 
     def has_changes(self, order: WorkOrder) -> bool:
-        """Return whether an order changes anything: after an outage it may repeat the last one."""
+        """Return whether an order changes the jobs: after an outage it may be a repeated one."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
         resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
         sizes = [job.size for job in resized if job is not None]
@@ -106,10 +105,6 @@ class JobTable:
     def holds(self) -> tuple[Assignment, ...]:
         """Return the jobs in a form that another worker can continue."""
         return tuple(job.handed_on() for _, job in sorted(self._jobs.items()))
-
-    def reports_since(self, step: int) -> list[Report]:
-        """Return the reports of later steps, and for searches also some earlier ones."""
-        return self._reports.since(step)
 
     def follow(self, order: WorkOrder, model: SensorModel, settings: FilterSettings) -> None:
         """Begin and end jobs to match an order.
@@ -138,7 +133,7 @@ class JobTable:
             if (job := self._tracked(job_id)) is not None:
                 job.size = particles, first_step
         self._searches.keep_only(self._jobs.values())
-        self._reports.keep_only(self._jobs)
+        self.reports.keep_only(self._jobs)
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
         """Continue all jobs with other settings."""
@@ -177,26 +172,27 @@ class JobTable:
         }
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
-        """Return the missing steps just before `scan`; None if no job needs them."""
+        """Return the missing steps before `scan`; None: none is missing, or no job needs them."""
         newest = self._recent[-1] if self._recent else scan
         if not self._jobs or scan.step <= newest.step + 1 or is_huge_jump(scan, newest):
             return None
         return MissingScans(newest.step + 1, scan.step - 1)
 
     def last_reports(self) -> list[Report]:
-        """Return the reports of the newest step, to publish them again if they may be lost."""
+        """Return the reports of the newest step."""
         newest = self._recent[-1].step if self._recent else -1
-        return self._reports.of_step(newest)
+        return self.reports.of_step(newest)
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
-        """Advance all jobs that do not wait to the newest scan, with scans of the past."""
+        """Advance all jobs to the newest scan, but for those that wait; return their reports."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
         return [report for step in sorted(known) for report in self._advance(known[step])]
 
     def on_scan(self, scan: Scan) -> list[Report]:
         """Advance every job that has not done this step and does not wait.
 
-        If the newest scan is repeated, its reports may be lost, and are returned again.
+        Return the reports. An older scan is ignored, unless the steps have begun again. If the
+        newest scan is repeated, its reports may have been lost, and are returned again.
         """
         newest = self._recent[-1] if self._recent else None
         if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
@@ -225,11 +221,11 @@ class JobTable:
         report = self._searches.work()
         if report is None:
             return []
-        self._reports.add(report)
+        self.reports.add(report)
         return [report]
 
     def _advance(self, scan: Scan) -> list[Report]:
-        """Advance tracked clusters at once; searches when there is time."""
+        """Advance all jobs but searches, for which the scan is queued."""
         reports = []
         for job_id, job in sorted(self._jobs.items()):
             if scan.step <= job.step or job_id in self._waiting:
@@ -239,5 +235,5 @@ class JobTable:
             else:
                 reports.append(job.advance(scan))
         for report in reports:
-            self._reports.add(report)
+            self.reports.add(report)
         return reports

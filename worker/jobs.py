@@ -1,4 +1,4 @@
-"""The kinds of work: track one cluster, run one shard of a global search, weigh elsewhere.
+"""The kinds of jobs: track one cluster, run one shard of a global search, weigh elsewhere.
 
 A job takes scans in the order of their steps and returns a report of each. All randomness comes
 from (seed, job, step), so a job that another worker continues gives the same numbers.
@@ -65,10 +65,10 @@ class RunningJob(ABC):
 
     @abstractmethod
     def advance(self, scan: Scan) -> Report:
-        """Apply the scan of a later step, and return its report; steps in between are skipped."""
+        """Apply the scan of a later step, and return the report; steps may be skipped."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Use these from the next scan on; a scan in progress keeps the previous ones."""
+        """Use another model and other settings from the next scan on."""
         self._model, self._settings = model, settings
 
     def handed_on(self) -> Assignment:
@@ -98,13 +98,9 @@ def running(
     sender: str,
     snapshot_every_steps: int = 0,
 ) -> RunningJob:
-    """Begin a job.
+    """Begin a job; arguments as for `RunningJob`.
 
     Args:
-        assignment: the job.
-        model: the map's sensor model.
-        settings: the filter's settings.
-        sender: the worker's name, for reports.
         snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
 
     Raises:
@@ -203,7 +199,7 @@ class Tracking(RunningJob):
         return replace(self.assignment, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:
-        """Return the particles at every n-th step, a different one for each cluster; else None."""
+        """Return the particles at every n-th step, else None; clusters take turns."""
         if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
             return None
         return self._particles()
@@ -217,7 +213,10 @@ class Tracking(RunningJob):
         )
 
     def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
-        """Return the places into which the cluster has split; checked at some steps only."""
+        """Return the places into which the cluster has split.
+
+        Empty if it has not split; checked only at every `split_every_steps`-th step.
+        """
         rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
         if every == 0 or scan.step % every != 0:
             return ()
@@ -247,7 +246,7 @@ class Searching(RunningJob):
         return finished(self.slices(scan))
 
     def slices(self, scan: Scan) -> Slices[SearchReport]:
-        """Do as `advance`, in slices; the step counts as done from the first on."""
+        """Do as `advance`, in slices; the first slice sets `step`."""
         self._search.use(self._model, self._settings)
         scan = mirror_image(scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
@@ -278,7 +277,7 @@ class Searching(RunningJob):
 class Elsewhere(RunningJob):
     """Weighs each scan at new poses all over the free space.
 
-    The coordinator compares the evidence of tracked clusters with this likelihood.
+    The coordinator compares the evidence of tracked clusters with this evidence.
     """
 
     def __init__(
@@ -293,7 +292,7 @@ class Elsewhere(RunningJob):
         self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> ElsewhereReport:
-        """Report the average likelihood of a scan, computed as for a cluster."""
+        """Report the log of the average likelihood over the poses, corrected as a cluster's is."""
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
@@ -332,7 +331,7 @@ def scan_beams(scan: Scan, model: SensorModel) -> Beams:
 
 
 def mirror_image(scan: Scan) -> Scan:
-    """Return the mirrored step; all decoys of a process share that of the last scan."""
+    """Return the mirrored step; all mirrored jobs of a process share that of the last scan."""
     for last, image in _mirrored:
         if last is scan:
             return image

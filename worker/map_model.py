@@ -1,4 +1,4 @@
-"""The sensor model of a map; all workers map its computed fields from a cache on disk."""
+"""Computes the sensor model of a map, whose arrays all workers share by a cache on disk."""
 
 import fcntl
 import hashlib
@@ -21,16 +21,15 @@ from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
 
 CACHE_VERSION = 7
-"""Increase it when the same map and settings give other arrays."""
-
+"""To be increased when the same map and settings give other arrays."""
 KEPT_ENTRIES = 16
-"""Number of cache entries: settings can change while a robot drives, each time with a new entry."""
+"""Number of entries kept; each change of settings while a robot drives makes a new one."""
 
 _CELLS = "cells"
 _ENTRY = "field-"
 _SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-"""A file of Linux with other content after each boot."""
+"""File of Linux whose content changes at each boot."""
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
@@ -81,9 +80,8 @@ def sensor_model(
 def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
     """Hold a lock, so that one process of this machine computes while the others wait.
 
-    Twelve processes at once would need twelve times the memory, and six times the time of two
-    cores.
-    Partial entries found here were left by a killed process.
+    Twelve processes that compute at once need twelve times the memory. Unfinished entries were
+    left by killed processes, and are removed.
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
     with (cache_folder / "lock").open("w") as lock:
@@ -133,7 +131,7 @@ def _write(entry: Path, arrays: MapArrays) -> None:
 
 
 def _remove_oldest(cache_folder: Path) -> None:
-    """Bound the number of entries; a process keeps a removed one mapped until it ends."""
+    """Remove the least recently used entries; a process that has mapped one keeps it."""
     entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
     for entry in entries[:-KEPT_ENTRIES]:
         shutil.rmtree(entry, ignore_errors=True)
@@ -162,8 +160,11 @@ def _file(entry: Path, name: str) -> Path:
 def _read(entry: Path) -> MapArrays:
     """Map all arrays from disk.
 
-    Damaged files are refused: a power cut leaves zeros behind, and the kernels index by these
-    arrays without bounds checks.
+    Damaged files are refused: a power cut may leave zeros, and kernels use the numbers as indices
+    without bounds checks.
+
+    Raises:
+        _BrokenEntryError: a file is damaged.
     """
     try:
         sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
@@ -176,8 +177,8 @@ def _read(entry: Path) -> MapArrays:
 def _check(entry: Path, sums: dict[str, int]) -> None:
     """Compare all files with their checksums, once after each boot of the machine.
 
-    This takes a quarter of a second for 24 million cells, and twelve workers start at once. Files
-    written since the last comparison are compared again.
+    A comparison takes a quarter of a second for 24 million cells, and all workers start together.
+    Files written since the last comparison are compared again.
     """
     files = {name: _file(entry, name).stat() for name in sums}
     state = [(name, file.st_size, file.st_ctime_ns) for name, file in files.items()]

@@ -40,14 +40,14 @@ from zenoh_link.wire import Asked, Received
 
 KEPT_SCANS = 64
 KEPT_CHECKPOINTS = 4
-"""Checkpoints kept between two polls: some from each of two coordinators during a take-over."""
+"""Number of checkpoints kept between two polls; two coordinators publish during a take-over."""
 SCANS_PER_POLL = 2
-"""Scans handled before checkpoints are polled. Waking up for checkpoints costs as much as reading
-them, and a poll reads all that have come."""
+"""Number of scans handled between two polls of checkpoints. A poll reads all that have arrived,
+which is cheaper than waking up for each."""
 POLL_S = 0.25
-"""Interval of checking whether to stop while no message comes [s]."""
+"""Longest wait for a message, after which the stop flag is checked [s]."""
 PAUSE_S = 0.004
-"""Interval of checking whether a step is decided, while searches pause for it [s]."""
+"""Longest wait for a message while searches pause for an undecided step [s]."""
 MAP_TIMEOUT_S = 30.0
 REPEAT_FOR_S = 0.5
 """Time for which a query for past scans is repeated: a new link has no route yet [s]."""
@@ -58,7 +58,6 @@ T = TypeVar("T", WorkOrder, TakeOver, Checkpoint)
 
 
 def main() -> None:
-    """Run the worker processes."""
     process_main(
         "worker",
         run_workers,
@@ -74,7 +73,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_workers(invocation: Invocation) -> None:
-    """Compile once, fork the workers, keep them alive until the process is stopped."""
+    """Compile the kernels, fork the workers, and keep them running until the process is stopped."""
     settings, prefix = invocation.settings, invocation.process
     folder = settings.worker.cache_folder
     cache = Path(folder).expanduser() if folder else default_cache_folder()
@@ -96,8 +95,8 @@ class WorkerLoop:
     """Passes messages to a `Worker` and carries out its instructions, without blocking.
 
     Args:
-        node: the process's, open.
-        cache_folder: where computed sensor models are kept.
+        node: the open node of this process.
+        cache_folder: folder for computed sensor models.
     """
 
     def __init__(self, node: Node, cache_folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The order and the timing of searches, which compute in slices between tracked clusters."""
+"""Order and timing of searches, which compute in slices between the steps of tracked clusters."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,17 +9,17 @@ from protocol.work import SearchReport
 from worker.jobs import RunningJob, Searching
 
 KEPT_SCANS = 64
-"""Scans kept for one search; one that falls further behind omits the oldest."""
+"""Number of scans kept for a search; a search that is further behind skips the oldest."""
 LONGEST_NS = 100_000_000
-"""Longest pause after the first undecided scan [ns]. A longer step means a lost worker or an
-overload; then searches must go on, because the step may wait for one of them."""
+"""Longest pause after the first undecided scan [ns]. A step that takes longer may itself wait for
+a search, so searches must go on."""
 
 
 class SearchPause:
     """Pauses searches while the tracked clusters of a step compute.
 
-    Slices are not enough: trackers of other processes need the same cores, and many searches at
-    once would leave them only an equal share.
+    Slices are not enough: clusters tracked by other processes need the same cores, and would get
+    only an equal share among many searches.
     """
 
     def __init__(self) -> None:
@@ -33,11 +33,11 @@ class SearchPause:
         self._scanned_step = step
 
     def on_checkpoint(self, step: int, *, founded: bool) -> None:
-        """Note that a coordinator has decided a step; without clusters it waits for searches."""
+        """Note the last decided step; a belief that was never founded waits for searches."""
         self._believed_step, self._founded = step, founded
 
     def left_ns(self, now_ns: int) -> int:
-        """Return how long searches still pause unless the step is decided sooner [ns]."""
+        """Return the longest time that searches still pause [ns]; 0: they need not."""
         if not self._founded or self._scanned_step <= self._believed_step:
             return 0
         return max(self._since_ns + LONGEST_NS - now_ns, 0)
@@ -46,8 +46,8 @@ class SearchPause:
 class SearchQueue:
     """The scans that searches have not taken yet, oldest first.
 
-    A search takes its scans in order, a slice at a time. Its result does not depend on the time
-    between slices, unless it is too slow for its scans altogether.
+    A search takes its scans in order, a slice at a time. The time between slices changes no
+    result, unless more than `KEPT_SCANS` wait.
     """
 
     def __init__(self) -> None:

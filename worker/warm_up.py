@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 
 def compile_kernels(sensor: SensorSettings) -> None:
-    """Run every kernel once: a small search, tracking of its best place, elsewhere."""
+    """Run every kernel once: search a small map, track the places found, weigh elsewhere."""
     rng = np.random.default_rng(0)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(sensor=sensor, search=search)

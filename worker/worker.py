@@ -19,7 +19,7 @@ HISTORY_TIMEOUT_S = 5.0
 LOST_SCANS_TIMEOUT_S = 0.5
 """Timeout of a query after a gap: the bridge has just sent a scan, so it answers soon or never."""
 KEPT_TERMS = 16
-"""Number of remembered terms: more than coordinators that query before one of them begins."""
+"""Number of remembered terms, more than coordinators that compete for a take-over."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,9 @@ class FetchMap:
 
 @dataclass(frozen=True)
 class BuildModel:
-    """Compute the sensor model of a map, or read it; `on_model` or `on_map_failure`
-    follows.
+    """Compute or read the sensor model of a map, which may take a minute.
 
-    It takes up to a minute for a large map.
+    `on_model` or `on_map_failure` follows.
     """
 
     map: MapMessage
@@ -67,7 +66,7 @@ class Warn:
     """Count a fault, and log each cause at most once a period."""
 
     cause: str
-    """A constant."""
+    """Name of the counter, without details."""
     detail: str
 
 
@@ -79,13 +78,13 @@ class TermFence:
 
     def __init__(self) -> None:
         self.term = 0
-        """The highest known."""
+        """The highest known term."""
         self.founded = 0
-        """The highest term of a checkpoint that was founded."""
+        """The highest term of a received checkpoint with clusters; 0: none."""
         self.order = 0
-        """The last order followed."""
+        """Number of the last order followed."""
         self.newest = 0
-        """The highest order received, followed or not."""
+        """Highest number of an order received, followed or not."""
         self._terms: deque[int] = deque(maxlen=KEPT_TERMS)
 
     @property
@@ -94,23 +93,23 @@ class TermFence:
         return tuple(self._terms)
 
     def on_term(self, term: int) -> None:
-        """Note a coordinator's term; from now on refuse orders of lower ones."""
+        """Note a coordinator's term; from now on, orders of lower terms are refused."""
         if term and term not in self._terms:
             self._terms.append(term)
         if term > self.term:
             self.term, self.order, self.newest = term, 0, 0
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """Note that a coordinator has begun and lives."""
+        """Note the term of a coordinator's checkpoint, and whether it has had clusters."""
         self.on_term(checkpoint.term)
         if checkpoint.founded:
             self.founded = max(self.founded, checkpoint.term)
 
     def check(self, order: WorkOrder) -> bool:
-        """Return whether to follow an order; False if a later one has overtaken it.
+        """Return whether to follow an order; False if a later order has arrived before it.
 
         Raises:
-            OldTermError: its coordinator was deposed.
+            OldTermError: a coordinator with a higher term is known.
         """
         if order.term < self.term:
             raise OldTermError(term=order.term, ruling=self.term)
@@ -133,8 +132,8 @@ class _WaitingOrder:
 class Worker:
     """One worker: its jobs, the coordinator that it follows, and the map's sensor model.
 
-    It never waits: it requests the map and past scans by an instruction, and receives them in a
-    later call. Until then it continues all other work.
+    No method waits: the map and past scans are requested by an instruction, and arrive in a later
+    call. Other work continues until then.
 
     Args:
         name: the worker's name.
@@ -146,16 +145,16 @@ class Worker:
         self._map: MapMessage | None = None
         self._model: SensorModel | None = None
         self._model_digest = ""
-        """The map that it is a model of."""
+        """Digest of the map of `_model`."""
         self._preparing = False
-        """The map was requested, or its sensor model is being built."""
+        """Whether the map is being fetched, or its sensor model built."""
         self._waiting: _WaitingOrder | None = None
         self._ordered: FilterSettings | None = None
         """Settings of the last order."""
         self._live = AS_STARTED
-        """Settings that override them since the newest scan."""
+        """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None
-        """Settings that the jobs use."""
+        """Settings of the jobs: those of the order, changed by those of the scan."""
         self._held: deque[Scan] = deque(maxlen=RECENT_SCANS)
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
@@ -221,12 +220,12 @@ class Worker:
         return self._map is not None and scan.map_digest != self._map.digest
 
     def _has_fallen_behind(self, dropped: int) -> bool:
-        """Return whether this process dropped scans since the last gap, because it is too slow."""
+        """Return whether this process dropped scans since the last gap, as it was too slow."""
         known, self._dropped = self._dropped, dropped
         return dropped > known
 
     def _fetch(self, missing: MissingScans | None, timeout_s: float) -> list[Instruction]:
-        """Request past scans, unless the same are requested already; the last request counts."""
+        """Request past scans, unless the same request is under way; a new one replaces it."""
         if missing is None or missing == self._fetching:
             return []
         self._fetching = missing
@@ -239,7 +238,7 @@ class Worker:
     def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
         """Take the past scans that `FetchScans` requested."""
         if missing != self._fetching:
-            return []  # more was requested since
+            return []  # an answer to a request that a later one has replaced
         self._fetching = None
         self._table.wait_for(None)
         fitting = [scan for scan in scans if not self._is_of_another_map(scan)]
@@ -256,7 +255,7 @@ class Worker:
 
         Args:
             question: handle of the query, for its `Answer`.
-            order: a coordinator's.
+            order: the order of a coordinator.
         """
         try:
             settings = msgspec.convert(order.filter_settings, FilterSettings)
@@ -371,7 +370,7 @@ class Worker:
         )
 
     def on_state_query(self, question: Any, take_over: TakeOver | None = None) -> list[Instruction]:
-        """Answer with the jobs, or with all that a new coordinator needs to continue."""
+        """Answer with the jobs, or with the `WorkerState` for a coordinator that takes over."""
         if take_over is None:
             return [Answer(question, self._answer())]
         self._fence.on_term(take_over.term)
@@ -381,7 +380,7 @@ class Worker:
             holds=self._table.holds(),
             terms=self._fence.terms,
             founded=self._fence.founded,
-            reports=tuple(map(encode, self._table.reports_since(take_over.since))),
+            reports=tuple(map(encode, self._table.reports.since(take_over.since))),
         )
         return [Answer(question, state)]
 
@@ -391,7 +390,7 @@ def _published(reports: list[Report]) -> list[Instruction]:
 
 
 def _cause_of(error: Exception) -> str:
-    """Return the counter's name of a refused order, a constant."""
+    """Return the name of the counter for a refused order."""
     match error:
         case MalformedMessageError():
             return error.cause
