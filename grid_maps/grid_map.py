@@ -15,11 +15,11 @@ from particle_filter.poses import compose
 from protocol.message import PoseTuple
 
 MAX_CELLS = 2**28
-"""16,384 x 16,384 cells, 819 m wide at 5 cm. Larger files and messages are refused before
+"""Limit for the cells of a map, as 16,384 x 16,384. Larger files and messages are refused before
 memory is allocated."""
 
 LARGE_CELLS = 2**23
-"""Larger maps are cropped. Smaller ones, and so their digests, stay unchanged."""
+"""Number of cells above which a map is cropped; smaller maps keep their digests."""
 RIM_M = 5.0
 """Margin around the known cells, wider than the range of a likelihood field [m]."""
 _STRIP_ROWS = 512
@@ -58,7 +58,8 @@ class GridMap:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of geometry and cells, in hex; equal if poses mean the same place."""
+        """SHA-256 of geometry and cells, in hex; in maps with the same digest, a pose is the same
+        place."""
         rows, cols = self.cells.shape
         geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
         summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))
@@ -90,8 +91,8 @@ def _check_cells(cells: Cells) -> None:
 def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
     """Return a map of the given cells; a large map is cropped to its known part and a margin.
 
-    Poses keep their meaning. A site plan of 16,384 x 16,384 cells with one building costs as much
-    as a map of the building.
+    A pose stays at the same place. A site plan with one building costs as much as a map of the
+    building.
 
     Raises:
         ValueError: as `GridMap`.
@@ -111,7 +112,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
 
 
 def _known(cells: Cells) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which rows and which columns have a known cell."""
+    """Return (rows,) and (cols,) whether each row and each column has a known cell."""
     rows, cols = np.zeros(cells.shape[0], bool), np.zeros(cells.shape[1], bool)
     for first in range(0, len(cells), _STRIP_ROWS):
         known = cells[first : first + _STRIP_ROWS] != UNKNOWN

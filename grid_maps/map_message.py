@@ -1,4 +1,4 @@
-"""The map as a message: of robots, of the bridge, and of ROS."""
+"""Converts maps to and from the bridge's messages, and from those of robots and of ROS."""
 
 import math
 import zlib
@@ -13,7 +13,7 @@ from protocol.steps import MapMessage, MapReading
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:
-    """Compress a map; zlib reduces most maps to 1 %."""
+    """Return a map as a message of the bridge, compressed by zlib, mostly to 1 %."""
     rows, cols = grid_map.cells.shape
     return MapMessage(
         sender=sender,
@@ -27,7 +27,7 @@ def to_message(grid_map: GridMap, sender: str) -> MapMessage:
 
 
 def from_message(message: MapMessage) -> GridMap:
-    """Decompress a map.
+    """Return the map of a message of the bridge.
 
     Raises:
         MalformedMessageError: the bytes are not a map, or do not match the digest.
@@ -50,7 +50,7 @@ def from_message(message: MapMessage) -> GridMap:
 
 
 def from_reading(reading: MapReading) -> GridMap:
-    """Convert the map that a robot publishes.
+    """Return the map of a robot's message.
 
     Raises:
         MalformedMessageError: the fields are not a valid map, or no cell is free.
@@ -65,7 +65,7 @@ def from_reading(reading: MapReading) -> GridMap:
 
 
 def grid_map_of(message: Any) -> GridMap:
-    """Convert a `nav_msgs/OccupancyGrid`.
+    """Return the map of a `nav_msgs/OccupancyGrid`.
 
     Raises:
         ValueError: the message is not a valid map, or no cell is free.
@@ -83,7 +83,7 @@ def grid_map_of(message: Any) -> GridMap:
 
 
 def cells_of(occupancy: Cells) -> Cells:
-    """Convert ROS occupancy as AMCL does: 0 is free, 100 occupied, everything else unknown."""
+    """Convert ROS occupancy to cells as AMCL does: 0 is free, 100 occupied, the rest unknown."""
     cells = np.full(occupancy.shape, UNKNOWN, np.int8)
     cells[occupancy == 0] = FREE
     cells[occupancy == 100] = OCCUPIED

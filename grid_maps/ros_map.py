@@ -1,4 +1,4 @@
-"""Maps of ROS's map_server: a YAML file and an image, read as nav2_map_server does, and written.
+"""Reads maps of ROS's map_server, a YAML file and an image, as nav2_map_server does; writes them.
 
 A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
 probability 1 - shade (`negate`: shade).
@@ -39,7 +39,7 @@ _Probability: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
 class _Header(msgspec.Struct, frozen=True):
-    """The content of the YAML file, under its own names."""
+    """The content of the YAML file, with its names."""
 
     image: Annotated[str, msgspec.Meta(min_length=1)]
     resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
@@ -102,7 +102,7 @@ def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
 
 
 def _header(content: bytes, path: Path) -> _Header:
-    """Return the checked header; map_server requires the same keys, and ignores others."""
+    """Parse and check the YAML file; as in map_server, keys are required, and others ignored."""
     values, lines = _mapping(content, path)
     checked: dict[str, Any] = {}
     for field in msgspec.structs.fields(_Header):
@@ -125,7 +125,7 @@ def _header(content: bytes, path: Path) -> _Header:
 
 
 def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
-    """Return the values and the lines by key."""
+    """Parse the YAML file; return its values and line numbers by key."""
     if len(content) > MAX_HEADER_BYTES:
         raise MapFileError(path, f"{len(content)} bytes: a map_server file has some hundred")
     try:
@@ -162,7 +162,7 @@ def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
 
 
 def _open(content: bytes, path: Path) -> Image.Image:
-    """Open the image without decoding it, and check its size."""
+    """Open an image and check its size, without decoding it."""
     pillow_limit = Image.MAX_IMAGE_PIXELS
     Image.MAX_IMAGE_PIXELS = None  # ours is checked below; suppress the warning of Pillow
     try:
@@ -198,10 +198,10 @@ def _cells(image: Image.Image, header: _Header) -> Cells:
 
 
 def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of a part of the image beyond which all is unknown.
+    """Return left, top, right and bottom of a box outside of which all cells are unknown.
 
-    Found where a pixel is one byte of grey, as in nearly all maps; else it is the whole image.
-    Pillow looks at a pixel in a tenth of the time that numpy takes to translate it.
+    Nearly all maps are one byte of grey for each pixel; for others, return the whole image. Pillow
+    finds the box in a tenth of the time that numpy needs for the cells.
     """
     if image.mode != "L" or image.has_transparency_data:
         return 0, 0, image.width, image.height
@@ -221,7 +221,7 @@ def _channel_mode(image: Image.Image) -> str:
 
 
 def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
-    """Return (rows, cols, channels) values, of an integer type wide enough for their sum."""
+    """Return (rows, cols, channels) integers, of a type that can hold their sum."""
     if mode not in ("I", strip.mode):
         strip = strip.convert(mode)
     pixels = np.asarray(strip)

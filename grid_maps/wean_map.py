@@ -1,8 +1,8 @@
-"""Maps in the format of CMU's robotics courses (`wean.dat`): text, probability of being free.
+"""Reads maps in the text format of CMU's robotics courses (`wean.dat`).
 
 A header of `robot_specifications->NAME VALUE` lines (lengths in centimetres), then
 `global_map[0]: NX NY`, then one line of NY numbers for each x: **the first index is x, the second
-y**. A number is -1 for unknown, else the probability that the cell is **free**; some copies of the
+y**. A number is -1 for unknown, else the probability that the cell is **free**. Some copies of the
 course's text state the opposite.
 """
 
@@ -16,9 +16,9 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
 
 FREE_ABOVE = 0.8
-"""Free above this probability. Grey areas outside the walls have 0.5 up to this value."""
+"""Probability above which a cell is free; areas outside the walls have 0.5 up to this value."""
 OCCUPIED_BELOW = 0.35
-"""Occupied below this probability of being free."""
+"""Probability of being free below which a cell is occupied."""
 
 _RESOLUTION = "robot_specifications->resolution"
 _GRID_START = "global_map[0]:"
@@ -26,13 +26,13 @@ _MAX_SIDE = 32_768
 
 
 def is_wean_map(content: bytes) -> bool:
-    """Return whether the file's first lines have this format."""
+    """Return whether the first 4,096 bytes of a file have this format."""
     start = content[:4096]
     return b"robot_specifications->" in start or _GRID_START.encode() in start
 
 
 def parse_wean_map(content: bytes, path: Path) -> GridMap:
-    """Read a map; the origin of its frame is the low corner of the grid.
+    """Parse a map; the origin of its frame is the low corner of the grid.
 
     Raises:
         MapFileError: the text is not such a map, is truncated, or has no free space.
@@ -49,7 +49,8 @@ def parse_wean_map(content: bytes, path: Path) -> GridMap:
 
 
 def _header(lines: list[str], path: Path) -> tuple[float, tuple[int, int], int]:
-    """Return cell size [m], cells in x and y, and the index of the grid's first line."""
+    """Return the cell size [m], the numbers of cells in x and y, and the index of the first line
+    of numbers."""
     cell_m: float | None = None
     for index, line in enumerate(lines):
         words = line.split()

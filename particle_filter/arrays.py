@@ -13,9 +13,9 @@ Poses: TypeAlias = NDArray[np.float64]
 Points: TypeAlias = NDArray[np.float64]
 """(B, 2) x [m], y [m]."""
 LogWeights: TypeAlias = NDArray[np.float64]
-"""(N,) natural logarithms of weights, not necessarily normalised."""
+"""(N,) natural logarithms of weights or likelihoods, not necessarily normalised."""
 Cells: TypeAlias = NDArray[np.int8]
-"""(rows, cols) grid; row 0 has the lowest y: 0 free, 1 occupied, -1 unknown."""
+"""(rows, cols) cells: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y."""
 LogField: TypeAlias = NDArray[np.float32]
 """(rows, cols) log-likelihood of a beam that ends in a cell."""
 

@@ -1,4 +1,4 @@
-"""The beam model, which compares each beam's length with that of a ray cast into the map."""
+"""The beam model, which compares the length of each beam with a ray cast in the map."""
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
@@ -18,7 +18,7 @@ from particle_filter.settings import SensorSettings
 _Mixture = tuple[float, float, float, float, float, float, float]
 """Weights of hit, short, max and rand; hit_sigma_m, short_decay_per_m, max_range_m."""
 _NEGLIGIBLE = 6.0
-"""Deviations beyond which a Gaussian's tail (1e-9 of it) is not worth an error function."""
+"""Number of standard deviations beyond which a Gaussian's tail, 1e-9 of it, is ignored."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class BeamModel:
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """Compute jumps of rays, and bounds for searches."""
+        """Compute the jump field for rays, and the pyramid for searches."""
         field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
         return {"jumps": jump_field(grid.cells), **Pyramid.arrays_of(field)}
 
@@ -45,7 +45,7 @@ class BeamModel:
         return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Choose beams, also without return, because they show that nothing was hit."""
+        """Choose beams, also those without return: they show that nothing was hit."""
         return scan.chosen(self._of_laser, self.settings.max_beams)
 
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
@@ -106,10 +106,10 @@ def beam_log_likelihood(
         map_from_robot: (N, 3) poses.
         ranges: (B,) readings [m]; not finite, <= 0 or >= `max_range_m`: no return.
         angles: (B,) directions of the beams in the laser's frame [rad].
-        robot_from_laser: (3,) where the laser sits on the robot.
+        robot_from_laser: (3,) pose of the laser on the robot.
         grid: the map.
         jumps: `ray_casting.jump_field` of its cells.
-        max_range_m: the shorter of what the laser can see and the settings' `max_range_m` [m].
+        max_range_m: the smaller of the laser's and the settings' maximum range [m].
         settings: weights and widths of the mixture.
 
     Returns:
@@ -185,10 +185,10 @@ def _summed_logs(
 
 @kernel
 def beam_density(measured: float, expected: float, mixture: _Mixture) -> float:
-    """Return the density [1/m] of a reading in (0, max] m, given the map's range in [0, max] m.
+    """Return the density of a reading [1/m], given the range in the map.
 
-    At the largest range it adds the probability of no return, a point mass, as the book does;
-    unlike there, the uniform part holds there too, so that no density is zero.
+    Both are up to the largest range. There the density includes the probability of no return, a
+    point mass, as in the book, and also the uniform part, so that no density is zero.
     """
     hit_weight, short_weight, max_weight, rand_weight, sigma, decay, longest = mixture
     density = 0.0  # of a hit: eq. 6.4 to 6.6, of a beam cut short: eq. 6.7 to 6.9

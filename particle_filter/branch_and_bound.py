@@ -1,8 +1,8 @@
-"""Branch and bound over all poses of a map, from coarse to fine, for those that fit a scan.
+"""Searches all poses of a map for those that fit a scan, by branch and bound.
 
 A grid of leaves (0.2 m, 2 degrees) covers the free space. For each heading, the score of a tile of
-many leaves is bounded from above (`pyramid.py`). A tile whose bound is worse than the best leaf by
-more than a margin is left out; the others are split into tiles of half the width, down to leaves,
+many leaves is bounded from above (`pyramid.py`). Tiles whose bound is worse than the best leaf by
+more than a margin are excluded; the others are split into tiles of half the width, down to leaves,
 which have exact scores. If more leaves remain than can be kept, optimal resampling keeps some.
 
 References:
@@ -33,18 +33,18 @@ from particle_filter.settings import SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _LARGEST_GAP = 48
-"""A gap of at most this many tiles between two good ones is scored too: one long run is faster."""
+"""Largest gap between two good tiles that is scored too, as one long run is faster [tiles]."""
 _WAITING, _SIFTED = 8, 2
-"""At this multiple of the leaves to keep, waiting leaves are resampled to that multiple."""
+"""Multiples of the leaves to keep: above the first, waiting leaves are resampled to the second."""
 _TILES_OF_BAND = 8000
-"""Size of a band of the map; bands are searched in the order of their bounds."""
+"""Approximate size of a band of the map, whose bounds decide which is searched first [tiles]."""
 _LEAVES_OF_TILE = 4 ** (LEVELS - 1)
 _BOUND_BELOW = 0.03
-"""If more of the last band's leaves were good, bounds leave out little and are not computed."""
+"""Share of good leaves in the last band above which bounds exclude little and are skipped."""
 _SUMS_PER_LOOKUP = 4
-"""Additions of rows in the time of one table look-up, at least."""
+"""Least number of additions of rows in the time of one table look-up."""
 _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
-"""Additions between two checks for the end of the slice."""
+"""Number of additions between two checks for the end of a slice."""
 
 
 Circle: TypeAlias = tuple[float, float, float]
@@ -52,12 +52,12 @@ Circle: TypeAlias = tuple[float, float, float]
 
 
 class SearchSpace:
-    """The leaves of a map: their positions, and whether each holds a free cell.
+    """The leaves of a map, or of a part of it: positions, headings, and which hold a free cell.
 
     Args:
         grid: the map.
         leaf_cells: side of a leaf [cells].
-        heading_step_rad: largest distance between neighbouring headings.
+        heading_step_rad: largest angle between neighbouring headings.
         shards: number of shards that share the headings.
         near: the circle to search; None: the whole map.
         corners: corners of the region to search; empty: the whole map. A circle or region without
@@ -88,7 +88,7 @@ class SearchSpace:
             if part is not None and (inside := free & part).any():
                 free = inside
         self.free = [free]
-        """For each level, coarse to fine, whether a tile holds a free cell."""
+        """For each level, coarse to fine: (rows, cols) whether a tile holds a free cell."""
         for _ in range(LEVELS - 1):
             self.free.insert(0, _any_of_four(self.free[0]))
         self.runs = _runs(self.free[0])
@@ -97,7 +97,7 @@ class SearchSpace:
         self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
         share = np.count_nonzero(free) / all_leaves
         self.leaf_count = share * free_cells / leaf_cells**2 * per_shard
-        """Number of leaves of a shard's free space, if none reached into walls."""
+        """Size of a shard's free space [leaves]."""
 
     @property
     def cell(self) -> NDArray[np.float64]:
@@ -120,21 +120,21 @@ class Leaves:
 
     map_from_robot: Poses
     log_weights: LogWeights
-    """(N,) log of their share of the shard's part of the space, plus the log-likelihood."""
+    """(N,) log of a leaf's share of the shard's space, plus its log-likelihood."""
     scores: LogWeights
     """(N,) log-likelihoods with the exponent."""
     sampled: float
-    """Share of the weight that belongs to leaves which also stand for others, left out."""
+    """Share of the weight of leaves that also stand for leaves not kept."""
 
 
 class BranchAndBoundSearch:
-    """One shard's part of a search: exhaust `slices`, then call `leaves`.
+    """The search of one shard; exhaust `slices`, then call `leaves`.
 
     Args:
-        model: has the pyramid that scores leaves.
+        model: the sensor model, whose pyramid scores leaves.
         space: the leaves to search.
-        hits_in_robot: (B, 2) ends of the beams that returned, at least one [m].
-        shard: number of the shard, which has every n-th heading of n shards.
+        hits_in_robot: (B, 2) ends of the beams that returned [m]; at least one.
+        shard: number of the shard; each of n shards searches every n-th heading.
         settings: margin and number of poses.
         rng: resamples leaves.
     """
@@ -152,7 +152,8 @@ class BranchAndBoundSearch:
         self._hits = hits_in_robot[:: -(-len(hits_in_robot) // MOST_BEAMS)] / model.grid.cell_m
         exponent = scan_exponent(len(hits_in_robot), model.settings)
         self._scale = exponent * len(hits_in_robot) / len(self._hits)
-        """Log-likelihood of one scored beam: if there are too many, each stands for several."""
+        """Factor from the sum of scored beams to the log-likelihood of the scan; if there are too
+        many beams, a scored beam stands for several."""
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
         self._most = max(settings.poses // settings.shards, 1)
         headings = range(shard, len(space.headings), settings.shards)
@@ -166,8 +167,8 @@ class BranchAndBoundSearch:
     def slices(self) -> Iterator[None]:
         """Search, in slices.
 
-        Bands of the map with a heading are searched in the order of their bounds, best first: a
-        good leaf that is found early excludes much of the rest.
+        A part is a band of the map with one heading. Parts are searched in the order of their
+        bounds, best first: a good leaf that is found early excludes many others.
         """
         bands = _parts(self._space.runs, _TILES_OF_BAND)
         headings, bounds = list(self._offsets), list[int]()
@@ -183,7 +184,7 @@ class BranchAndBoundSearch:
         yield from self._sift(self._most)
 
     def _sums(self, level: Level, offsets: NDArray[np.int64], runs: Runs) -> Slices[Sums]:
-        """Score tiles at one level."""
+        """Bound the scores of tiles at one level, in slices."""
         parts = []
         for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
             parts.append(level.sums(offsets, part))
@@ -208,7 +209,7 @@ class BranchAndBoundSearch:
             yield from self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
-        """Return the leaves within the margin of the best one, or a sample of equal weight."""
+        """Return the leaves within the margin of the best one, or a weighted sample of them."""
         found = self._leaves
         floor = self._scale * len(self._hits) * self._pyramid.log_floor
         scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
@@ -222,18 +223,18 @@ class BranchAndBoundSearch:
         )
 
     def _offsets_at(self, heading: int) -> NDArray[np.int64]:
-        """Return (B, 2) rows and columns from the robot to the ends of the beams, rounded down."""
+        """Return (B, 2) rows and columns from the robot to beams' ends, rounded down [cells]."""
         angle = float(self._space.headings[heading])
         cos, sin = math.cos(angle), math.sin(angle)
         x, y = self._hits[:, 0], self._hits[:, 1]
         return np.floor(np.stack([sin * x + cos * y, cos * x - sin * y], axis=-1)).astype(np.int64)
 
     def _least(self) -> int:
-        """Return the lowest sum within the margin of the best."""
+        """Return the lowest sum that is within the margin of the best."""
         return max(self._best - self._margin, 0)
 
     def _sift(self, count: int) -> Iterator[None]:
-        """Keep at most `count` leaves, within the margin of the best one."""
+        """Keep at most `count` of the leaves that are within the margin of the best one."""
         yield
         found = _Found.joined([self._leaves, *self._waiting])
         self._waiting, self._waiting_count = [], 0
@@ -252,13 +253,13 @@ class BranchAndBoundSearch:
 
 @dataclass(frozen=True)
 class _Found:
-    """Good leaves."""
+    """Leaves within the margin of the best one so far."""
 
     leaves: NDArray[np.int32]
     headings: NDArray[np.int32]
     sums: Sums
     log_worth: LogWeights
-    """(N,) log of the number of leaves that each stands for."""
+    """(N,) log of the number of leaves that a leaf stands for."""
 
     @classmethod
     def none(cls) -> "_Found":
@@ -288,10 +289,11 @@ class _Found:
 def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
     """Find the leaves that hold a free cell, and count free cells.
 
-    The result is cached: a process calls this early, as it takes seconds for a large map.
+    A large map takes seconds; results are cached.
 
     Returns:
-        (rows, cols) of leaves, a whole number of the coarsest tiles; and the number of free cells.
+        (rows, cols) whether each leaf holds a free cell, padded to whole tiles of the first level;
+        and the number of free cells.
     """
     cells = grid.cells
     side = leaf * 2 ** (LEVELS - 1)
@@ -309,7 +311,7 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
 def _inside(
     near: Circle, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
 ) -> NDArray[np.bool_]:
-    """Return (rows, cols) whether the centre of a leaf lies in a circle of the map."""
+    """Return (rows, cols) whether the centre of each leaf lies in a circle of the map."""
     x, y, _ = between(map_from_grid, np.array([near[0], near[1], 0.0]))
     down = (np.arange(shape[0]) + 0.5) * leaf_m - y
     across = (np.arange(shape[1]) + 0.5) * leaf_m - x
@@ -321,7 +323,7 @@ def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _runs(free: NDArray[np.bool_]) -> Runs:
-    """Return runs of all free tiles, with small gaps."""
+    """Return runs that hold all free tiles, and small gaps between them."""
     every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
     return _joined_runs(every, free.reshape(-1))
 
@@ -337,7 +339,7 @@ def _parts(runs: Runs, tiles: int) -> list[Runs]:
 
 @kernel
 def _halved(coarse: Runs) -> Runs:
-    """Return the same area as runs of the next finer level."""
+    """Return runs of the next finer level that cover the same area."""
     finer = np.empty((2 * len(coarse), 3), np.int64)
     for i in range(len(coarse)):
         row, first, count = coarse[i]
@@ -366,7 +368,7 @@ def _free_and_good(
 
 @kernel
 def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
-    """Return runs of the good tiles, with small gaps."""
+    """Return runs that hold all good tiles, and small gaps between them."""
     joined = np.empty((np.count_nonzero(good), 3), np.int64)
     found, start = 0, 0
     for run in range(len(runs)):
@@ -402,7 +404,7 @@ def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
 def _good(
     runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
 ) -> tuple[NDArray[np.int32], Sums]:
-    """Return the free leaves that are good enough, numbered row by row, and their sums."""
+    """Return the free leaves with at least the sum `least`, numbered row by row, and their sums."""
     good = _free_and_good(runs, sums, free, least)
     count_good = np.count_nonzero(good)
     leaves, kept = np.empty(count_good, np.int32), np.empty(count_good, np.uint16)

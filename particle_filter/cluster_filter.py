@@ -19,12 +19,12 @@ from particle_filter.settings import ClusterSettings, MotionSettings
 _SLIP_EVERY = 4
 """Every fourth particle is tried as one that has slipped."""
 _SLIP_GAIN = 0.15
-"""Slipped particles enter if the best of them fits better by this [nat/beam]."""
+"""Slipped particles are added if the best of them fits better by more than this [nat/beam]."""
 
 
 @dataclass(frozen=True)
 class ParticleSet:
-    """A weighted set of particles: the belief of one filter."""
+    """A set of weighted particles."""
 
     map_from_robot: Poses
     """(N, 3) x [m], y [m], heading [rad]."""
@@ -47,7 +47,7 @@ class ParticleSet:
 
     @property
     def effective_sample_size(self) -> float:
-        """Number of equally weighted particles that would be as good."""
+        """Effective sample size, between 1 and N; see `weights_and_ess`."""
         return self._weights_and_ess[1]
 
     def gaussian(self) -> tuple[Pose, Poses]:
@@ -61,9 +61,10 @@ class MeasurementUpdate:
 
     particles: ParticleSet
     log_weight_sum: float
-    """Log of the sum of w_{t-1} p(z_t | x_t); minus log N, the log average likelihood."""
+    """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
     log_likelihood_per_beam: float
-    """Log-likelihood per beam of the best particle, without the exponent [nat/beam]."""
+    """Log-likelihood per beam of the best particle, without the exponent [nat/beam]; NaN: the scan
+    has no beams."""
     best: Pose | None = None
     """(3,) the best particle; None if the scan has no beams."""
 
@@ -71,7 +72,10 @@ class MeasurementUpdate:
 def resampled(
     particles: ParticleSet, count: int, settings: ClusterSettings, rng: np.random.Generator
 ) -> ParticleSet:
-    """Draw `count` particles by weight if the effective sample size is too small."""
+    """Draw `count` particles by weight if the effective sample size is too small.
+
+    Else return the same particles.
+    """
     if particles.effective_sample_size >= settings.resample_below_ess * len(particles.log_weights):
         return particles
     chosen = systematic(particles.weights, count, rng.random())
@@ -86,10 +90,10 @@ def measurement_update(
 
     Args:
         particles: N particles.
-        beams: of the scan; without a valid beam the evidence is one.
+        beams: beams of the scan; without beams, the particles stay and the evidence is one.
         model: the sensor model.
-        exponent: of the scan's likelihood, as beams are not independent.
-        share: of the log-likelihood that changes weights; the evidence is of the whole scan.
+        exponent: exponent of the scan's likelihood, because beams are not independent.
+        share: further factor of the log-likelihood, for the weights but not for the evidence.
     """
     poses, before = particles.map_from_robot, particles.log_weights
     if beams.count == 0:
@@ -135,8 +139,8 @@ def mcl_step(
 ) -> MeasurementUpdate:
     """Resample, move by odometry, and weigh by a scan.
 
-    Particles never leave their cluster (eq. 14). If the best particle fits badly, the step is
-    repeated with particles moved by a wheel slip; they replace others if they fit clearly better.
+    Particles never leave their cluster (eq. 14). If the best particle fits badly, some are also
+    moved as by a wheel slip; if these fit clearly better, all are weighed and drawn together.
 
     Args:
         particles: the cluster's particles before the step.
@@ -144,8 +148,8 @@ def mcl_step(
         beams: scored beams of the scan.
         model: the sensor model.
         motion: model and noise of the odometry.
-        settings: settings of resampling and recovery of a cluster.
-        rng: source of all random numbers of this step.
+        settings: settings of a cluster.
+        rng: source of the random numbers of this step.
         is_first: whether this is the particles' first scan, so that all of it is new.
         count: number of particles that a resampling draws; None: the present number.
 
@@ -173,7 +177,7 @@ def mcl_step(
 
 
 def _with_slipped(moved: ParticleSet, back: Poses, probability: float) -> ParticleSet:
-    """Add slipped particles; the sum of all weights stays."""
+    """Add slipped particles with a share `probability` of the weight, whose sum stays."""
     each = math.log(probability * len(moved.log_weights) / len(back))
     of_moved = moved.log_weights + math.log1p(-probability)
     of_back = moved.log_weights[::_SLIP_EVERY] + each
@@ -185,9 +189,9 @@ def _with_slipped(moved: ParticleSet, back: Poses, probability: float) -> Partic
 def regularised_resample(
     sample: Poses, log_weights: LogWeights, count: int, rng: np.random.Generator
 ) -> ParticleSet:
-    """Draw particles from a weighted sample and add noise, so that no two are equal.
+    """Draw equally weighted particles from a weighted sample, and add noise to each.
 
-    The noise has half the width of Silverman's kernel for the sample's covariance.
+    The noise has half the width of Silverman's kernel for the sample's variances.
 
     Args:
         sample: (M, 3) poses.

@@ -1,7 +1,7 @@
 """Cosine, sine, logarithm and exponential function, for loops over particles.
 
-They are written as sums and products, so loops are compiled to vector instructions. The order of
-operations is fixed, so all machines compute the same bits; libraries select code by the processor.
+Sums and products are compiled to vector instructions. All machines compute the same bits, because
+the order of operations is fixed; libraries choose their code by the processor.
 """
 
 from math import factorial, log, pi
@@ -23,7 +23,7 @@ _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
 _LOG_2 = np.float32(_LOG_2_DOUBLE)
 _BITS_OF_ROOT_HALF, _MANTISSA_BITS = np.int32(0x3F3504F3), np.int32(23)
 _SMALLEST = -700.0
-"""Exponentials of smaller numbers are zero."""
+"""Number at and below which the exponential is taken as zero."""
 
 
 @kernel

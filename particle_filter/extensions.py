@@ -1,7 +1,7 @@
 """User-defined models and recording readers, selected by the names in the settings.
 
-A name stands for code that this process has registered, or that is installed as an entry point.
-Settings and messages select among these names and load nothing else.
+An extension is registered by this process or installed as an entry point. Settings and messages
+can select only among these names.
 """
 
 from functools import cache
@@ -9,7 +9,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, TypeAlias
 
 Kind: TypeAlias = Literal["sensor_model", "motion_model", "recording_reader"]
-"""The group of an entry point is ``clustermcl.`` and the kind; docs/extending.md has recipes."""
+"""Kind of an extension; its entry point is in the group ``clustermcl.KIND``. docs/extending.md
+has recipes."""
 
 _registered: dict[tuple[Kind, str], Any] = {}
 
@@ -21,7 +22,7 @@ def register(kind: Kind, name: str, extension: object) -> None:
         kind: kind of the extension.
         name: value of ``sensor.model`` or ``motion.model``; any name for a reader.
         extension: a `SensorModel` class; a function like `motion.move_with_noise`; or a function
-            from a path to `clustermcl.Reading`s, or to None where it cannot read the file.
+            of a path that returns `clustermcl.Reading`s, or None for a file of another format.
     """
     _registered[kind, name] = extension
 

@@ -1,4 +1,4 @@
-"""The Gaussian of the particles of a cluster: the estimate of the robot's pose."""
+"""Fits a Gaussian to the particles of a cluster: the estimate of the robot's pose."""
 
 from math import atan2, cos, floor, pi, sin
 
@@ -24,7 +24,7 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
         (3,) mean pose and (3, 3) covariance [m^2, m rad, rad^2].
 
     Raises:
-        ValueError: no poses, or the weights sum to zero or are not finite.
+        ValueError: the sum of the weights is not positive and finite.
     """
     total = float(np.add.reduce(weights))
     if not (0.0 < total < np.inf):
@@ -38,15 +38,15 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
 def fit_gaussians(
     poses: Poses, weights: NDArray[np.float64], ends: NDArray[np.int64]
 ) -> tuple[Poses, NDArray[np.float64]]:
-    """Fit a Gaussian to each part of some poses, as `fit_gaussian`.
+    """Fit a Gaussian to each part of the poses, as `fit_gaussian` does to all.
 
     Args:
         poses: (N, 3).
-        weights: (N,) linear weights, of each part with any positive sum.
+        weights: (N,) linear weights; those of a part have any positive sum.
         ends: (K + 1,) index where each part begins; the last one is N.
 
     Returns:
-        (K, 3) mean poses and (K, 3, 3) covariances; undefined for a part without weight.
+        (K, 3) mean poses and (K, 3, 3) covariances; zeros for a part without weight.
     """
     means, covariances = np.empty((len(ends) - 1, 3)), np.empty((len(ends) - 1, 3, 3))
     _moments_of_parts(plain(poses), plain(weights), ends, means, covariances)
@@ -76,7 +76,7 @@ def _moments_of_parts(
 def _moments(
     poses: Poses, weights: NDArray[np.float64], total: float, mean: Pose, covariance: Poses
 ) -> None:
-    """Compute mean and covariance in two passes; the mean heading is not wrapped.
+    """Write mean and covariance, in two passes; the mean heading is not wrapped.
 
     Deviations from the first particle keep digits if coordinates are large.
     """

@@ -1,11 +1,10 @@
 """Global localization, which finds all possible poses of the robot from the first scan on.
 
 It finds the first clusters, and new ones at each periodic restart. Branch and bound scores the
-first scan for the whole map (`branch_and_bound.py`). The poses near the best score are kept with
-their weights, move by odometry, and are weighed by each further scan. A heavy pose is split into
-several, spread over the part of the map that it stands for, so resolution follows weight. While
-more poses are possible than can be kept, everything is searched again after some scans, by all of
-them joined by odometry.
+first scan for the whole map (`branch_and_bound.py`). Poses with a score near the best are kept,
+move by odometry, and are weighed by each further scan. A heavy pose is split into several, spread
+over the part of the map that it stands for. If more poses are possible than can be kept,
+everything is searched again after some scans, by all these scans, joined by odometry.
 """
 
 import math
@@ -33,24 +32,24 @@ from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 from particle_filter.view_memory import ViewMemory
 
 _REFINEMENTS = 2
-"""How often the leaves of branch and bound are split and scored again."""
+"""Number of times that the leaves of branch and bound are split and scored again."""
 _CORRECTED_SHARE = 0.01
-"""Places with a smaller share are not corrected for occlusion, because ray casting is expensive."""
+"""Least share of a place that is corrected for occlusion, because ray casting is expensive."""
 _SAMPLED = 0.05
-"""If a larger share of the weight is only a sample of the possible poses, everything is searched
-again when the number of scans has doubled."""
+"""Share of the weight that is only a sample of the possible poses, above which everything is
+searched again when the number of scans has doubled."""
 _MOSTLY_SAMPLED = 0.5
-"""Above this share, everything is searched again when the number of scans has quadrupled."""
+"""The same share, above which the number of scans has to quadruple first."""
 _SCANS_JOINED = 8
 """Largest number of scans that one search of everything uses."""
 _CORRECTION_WORK = 2**16
 """Cost of correcting one place for occlusion [look-ups]."""
 _POSES_TOGETHER = 64
-"""Slices hold a multiple of it, so vector instructions group poses as they would in one slice."""
+"""Poses of a slice are a multiple of this, so that slices do not change rounding."""
 _POSES_PER_PLACE, _LEAST_POSES = 50, 1000
-"""Poses that a shard keeps."""
+"""Number of poses that a shard keeps: for each place, and at least."""
 _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
-"""The fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
+"""Three numbers; the fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
 
 
 @lru_cache(maxsize=2)
@@ -60,18 +59,18 @@ def search_space(
     near: Circle | None = None,
     corners: Corners = (),
 ) -> SearchSpace:
-    """Return the leaves of a model's map; the shards and searches of a process share them."""
+    """Return the leaves of the map; the shards and searches of a process share the result."""
     leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
     return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near, corners)
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """Poses, each of which stands for the part of the map around it."""
+    """Poses, each of which stands for a part of the map and of the headings around it."""
 
     poses: Poses
     log_weights: LogWeights
-    """(N,) log of the part's share of the space, plus the log-likelihood of all scans."""
+    """(N,) log of the part's share of the space, plus the tempered log-likelihood of all scans."""
     sizes: NDArray[np.float64]
     """(N,) side of the part, relative to a leaf."""
 
@@ -81,13 +80,13 @@ class _Kept:
 
 @dataclass(frozen=True)
 class _PastScan:
-    """A scan, and where the robot was."""
+    """A scan, and the odometry at its time."""
 
     odom_from_robot: Pose
     beams: Beams
 
     def hits_from(self, odom_from_now: Pose) -> Points:
-        """Return the (B, 2) hits of the scan in the robot's present frame [m]."""
+        """Return the (B, 2) ends of the beams that returned, in the robot's present frame [m]."""
         now_from_then = between(odom_from_now, self.odom_from_robot)
         ends = np.zeros((self.beams.count, 3))
         ends[:, :2] = self.beams.hits_in_robot
@@ -95,7 +94,7 @@ class _PastScan:
 
 
 class GlobalSearch:
-    """One shard of a global search, step by step.
+    """One shard of a global search.
 
     Raises:
         ValueError: the map has no free cell.
@@ -123,17 +122,20 @@ class GlobalSearch:
         self._kept: _Kept | None = None
         self._labels: Labels = np.empty(0, np.int32)
         self._sampled = 1.0
-        """Share of the weight, at the last search of everything, that was only a sample."""
+        """Share of the weight that was only a sample, at the last search of everything."""
         self.log_evidence = 0.0
         """Log of the average likelihood of all scans over the shard's part of the space."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Use other settings from the next step on, in the same map."""
+        """Use another model of the same map and other settings from the next step on."""
         self._model, self._settings = model, settings
 
     @property
     def left_out_gap(self) -> float:
-        """Least log ratio of the kept weight, or of the best pose, to what was left out [nat]."""
+        """Lower bound of the log ratio of what was kept to what was left out [nat].
+
+        It is the smaller of two: all weight to the sampled weight, and the margin of the search.
+        """
         return min(-math.log(max(self._sampled, 1e-300)), self._rules.margin)
 
     @property
@@ -154,10 +156,11 @@ class GlobalSearch:
             odom_from_before: (3,) odometry at the step before; None: this is the first step.
             odom_from_after: (3,) odometry now.
             beams: of the scan.
-            rng: for all random numbers of this step.
+            rng: source of the random numbers of this step.
 
         Returns:
-            The best pose's log-likelihood per beam, without the exponent; NaN of an empty scan.
+            The best pose's log-likelihood per beam, without the exponent [nat/beam]. NaN: the scan
+            has no beams, or there are no poses yet.
         """
         rules, motion = self._settings, np.zeros(3)
         if odom_from_before is not None:
@@ -181,7 +184,7 @@ class GlobalSearch:
         return (yield from self._weigh(self._kept, beams, new_view, rng))
 
     def places(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
-        """Find the clusters by source point, in slices; the most probable one is first."""
+        """Return the places of the last step, the most probable first, in slices."""
         if self._kept is None:
             return []
         particles = ParticleSet(self._kept.poses, self._kept.log_weights)
@@ -189,7 +192,7 @@ class GlobalSearch:
         return (yield from found_places(particles, self._labels, self._rules, least, rng))
 
     def _search(self, rng: np.random.Generator) -> Slices[float]:
-        """Search the whole space, by all scans."""
+        """Search the whole space by all scans, in slices; return as `advance`."""
         now = self._scans[-1]
         hits = np.concatenate([past.hits_from(now.odom_from_robot) for past in self._scans])
         grid = BranchAndBoundSearch(self._model, self._space, hits, self._shard, self._rules, rng)
@@ -219,7 +222,8 @@ class GlobalSearch:
         return per_beam
 
     def _scores(self, poses: Poses, now: "_PastScan") -> Slices[tuple[LogWeights, float]]:
-        """Score present poses by all scans; also return the last scan's best fit per beam."""
+        """Return (N,) log-likelihoods of all scans at present poses, and the last scan's best fit
+        per beam."""
         total = np.zeros(len(poses))
         for past in self._scans:
             now_from_then = between(now.odom_from_robot, past.odom_from_robot)
@@ -228,7 +232,7 @@ class GlobalSearch:
         return total, float(fits.max()) / now.beams.count
 
     def _fits(self, poses: Poses, beams: Beams, at_scan: Pose | None = None) -> Slices[LogWeights]:
-        """Return (N,) log-likelihoods of a scan at poses, or at `at_scan` relative to them."""
+        """Return (N,) log-likelihoods of a scan at poses, or at `at_scan` relative to each pose."""
         work = beams.count * self._model.beam_work
         some = max(SLICE_WORK // work // _POSES_TOGETHER, 1) * _POSES_TOGETHER
         parts = []
@@ -242,7 +246,10 @@ class GlobalSearch:
     def _weigh(
         self, kept: _Kept, beams: Beams, new_view: float, rng: np.random.Generator
     ) -> Slices[float]:
-        """Weigh by a further scan: tempered among the poses, in full for the evidence."""
+        """Weigh poses by a further scan, in slices; return as `advance`.
+
+        The likelihood is tempered for the weights of the poses, but not for the evidence.
+        """
         fits = yield from self._fits(kept.poses, beams)
         per_beam = float(fits.max()) / beams.count
         penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
@@ -263,15 +270,15 @@ class GlobalSearch:
     def _split(
         self, kept: _Kept, rng: np.random.Generator, *, also_unsplit: bool = False
     ) -> tuple[_Kept, NDArray[np.int64]]:
-        """Split heavy poses; total weight and covered space stay.
+        """Split heavy poses; the total weight and the covered space stay.
 
         Args:
             kept: the poses.
-            rng: spreads copies over the part of the map that a pose stands for.
-            also_unsplit: move unsplit poses within their parts, too.
+            rng: chooses where copies lie in the part of the map that a pose stands for.
+            also_unsplit: whether to move poses that are not split, too.
 
         Returns:
-            The poses, and the index of the one that each comes from.
+            The poses, and for each the index of the pose that it comes from.
         """
         copies = np.ceil(self._wanted * normalised_weights(kept.log_weights))
         poses, log_weights, sizes, parent = _spread(
@@ -286,15 +293,15 @@ class GlobalSearch:
     def _thin(
         self, kept: _Kept, rng: np.random.Generator
     ) -> Slices[tuple[_Kept, NDArray[np.int64]]]:
-        """Resample to the wanted number, so that there is room to split."""
+        """Resample to the wanted number; also return the (N,) indices of the chosen poses."""
         chosen, log_weights = yield from optimal_resampling(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
     def _settle(self, kept: _Kept, beams: Beams, new_view: float = 1.0) -> Slices[None]:
         """Find the places after a scan, and correct their weights for occlusion.
 
-        The correction is tempered by the newness of the view only, not by a bad fit: people and
-        furniture make no opening in a wall.
+        Unlike the likelihood, the correction is tempered only by how new the view is, not by a bad
+        fit: neither people nor furniture open a wall.
         """
         yield
         labels, count = clustered(kept.poses, kept.log_weights, self._rules)

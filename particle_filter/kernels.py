@@ -1,4 +1,4 @@
-"""The typed entry to compiled code (numba, cached on disk), and the arguments of kernels.
+"""The decorator of compiled functions (numba, cached on disk), and checks of their arguments.
 
 `kernel` imports numba at its first call, so processes without mathematics never import it.
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import F, Pose, Poses
 
 cache_problems: list[str] = []
-"""Reasons why machine code cannot be cached on disk, logged at the start; empty if it can."""
+"""Reasons why machine code could not be read from disk or written, logged at the start."""
 
 
 def kernel(function: F) -> F:
@@ -55,7 +55,7 @@ def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
 def _stamp_with_callees(compiled: Any, function: Any) -> None:
     """Make cached machine code stale when a kernel of another file that it calls has changed.
 
-    Numba checks only the time and size of the kernel's own file, although callees are inlined.
+    Numba compares only time and size of the kernel's own file, although callees are inlined.
     """
     named = [function.__globals__.get(name) for name in function.__code__.co_names]
     files = [kernel._cache._cache_file for kernel in named if hasattr(kernel, "_cache")]
@@ -65,11 +65,11 @@ def _stamp_with_callees(compiled: Any, function: Any) -> None:
 
 
 ToCells = tuple[float, float, float, float]
-"""cos, sin, x and y that carry a point of the map to cells of the grid: see `to_cells`."""
+"""(c, s, x0, y0), which transform points of the map to cells of the grid: see `to_cells`."""
 
 
 def plain(poses: Poses) -> NDArray[np.float64]:
-    """Return the numbers as C-ordered, aligned, writeable float64; a copy only if needed."""
+    """Return the array as C-ordered, aligned, writeable float64; a copy only if needed."""
     if type(poses) is np.ndarray and poses.dtype == np.float64:
         # As `np.require`, in a tenth of the time.
         return poses if poses.flags.carray else poses.copy()

@@ -1,7 +1,7 @@
 """Weights of particles as natural logarithms, because a product of 180 densities underflows.
 
-Minus infinity is a weight of zero; plus infinity and NaN are invalid. Sums are taken in the order
-of the particles, so all processes compute the same bits; numpy's order depends on its threads.
+Minus infinity is a weight of zero; plus infinity and NaN are invalid. All processes compute the
+same bits, because sums are taken in the order of the particles; numpy may choose another order.
 """
 
 from math import inf, isfinite, log
@@ -23,7 +23,7 @@ def weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float
     """Return linear weights and the effective sample size.
 
     Args:
-        log_weights: (N,) with any common offset.
+        log_weights: (N,), not necessarily normalised.
 
     Returns:
         (N,) weights that sum to one, and the effective sample size (sum w)^2 / sum w^2, between
@@ -54,10 +54,10 @@ def multiplied(
         log_weights: (N,) log-weights of the particles.
         log_likelihood: (N,) log-likelihood of the scan for each particle.
         exponent: factor of the log-likelihood.
-        penalty: (N,) logarithms, added without the exponent.
+        penalty: (N,) logarithms of factors without the exponent.
 
     Returns:
-        (N,) log-weights, and the logarithm of the sum before scaling.
+        (N,) log-weights, and the logarithm of the sum of the weights before scaling.
 
     Raises:
         ValueError: as `weights_and_ess`.

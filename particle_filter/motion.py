@@ -1,8 +1,8 @@
 """Odometry motion models: particles move as the robot did, each with its own error.
 
-If wheels slip or the robot is pushed, its odometry has a large error. Noise in proportion to the
-motion does not reach that far, and larger noise would leave the position along
-featureless corridors uncertain. So slips are tried only where a scan fits badly.
+If wheels slip or the robot is pushed, odometry has a larger error than noise in proportion to the
+motion covers. Larger noise would make the position along a featureless corridor uncertain, so
+slips are tried only where a scan fits badly.
 """
 
 from math import atan2, floor, hypot, pi
@@ -28,9 +28,9 @@ def move(
 
     Args:
         map_from_robot: (N, 3) poses before the motion.
-        before_from_after: (3,) the motion: odometry's pose now, seen from its pose then.
+        before_from_after: (3,) the motion by odometry, in the frame before it.
         settings: motion model and noise, as standard deviations per metre and per radian.
-        rng: gives N x 3 normal numbers, also when the robot stands still.
+        rng: source of N x 3 normal numbers, drawn also without motion.
 
     Returns:
         (N, 3) new array; headings in [-pi, pi). Without motion there is no noise.
@@ -49,9 +49,10 @@ def move_with_noise(
     settings: MotionSettings,
     noise: NDArray[np.float32],
 ) -> Poses:
-    """Move with standard normal numbers (3, N) from whatever sequence; else as `move`.
+    """Move as `move` does, with given (3, N) standard normal numbers.
 
-    Rows: along the drive, across it, turn; or first turn, drive, second turn.
+    Their rows are along the drive, across the drive and turn (omnidirectional), or first turn,
+    drive and second turn (differential).
     """
     poses = plain(map_from_robot)
     match settings.model:
@@ -67,7 +68,7 @@ def move_with_noise(
             return moved
 
 
-# Bearings in single precision: a drive of a metre ends at most 0.2 um beside.
+# Bearings in single precision: a drive of a metre errs by 0.2 um at most.
 @kernel
 def _drive_along_bearing(
     poses: Poses, motion: tuple[float, ...], noise: NDArray[np.float32]
@@ -109,18 +110,18 @@ def _wrapped(heading: float) -> float:
 _UNIT, _TO_ANGLE = np.float32(2.0**-32), 2.0 * np.pi * 2.0**-32
 _HALF, _TWO = np.float32(0.5), np.float32(2.0)
 _PAIRS = 2048
-"""Pairs computed together: all intermediate numbers stay in the nearest cache."""
+"""Number of pairs computed together, whose numbers fit into the nearest cache."""
 
 
 def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray[np.float32]:
     """Draw independent standard normal numbers in single precision (Box and Muller).
 
-    One 64-bit word gives two numbers: its halves are a uniform number in (0, 1] for the radius
-    and one for the angle. No branch depends on the numbers, so vector instructions compute them,
-    several times as fast as `Generator.standard_normal`. The largest is 6.8.
+    A 64-bit word gives two numbers; its halves give radius and angle. No branch depends on the
+    numbers, so vector instructions compute them, several times as fast as
+    `Generator.standard_normal`. No number is beyond 6.8.
 
     Args:
-        rng: gives ceil(rows * count / 2) words of 64 bits.
+        rng: source of ceil(rows * count / 2) words of 64 bits.
         rows: rows of the result.
         count: columns of the result.
 
@@ -139,7 +140,7 @@ def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray
 
 @kernel
 def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> None:
-    """Turn (2 n,) halves of words into (2, n) normal numbers."""
+    """Convert (2 n,) halves of words to (2, n) normal numbers, in place."""
     count = normals.shape[1]
     uniform, angle = np.empty(_PAIRS, np.float32), np.empty(_PAIRS)
     for start in range(0, count, _PAIRS):
@@ -157,9 +158,9 @@ def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> Non
 
 
 _FARTHEST_BACK = 2.5
-"""Largest slip, in lengths of the drive, back from the pose by odometry."""
+"""Largest slip, in lengths of the drive: from the pose by odometry backwards."""
 _TURN_PER_METRE = 0.3
-"""Spread of the heading of a slipped particle [rad/m]."""
+"""Standard deviation of the heading of a slipped particle, for each metre driven [rad/m]."""
 
 
 def slipped(
@@ -168,13 +169,13 @@ def slipped(
     """Move particles as if the robot had slipped.
 
     Args:
-        map_from_before: (N, 3) before the motion.
-        map_from_after: (N, 3) after it, by odometry.
-        motion: (3,) by odometry, in the frame before it.
-        rng: draws the length of each slip.
+        map_from_before: (N, 3) poses before the motion.
+        map_from_after: (N, 3) poses after the motion by odometry.
+        motion: (3,) the motion by odometry, in the frame before it.
+        rng: draws the length and the turn of each slip.
 
     Returns:
-        (N, 3) poses between that by odometry and one and a half drives backwards.
+        (N, 3) poses, from that by odometry to one and a half drives behind that before the motion.
     """
     x, y, _ = motion.tolist()
     back, turned = rng.random(len(map_from_after)), standard_normals(rng, 1, len(map_from_after))[0]
@@ -190,7 +191,7 @@ def _slipped(
     back: NDArray[np.float64],
     turned: NDArray[np.float32],
 ) -> Poses:
-    """Numbers: the drive's bearing, the largest slip [m], deviation of the heading [rad]."""
+    """Numbers: bearing of the drive [rad], largest slip [m], spread of headings [rad]."""
     bearing, farthest, spread = numbers
     slipped = np.empty_like(after)
     for i in range(len(after)):

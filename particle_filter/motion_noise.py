@@ -1,4 +1,4 @@
-"""The errors of odometry: deviations of the parts of a motion, and covariances of poses."""
+"""The errors of odometry: standard deviations of a motion's parts, and covariances of poses."""
 
 from math import atan2, cos, hypot, pi, sin, sqrt
 
@@ -10,11 +10,12 @@ from particle_filter.poses import heading_distance, wrap_angle
 from particle_filter.settings import MotionSettings
 
 _NO_BEARING_BELOW_M = 0.01
-"""A differential drive shorter than this is a turn on the spot: its bearing is noise [m]."""
+"""Length below which a drive has no bearing: it is a turn on the spot with noise [m]."""
 
 
 def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
-    """Return bearing, drive, turn, and deviations along the drive, across it, and of the turn."""
+    """Return bearing, drive, turn, and the standard deviations along and across the drive and of
+    the turn."""
     drive, turn = hypot(motion[0], motion[1]), float(motion[2])
     drive_by_turn = settings.drive_noise_per_turn * turn
     return (
@@ -52,13 +53,13 @@ def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]
 
 
 _ANY_HEADING_RAD2 = pi**2 / 3.0
-"""Variance of an unknown heading [rad^2]; the linear formulas fail beyond it."""
+"""Variance of an unknown heading [rad^2], up to which the linear formulas hold."""
 
 
 def motion_covariance(before_from_after: Pose, settings: MotionSettings) -> NDArray[np.float64]:
-    """Return the covariance of one motion, for the noise that `motion.move` draws.
+    """Return the covariance of one motion with the noise that `motion.move` draws.
 
-    The noise M of the parts of the motion becomes that of the pose by their Jacobian V: V M V^T.
+    It is V M V^T, with the covariance M of the motion's parts and their Jacobian V.
 
     Args:
         before_from_after: (3,) the motion by odometry, in the frame before it.
@@ -93,14 +94,14 @@ def composed_covariance(
 ) -> NDArray[np.float64]:
     """Return the covariance of `compose(a_from_b, b_from_c)` for independent errors.
 
-    G S G^T + H Q H^T: an error of the heading of b moves c around it, and the covariance in the
-    frame of b is turned into that of a.
+    It is G S G^T + H Q H^T: an error in the heading of b moves c around b (G), and the covariance
+    in the frame of b is turned to the frame of a (H).
 
     Args:
         a_from_b: (3,) mean.
-        of_a_from_b: (3, 3) its covariance, in the frame of a.
+        of_a_from_b: (3, 3) covariance of `a_from_b`, in the frame of a.
         b_from_c: (3,) mean.
-        of_b_from_c: (3, 3) its covariance, in the frame of b.
+        of_b_from_c: (3, 3) covariance of `b_from_c`, in the frame of b.
 
     Returns:
         (3, 3) covariance of x, y [m] and heading [rad], in the frame of a.

@@ -1,4 +1,4 @@
-"""Search for clusters at the same place (section 4 of the paper)."""
+"""Finds clusters at the same place (section 4 of the paper)."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -7,7 +7,7 @@ from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
 
 _BLOCK = 64
-"""Number of clusters, ordered by x, that are compared at once."""
+"""Number of clusters, ordered by x, that are compared together."""
 
 
 def is_near(
@@ -16,7 +16,7 @@ def is_near(
     distance_m: float,
     heading_rad: float,
 ) -> NDArray[np.bool_]:
-    """Find poses with another pose near in x, y *and* heading.
+    """Find the poses that have one of the others near in x, y *and* heading.
 
     Args:
         poses: (N, 3) x, y [m] and heading [rad].
@@ -25,7 +25,7 @@ def is_near(
         heading_rad: largest difference in heading [rad].
 
     Returns:
-        (N,) whether each pose has one.
+        (N,) whether each pose has another pose near it.
     """
     here, there = np.reshape(poses, (-1, 1, 3)), np.reshape(others, (1, -1, 3))
     apart_m = np.hypot(there[..., 0] - here[..., 0], there[..., 1] - here[..., 1])
@@ -35,10 +35,10 @@ def is_near(
 
 
 def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> NDArray[np.int64]:
-    """Find for every cluster the one that absorbs it.
+    """Find the cluster that absorbs each cluster.
 
-    Each cluster in turn joins the first earlier one, itself not absorbed, that is near in x, y
-    *and* heading. So a row of clusters, each near the next, does not collapse into one.
+    Each cluster in turn joins the first earlier cluster that is near in x, y *and* heading and is
+    not absorbed itself. So a row of clusters, each near the next, does not collapse into one.
 
     Args:
         means: (K, 3) mean poses, the most probable first.

@@ -1,4 +1,4 @@
-"""The places in a weighted particle set: clusters around source points (section 4 of the paper)."""
+"""Finds the places in a particle set: clusters around source points (section 4 of the paper)."""
 
 from dataclasses import dataclass
 from math import floor, inf, pi
@@ -23,20 +23,20 @@ def cluster_by_source_point(
 ) -> tuple[Labels, int]:
     """Assign each particle to the cluster with a near source point, or found a new cluster.
 
-    Heavier particles come first, so that sources are good poses; equal weights in the order
-    given. Near means within `radius_m` in the plane *and* within `heading_rad` the short way
-    round; of several near sources the nearest, with both distances in units of their limits.
+    Heavier particles come first, so that sources are good poses; equal weights keep their order.
+    A source is near within `radius_m` in the plane *and* within `heading_rad`. Of several near
+    sources the nearest counts, with both distances divided by their limits.
 
     Args:
         poses: (N, 3).
         log_weights: (N,); only their order counts.
         radius_m: reach of a source in x, y [m].
         heading_rad: reach of a source in heading [rad].
-        max_clusters: largest number of clusters; then no more are founded.
+        max_clusters: largest number of clusters.
 
     Returns:
-        (N,) number of each particle's cluster, clusters numbered as they were founded; -1 for a
-        particle near none when no more could be founded. And the number of clusters.
+        (N,) cluster of each particle, numbered in the order of founding, or -1 if none is near and
+        no more may be founded; and the number of clusters.
 
     Raises:
         ValueError: a reach or `max_clusters` is not positive, a weight is NaN, or a pose is
@@ -92,7 +92,7 @@ def _nearest(
     home: tuple[int, int, int, int],
     reach: tuple[float, float],
 ) -> int:
-    """Return the cluster with the nearest source in reach, at a tie the older; -1: none."""
+    """Return the cluster with the nearest source in reach, the older of equals; -1: none."""
     first, following = chains
     col, row, sector, sectors = home
     best, best_distance = -1, inf
@@ -132,10 +132,11 @@ class FoundPlace:
     """A place where the robot may be."""
 
     share: float
+    """Share of all weights, from 0 to 1."""
     mean: Pose
     covariance: Poses
     sample: Poses
-    """(M, 3) equally weighted particles drawn from it."""
+    """(M, 3) equally weighted particles drawn from the place."""
 
 
 @dataclass(frozen=True)
@@ -147,11 +148,11 @@ class Parts:
     shares: NDArray[np.float64]
     """(K,) each place's share of all weights, including those without a place."""
     ends: NDArray[np.int64]
-    """(K + 1,) the indices where each place's poses begin; the last is their number."""
+    """(K + 1,) index at which the poses of each place begin, and the number of all poses."""
 
     @classmethod
     def of(cls, poses: Poses, weights: NDArray[np.float64], labels: Labels, count: int) -> "Parts":
-        """Order poses by (N,) labels of `count` places; -1: no place."""
+        """Order poses by their (N,) labels: the number of one of `count` places, or -1."""
         by_label = np.argsort(labels, kind="stable")
         sizes = np.bincount(labels + 1, minlength=count + 1)
         chosen = by_label[sizes[0] :]
@@ -160,7 +161,7 @@ class Parts:
         return cls(poses.take(chosen, axis=0), weights.take(chosen), shares, ends)
 
     def __getitem__(self, place: np.intp) -> tuple[Poses, NDArray[np.float64]]:
-        """Return a place's poses, and their weights, which sum to one."""
+        """Return the poses of a place, and their weights, which sum to one."""
         own = slice(self.ends[place], self.ends[place + 1])
         return self.poses[own], self.weights[own] / self.shares[place]
 
@@ -172,19 +173,19 @@ def places_of(
 
     Args:
         particles: N particles.
-        rules: how near a point must be to its cluster's source, and how large samples are.
-        min_share: places with less of the weight are left out.
+        rules: reach of a source, and sizes of samples.
+        min_share: places with a smaller share of the weight are left out.
         rng: draws the samples.
 
     Returns:
-        Most probable first.
+        The places, the most probable first.
     """
     labels, _ = clustered(particles.map_from_robot, particles.log_weights, rules)
     return finished(found_places(particles, labels, rules, min_share, rng))
 
 
 def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
-    """Return each pose's place, and the number of places: see `cluster_by_source_point`."""
+    """Call `cluster_by_source_point` with the settings of a search."""
     return cluster_by_source_point(
         poses, log_weights, rules.source_radius_m, rules.source_heading_rad, rules.places
     )
@@ -197,7 +198,7 @@ def found_places(
     min_share: float,
     rng: np.random.Generator,
 ) -> Slices[list[FoundPlace]]:
-    """Do as `places_of`, in slices, for particles with known labels."""
+    """Return places as `places_of` does, in slices, for particles with known labels."""
     weights = normalised_weights(particles.log_weights)
     parts = Parts.of(particles.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
     means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
@@ -228,7 +229,7 @@ def _drawn(
     counts: NDArray[np.int64],
     offsets: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Draw `counts` poses of each reported place systematically by weight."""
+    """Draw `counts` poses of each reported place by weight; return their indices."""
     drawn, made = np.empty(counts.sum(), np.int64), 0
     for place in range(len(reported)):
         label, count = reported[place], counts[place]

@@ -1,6 +1,6 @@
 """Poses in the plane and arithmetic of angles.
 
-A pose `a_from_b` carries points of frame b into frame a; poses chain by `compose(a_from_b,
+A pose `a_from_b` transforms points of frame b to frame a; poses are chained by `compose(a_from_b,
 b_from_c)`. All functions take one pose `(3,)` or many `(N, 3)`, and broadcast.
 """
 
@@ -81,9 +81,9 @@ def inverse(a_from_b: Poses) -> Poses:
 
 
 def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
-    """Return c in the frame of b: `b_from_c`, (..., 3).
+    """Return `b_from_c`, the (..., 3) pose of c in the frame of b.
 
-    Of two odometry poses, it is the motion between them in the frame of the first.
+    For two poses by odometry, it is the motion between them, in the frame of the first.
     """
     a_from_b = np.asarray(a_from_b, np.float64)
     # Differences first: far from the origin, products would lose digits.

@@ -1,14 +1,13 @@
 """Upper bounds of the likelihood field over squares, from coarse to fine (a pyramid).
 
-From all positions in a square tile of the map, with one heading, a beam ends somewhere in a square
-as large as the tile. The maximum of the field in that square bounds the beam's score; the sum over
-beams bounds the scan's score (Hess et al., "Real-time loop closure in 2D lidar SLAM", 2016, eq.
-16). On the finest level tiles are leaves, and a leaf has the score at its centre.
+From all positions in a square tile of the map, with one heading, a beam ends in a square as large
+as the tile. The maximum of the field in this square bounds the beam's score; the sum over beams
+bounds the scan's score (Hess et al., "Real-time loop closure in 2D lidar SLAM", 2016, eq. 16).
+On the finest level tiles are leaves, and a leaf has the score at its centre.
 
-Tiles lie side by side, but beams end at any offset from them. So a level has one maximum for each
-offset within a tile: in all, one number for each cell of the map. Squares of one offset are in
-memory in the order of their tiles. So a beam is scored for a row of tiles by adding two rows of
-numbers, in a tenth of the time that look-ups take.
+Beams end at any offset from a tile, so a level has one square, and one maximum, for each cell of
+the map. Squares with the same offset from their tiles are neighbours in memory. So a beam is scored
+for a row of tiles by adding two rows of numbers, in a tenth of the time that look-ups take.
 """
 
 from collections.abc import Mapping
@@ -28,18 +27,18 @@ LEAF_M = 0.2
 LEVELS = 3
 """Tiles of the first level have 4 x 4 leaves; each further level halves their width."""
 MOST_BEAMS = 65_535 // 255
-"""More beams could overflow the 16-bit sums."""
+"""Largest number of beams; more could overflow the 16-bit sums."""
 
 _CODES_PER_STEP = 257
-"""Codes of 16 bits to a step of 8 bits: 65,535 is 255 steps."""
+"""Number of 16-bit codes of the field in an 8-bit step: 65,535 is 255 steps."""
 _STRIP_TILES = 64
 _RUNS_TOGETHER = 64
-"""Neighbouring rows are neighbours in memory: read together, most are in the cache."""
+"""Number of rows scored together: they are neighbours in memory, so most are in the cache."""
 
 Runs = NDArray[np.int64]
 """(R, 3) row, first column and number of tiles side by side."""
 Sums = NDArray[np.uint16]
-"""(T,) one for each tile, run after run."""
+"""(T,) sums of steps, one for each tile, run after run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +46,8 @@ class Level:
     """Maxima of the field over squares of one size."""
 
     steps: NDArray[np.uint8]
-    """(side, side, rows + 1, cols + 1): [i, j, r + 1, c + 1] is of the square at cell (r side + i,
-    c side + j), in steps above the floor."""
+    """(side, side, rows + 1, cols + 1) maxima in steps above the floor; [i, j, r + 1, c + 1] is of
+    the square whose low corner is cell (r side + i, c side + j)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", read_only(self.steps))
@@ -59,7 +58,7 @@ class Level:
         return len(self.steps)
 
     def sums(self, offsets: NDArray[np.int64], runs: Runs) -> Sums:
-        """Bound the score of a scan with one heading for many tiles.
+        """Bound the score of a scan with one heading from above, for many tiles.
 
         Args:
             offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams,
@@ -67,14 +66,14 @@ class Level:
             runs: the tiles.
 
         Returns:
-            Sums of steps, one for each tile, run after run.
+            The sums of steps over all beams.
         """
         return _sum_steps(self.steps, offsets, runs)
 
 
 @dataclass(frozen=True, eq=False)
 class Pyramid:
-    """All levels, coarse to fine."""
+    """The levels of a map, coarse to fine."""
 
     levels: tuple[Level, ...]
     log_floor: float
@@ -89,7 +88,7 @@ class Pyramid:
 
     @classmethod
     def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
-        """Compute the arrays of all levels; takes seconds for 16 million cells."""
+        """Compute the arrays of all levels by name, in seconds for 16 million cells."""
         sides = _sides(field.cell_m)
         arrays = {f"pyramid{i}": _pooled(field, side, side + 1, 0) for i, side in enumerate(sides)}
         leaf = sides[-1]
@@ -132,7 +131,7 @@ def _tiles(cells: Cells, side: int) -> tuple[int, int]:
 
 
 def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
-    """Return maxima over squares of `reach` cells that begin `ahead` cells from each cell."""
+    """Return `Level.steps`: maxima over squares of `reach` cells, `ahead` cells from each cell."""
     rows, cols = _tiles(field.cells, side)
     steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
     for first in range(0, rows + 1, _STRIP_TILES):
@@ -151,7 +150,7 @@ def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArra
 def _levels(
     field: LikelihoodField, rows: tuple[int, int], cols: tuple[int, int]
 ) -> NDArray[np.uint8]:
-    """Return the steps, rounded up, of cells that may lie beyond the map."""
+    """Return the steps, rounded up, of ranges of cells; 0 beyond the map."""
     levels = np.zeros((rows[1] - rows[0], cols[1] - cols[0]), np.uint8)
     inner = [
         slice(max(first, 0), min(stop, size))
@@ -166,7 +165,7 @@ def _levels(
 
 
 def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
-    """Return the maximum of each row and the `reach` - 1 rows after it."""
+    """Return the maxima over each row and the `reach` - 1 rows after it."""
     width, best = 1, levels
     while 2 * width <= reach:  # squares twice as wide from two that lie side by side
         best = np.maximum(best[:-width], best[width:])

@@ -1,9 +1,9 @@
-"""Random numbers that depend on their purpose, not on the process or the time of the draw.
+"""Random numbers that depend on their purpose, not on the process or the order of draws.
 
 Philox is a keyed function of a 256-bit counter. The key is (seed, purpose); the three upper
 words of the counter are (entity, step, part), and a generator counts only in the lowest word.
-So two generators of different arguments share no block before 2**64 blocks are drawn from one,
-and the same arguments give the same numbers in every process and after every restart.
+So generators of different arguments share no block of numbers, and the same arguments give the
+same numbers in every process and after every restart.
 
 References:
     Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
@@ -41,14 +41,14 @@ class Purpose(IntEnum):
 def generator(
     seed: int, *, purpose: Purpose, entity: int, step: int, part: int = 0
 ) -> np.random.Generator:
-    """Create the generator for one piece of work.
+    """Create the random generator for one piece of work.
 
     Args:
         seed: seed of the whole filter.
         purpose: the kind of work.
         entity: number of the cluster or search.
         step: number of the gated scan.
-        part: number of the share where several processes divide the work.
+        part: number of the part, if the work is divided.
 
     Raises:
         ValueError: an argument is negative or does not fit 64 bits.
@@ -67,8 +67,8 @@ def generator(
 class _Key(ISeedSequence):
     """Passes a key to Philox.
 
-    ``Philox(key=...)`` sets the same key, but first reads entropy of the system, unused, which
-    takes longer than everything else here.
+    ``Philox(key=...)`` sets the same key, but first reads unused entropy of the system, which takes
+    longer than all else here.
     """
 
     def __init__(self, key: NDArray[np.uint64]) -> None:

@@ -1,8 +1,8 @@
-"""Ray casting in a grid map: exact cell traversal that jumps over empty squares.
+"""Ray casting in a grid map: exact cell traversal that jumps over free squares.
 
 The grid's frame: the low corner of cell [0, 0] is the origin, x = column * cell_m, y = row *
-cell_m. Rays start anywhere, also outside the grid. Only occupied cells stop them: unknown
-cells and the area around the grid let them pass.
+cell_m. Rays start anywhere, also outside the grid. Only occupied cells stop them, neither unknown
+cells nor the area around the grid.
 """
 
 from math import cos, floor, sin
@@ -15,7 +15,7 @@ from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
 from particle_filter.kernels import kernel, plain, read_only
 
 JumpField: TypeAlias = NDArray[np.uint8]
-"""(4, rows, cols) how far a ray may jump ahead from anywhere in a cell: see `jump_field`."""
+"""(4, rows, cols) number of cells that a ray may jump ahead from a cell: see `jump_field`."""
 
 _LONGEST_JUMP = 255
 
@@ -23,9 +23,9 @@ _LONGEST_JUMP = 255
 def jump_field(cells: Cells) -> JumpField:
     """Compute the free square ahead of every cell, for rays of each quadrant.
 
-    The cell is a corner of the square, which extends in the direction of the quadrant's rays,
-    within the map. It has no occupied cell, so a ray can jump to its border. A square ahead of the
-    cell is larger than one around it, which needs a third more jumps.
+    The square has the cell at one corner, extends within the map in the direction of the
+    quadrant's rays, and has no occupied cell, so a ray can jump to its border. Squares around the
+    cells would need a third more jumps.
 
     Args:
         cells: (rows, cols) grid map.
@@ -90,7 +90,7 @@ def cast_rays_from_poses(
 
 @kernel
 def _squares(cells: Cells) -> NDArray[np.uint8]:
-    """Return the sides of the largest free squares that end in each cell."""
+    """Return the side of the largest free square that has each cell as its high corner."""
     rows, cols = cells.shape
     field = np.empty((rows, cols), np.uint8)
     for row in range(rows):
@@ -130,7 +130,8 @@ def _cast_all(
 def span_in_grid(
     x: float, y: float, dx: float, dy: float, cols: float, rows: float
 ) -> tuple[float, float]:
-    """Return where a ray enters and leaves the grid; a ray that misses enters after it leaves."""
+    """Return the lengths at which a ray enters and leaves the grid; (inf, 0) or reversed if it
+    misses the grid."""
     t_in, t_out = 0.0, np.inf
     for start, along, length in ((x, dx, cols), (y, dy, rows)):
         if along != 0.0:
@@ -143,12 +144,12 @@ def span_in_grid(
 
 
 FlatJumps: TypeAlias = tuple[NDArray[np.uint8], np.int32, np.int32]
-"""A jump field in one dimension, its rows, its columns: see `flat`."""
+"""A jump field in one dimension, and its numbers of rows and columns: see `flat`."""
 
 
 @kernel
 def flat(jumps: JumpField) -> FlatJumps:
-    """Flatten a jump field for `cast_ray`, which takes a third less time so."""
+    """Flatten a jump field for `cast_ray`, which then takes a third less time."""
     return jumps.reshape(-1), np.int32(jumps.shape[1]), np.int32(jumps.shape[2])
 
 
@@ -162,10 +163,11 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
         y: start, rows from the grid's low corner.
         dx: direction along the columns.
         dy: direction along the rows.
-        until: length at which the ray ends, in units of its direction.
+        until: length at which the ray ends, in units of (dx, dy).
 
     Returns:
-        The length to the boundary of the first occupied cell; infinite if nothing is hit.
+        The length to the boundary of the first occupied cell, in units of (dx, dy); infinite if
+        nothing is hit.
     """
     squares, height, width = jumps
     length = 0.0

@@ -7,11 +7,11 @@ from particle_filter.arrays import Pose
 from particle_filter.poses import between
 
 Corners = tuple[tuple[float, float], ...]
-"""Corners, each x [m], y [m] in the map: two of an axis-aligned rectangle, or all of a polygon."""
+"""Corners (x [m], y [m]) in the map: two opposite ones of a rectangle, or all of a polygon."""
 
 
 def parsed_regions(text: str) -> dict[str, Corners]:
-    """Parse the setting `search.regions`."""
+    """Parse the checked setting `search.regions`; return the corners by name."""
     regions = {}
     for region in filter(str.strip, text.split(";")):
         name, _, corners = region.partition(":")
@@ -26,9 +26,9 @@ def is_region(
     """Return (rows, cols) whether the centre of each tile lies in a region of the map.
 
     Args:
-        corners: of the region.
+        corners: corners of the region.
         shape: rows and columns of tiles.
-        side_m: of a tile [m].
+        side_m: side of a tile [m].
         map_from_grid: (3,) the outer corner of tile (0, 0), in the map's frame.
     """
     if len(corners) == 2:

@@ -22,7 +22,7 @@ def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> I
     Args:
         log_weights: (N,), not necessarily normalised.
         count: number of particles to draw; need not be N.
-        rng: gives one number.
+        rng: source of one number.
 
     Returns:
         (count,) increasing indices of particles; never one of weight zero.
@@ -37,12 +37,12 @@ def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> I
 
 @kernel
 def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
-    """Return the (count,) particles at `count` evenly spaced positions on the line of weights.
+    """Return the (count,) indices of particles at evenly spaced cumulative weights.
 
     Args:
-        weights: (N,) that sum to one.
+        weights: (N,) weights that sum to one.
         count: number of particles to draw, positive.
-        offset: where in its interval each position lies, in [0, 1).
+        offset: position of each draw in its interval of 1 / count, in [0, 1).
     """
     last = len(weights) - 1
     while last > 0 and weights[last] == 0.0:
@@ -63,15 +63,16 @@ def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
 def optimal_resampling(
     log_weights: LogWeights, count: int, rng: np.random.Generator
 ) -> Slices[tuple[Indices, LogWeights]]:
-    """Keep `count` particles, in slices: the heavy ones as they are, a sample of the light ones.
+    """Keep `count` particles, in slices: all heavy ones, and a sample of the light ones.
 
-    The expected weight of each particle stays. No other scheme without repeated particles has a
-    smaller variance.
+    Heavy particles keep their weights; the sampled ones share the weight of all light ones. The
+    expected weight of each particle stays, with the least variance of all schemes that repeat no
+    particle.
 
     Args:
-        log_weights: (N,) of any common scale, which stays.
+        log_weights: (N,), not necessarily normalised; the sum of the weights stays.
         count: number of particles to keep, positive; all are kept if there are no more.
-        rng: gives one number.
+        rng: source of one number.
 
     Returns:
         Increasing indices of the kept particles, and their log-weights.
@@ -100,7 +101,7 @@ def optimal_resampling(
 
 @kernel
 def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
-    """Return (N,) whether a particle is heavier than the equal weight of the light ones."""
+    """Return (N,) whether each particle is heavier than the equal weight of the sampled ones."""
     is_heavy, known, even = np.zeros(len(weights), np.bool_), 0, 1.0 / count
     while True:  # each heavy particle lowers the equal weight of the others
         found, rest = _heavier(weights, even)

@@ -1,4 +1,4 @@
-"""The common part of all sensor models: the map, the beams of a scan, the model protocol.
+"""The common parts of sensor models: the map, the beams of a scan, and the models' protocol.
 
 Each model is a class in a separate file; `sensor_models.py` finds it by name.
 """
@@ -18,19 +18,19 @@ from particle_filter.ray_casting import JumpField
 from particle_filter.settings import SensorSettings
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
-"""What a model computes once of a map, by name; never written again, perhaps mapped from disk."""
+"""Arrays that a model computes once from a map, by name; read-only, perhaps mapped from disk."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The map and its pose."""
+    """The cells of a map, and the pose of the grid."""
 
     cells: Cells
     """(rows, cols); row 0 has the lowest y."""
     cell_m: float
     """Side of a cell [m]."""
     map_from_grid: Pose
-    """(3,) the outer corner of cell (0, 0), in the map's frame."""
+    """(3,) pose of the outer corner of cell (0, 0) in the map's frame."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", read_only(self.cells))
@@ -43,7 +43,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """The scored beams of a scan: of one laser, and of the robot's other lasers."""
+    """The scored beams of a scan by one laser, and those of the robot's other lasers."""
 
     ranges: NDArray[np.float64]
     """(B,) readings [m]; `max_range_m` or longer: no return."""
@@ -57,7 +57,7 @@ class Beams:
 
     @property
     def lasers(self) -> "tuple[Beams, ...]":
-        """The beams of each laser."""
+        """The beams of each laser, this one first."""
         return (self, *self.others)
 
     @property
@@ -67,17 +67,17 @@ class Beams:
 
     @cached_property
     def own_hits_in_robot(self) -> Points:
-        """(B, 2) ends of the first laser's beams [m]."""
+        """(B, 2) ends of the beams of the first laser, in the robot's frame [m]."""
         return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
     @cached_property
     def returned(self) -> NDArray[np.bool_]:
-        """(count,) whether each beam returned."""
+        """(count,) whether each beam returned, for all lasers."""
         return np.concatenate([laser.ranges < laser.max_range_m for laser in self.lasers])
 
     @cached_property
     def hits_in_robot(self) -> Points:
-        """(count, 2) ends of all beams [m]."""
+        """(count, 2) ends of the beams of all lasers, in the robot's frame [m]."""
         if not self.others:
             return self.own_hits_in_robot
         return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
@@ -85,7 +85,7 @@ class Beams:
 
 @dataclass(frozen=True, eq=False)
 class LaserScan:
-    """One measured scan, and those of the robot's other lasers."""
+    """A measured scan of one laser, and those of the robot's other lasers."""
 
     ranges: NDArray[np.floating]
     """(n,) [m]; not finite, not positive, `range_max_m` or longer: no return."""
@@ -93,7 +93,7 @@ class LaserScan:
     angle_min: float
     """Direction of the first beam in the laser's frame [rad]."""
     angle_step: float
-    """From one beam to the next [rad]."""
+    """Angle from one beam to the next [rad]."""
     robot_from_laser: Pose
     others: tuple[Self, ...] = ()
     """Scans of the other lasers, as if measured at the same pose."""
@@ -102,8 +102,8 @@ class LaserScan:
         """Choose the beams to score, equally many of each laser.
 
         Args:
-            choose: chooses at most a number of beams of one laser.
-            max_beams: number for all lasers together.
+            choose: function of one laser's scan and a number of beams; chooses at most as many.
+            max_beams: largest number of beams of all lasers together.
         """
         if not self.others:
             return choose(self, max_beams)
@@ -114,7 +114,7 @@ class LaserScan:
     def beams(
         self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
     ) -> Beams:
-        """Return the chosen beams, by (B,) indices into (n,) ranges."""
+        """Return the beams with the (B,) indices `chosen` into the (n,) `ranges`."""
         angles = np.asarray(self.angle_min + self.angle_step * chosen, np.float64)
         return Beams(ranges[chosen], angles, self.robot_from_laser, max_range_m)
 
@@ -123,7 +123,7 @@ class SensorModel(Hashable, Protocol):
     """Weighs poses in one map by scans."""
 
     beam_work: ClassVar[int]
-    """Cost of a beam of a pose, in look-ups of a table."""
+    """Cost of scoring one beam at one pose [table look-ups]."""
 
     @property
     def grid(self) -> Grid:
@@ -139,7 +139,7 @@ class SensorModel(Hashable, Protocol):
 
     @property
     def jumps(self) -> JumpField:
-        """Distances that a ray can skip in the map; see `ray_casting`."""
+        """Jump field of the map; see `ray_casting`."""
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
@@ -158,7 +158,7 @@ class SensorModel(Hashable, Protocol):
         """
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Choose the beams to score: drop invalid ones, then thin evenly."""
+        """Choose the beams to score: valid ones, thinned evenly."""
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
@@ -175,8 +175,8 @@ class SensorModel(Hashable, Protocol):
             map_from_robot: (N, 3) the cluster's poses after the scan.
             weights: (N,) their weights, summing to one.
             beams: beams that weighed the poses.
-            sharers: number of callers that correct the same cluster, as the shards of a search
-                do; each does its part of the work.
+            sharers: number of callers that share the work of correcting, as the shards of a
+                search.
         """
 
 
@@ -212,7 +212,7 @@ def usable_beams(
 def points_in_robot(
     ranges: NDArray[np.floating], angles: NDArray[np.float64], robot_from_laser: Pose
 ) -> Points:
-    """End points of beams in the robot's frame.
+    """Return the end points of beams in the robot's frame.
 
     Args:
         ranges: (B,) [m].
@@ -234,12 +234,12 @@ def points_in_robot(
 
 
 def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
-    """Penalise particles where no robot can stand.
+    """Return the penalties of particles for standing where no robot can be.
 
     Args:
         map_from_robot: (N, 3) poses.
         grid: the map.
-        log_penalty: for ground that is occupied, unknown or off the map.
+        log_penalty: logarithm of the penalty on occupied, unknown or unmapped ground.
 
     Returns:
         (N,) `log_penalty` or 0.

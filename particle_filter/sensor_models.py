@@ -1,4 +1,4 @@
-"""All sensor models by the name that `sensor.model` has for them."""
+"""Finds a sensor model's class by its name in the setting `sensor.model`."""
 
 from particle_filter.beam_model import BeamModel
 from particle_filter.extensions import extension
@@ -26,7 +26,7 @@ def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:
     """Compute the model of a map.
 
     Raises:
-        ValueError: the map has no obstacle.
+        ValueError: the map has no obstacle, or no model has the name in the settings.
     """
     kind = model_class(settings.model)
     return kind.from_arrays(grid, kind.arrays_of(grid, settings), settings)

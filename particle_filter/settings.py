@@ -1,6 +1,6 @@
 """The settings of the filter: one frozen structure for each part, with units and meanings.
 
-Every work order carries them, so all workers of a robot use the same. The defaults are one set
+Every work order contains them, so all workers of a robot use the same. The defaults are the same
 for all buildings and recordings.
 """
 
@@ -13,7 +13,7 @@ from msgspec import Meta
 from particle_filter.extensions import Kind, names
 
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
-"""`sensor_models.model_class` has a class for each."""
+"""Names of the sensor models that `sensor_models.OWN` has."""
 MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
 
 _NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
@@ -23,12 +23,12 @@ _REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[
 
 
 def described(meaning: str, unit: str = "", form: str = "", **bounds: float | str) -> Meta:
-    """Return bounds, unit and meaning of one setting, for checks and `clustermcl settings`.
+    """Return bounds, unit and meaning of a setting, for checks and for `clustermcl settings`.
 
     Args:
-        meaning: the setting in a few words.
+        meaning: the meaning in a few words.
         unit: unit of a number.
-        form: form of a text in words, if `pattern` checks it.
+        form: for a text, the allowed form in words.
         **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length`, as in `msgspec.Meta`.
     """
     return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
@@ -334,7 +334,7 @@ def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
 
     Args:
         section: the section at the start of the process.
-        live: values by the names of the section's fields; None: not changed.
+        live: new values of fields with the same name; None: the field stays.
     """
     values = {name: getattr(live, name, None) for name in section.__struct_fields__}
     changed = {name: value for name, value in values.items() if value is not None}
@@ -343,6 +343,6 @@ def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
 
 @lru_cache(maxsize=8)
 def filter_with(settings: FilterSettings, live: msgspec.Struct) -> FilterSettings:
-    """Return the filter's settings with live values."""
+    """Return the filter's settings, with motion and sensor changed as by `section_with`."""
     motion, sensor = section_with(settings.motion, live), section_with(settings.sensor, live)
     return msgspec.structs.replace(settings, motion=motion, sensor=sensor)

@@ -13,9 +13,9 @@ PoseTuple: TypeAlias = tuple[float, float, float]
 """x [m], y [m], heading [rad]."""
 
 MAX_EXTRAPOLATION_NS = 250_000_000
-"""The motion at either end is extrapolated for at most this time [ns]."""
+"""Longest time for which the motion at either end is extrapolated [ns]."""
 MAX_LATE_NS = 1_000_000_000
-"""A pose older than the newest by more than this shows that the clock was set back [ns]."""
+"""Age, compared with the newest pose, above which a new pose shows a clock set back [ns]."""
 
 _MAX_BLIND_NS = 2_000_000_000
 _MAX_BLIND_M, _MAX_BLIND_RAD = 1.0, 1.0
@@ -27,19 +27,19 @@ class Trajectory(msgspec.Struct):
     """Poses by time."""
 
     most: int | None = None
-    """Number of poses kept, the newest; None: all."""
+    """Number of newest poses kept; None: all."""
     every_ns: int = 0
-    """Poses closer in time than this are thinned; the newest is always kept [ns]."""
+    """Least time between kept poses but for the newest [ns]."""
     held_ns: int | None = None
     """Time for which the first pose holds before it, and the last after it [ns]. None: the motion
-    is extrapolated instead, for `MAX_EXTRAPOLATION_NS`."""
+    at the ends is extrapolated instead, for `MAX_EXTRAPOLATION_NS`."""
     poses: list[tuple[int, PoseTuple]] = []
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def add(self, stamp_ns: int, pose: PoseTuple) -> None:
-        """Add a pose, which may be a little late."""
+        """Insert a pose by its stamp; if it is older than `MAX_LATE_NS`, remove all others."""
         poses = self.poses
         if poses and stamp_ns < poses[-1][0] - MAX_LATE_NS:
             poses.clear()
@@ -50,7 +50,6 @@ class Trajectory(msgspec.Struct):
             del poses[0]
 
     def clear(self) -> None:
-        """Remove all poses."""
         self.poses.clear()
 
     @property
@@ -68,11 +67,10 @@ class Trajectory(msgspec.Struct):
         return self.poses[-1][0] if self.poses else None
 
     def pose_at(self, stamp_ns: int) -> PoseTuple | None:
-        """Return the pose at a time, interpolated; of several poses with this time the first.
+        """Return the pose at a time, interpolated; of several poses with this stamp, the first.
 
-        Returns:
-            None if the time is too far outside, or in a gap of more than 2 s in which the robot
-            moved by more than 1 m or 1 rad.
+        None: there are no poses, the time is too far outside, or it is in a gap of more than 2 s
+        with a motion of more than 1 m or 1 rad.
         """
         poses = self.poses
         if not poses:

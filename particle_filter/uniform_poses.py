@@ -1,4 +1,4 @@
-"""Poses spread evenly over the free space of a map, new ones at every step."""
+"""Draws poses spread evenly over the free space of a map."""
 
 import math
 
@@ -12,15 +12,15 @@ from particle_filter.sensor_model import Grid
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _CELLS_KEPT = 65_536
 _STRIP_ROWS = 512
-"""A map is read in strips, because the indices of all free cells could fill the memory."""
+"""Number of rows read together, because indices of all free cells could fill the memory."""
 
 
 class UniformPoses:
-    """Draws stratified poses from free space.
+    """Draws stratified poses in free space.
 
     Args:
         grid: the map.
-        rng: chooses at most 65,536 free cells; poses lie anywhere within them.
+        rng: chooses at most 65,536 free cells, in which all poses lie.
 
     Raises:
         ValueError: the map has no free cell.
@@ -44,7 +44,7 @@ def _spread(
     uniform: NDArray[np.float64],
     numbers: tuple[float, ...],
 ) -> Poses:
-    """Numbers: side of a cell, pose of the grid in the map, first heading in turns."""
+    """Return poses; numbers: side of a cell, pose of the grid in the map, first heading [turns]."""
     cell_m, x, y, heading, begin = numbers
     count, c, s = len(uniform), math.cos(heading), math.sin(heading)
     poses = np.empty((count, 3))
@@ -62,7 +62,7 @@ def _spread(
 def _spread_cells(
     grid: Grid, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return rows and columns of free cells, spread evenly over all free cells."""
+    """Return rows and columns of at most 65,536 cells, spread evenly over all free cells."""
     strips = range(0, len(grid.cells), _STRIP_ROWS)
     counts = [
         int(np.count_nonzero(grid.cells[first : first + _STRIP_ROWS] == FREE)) for first in strips

@@ -1,1 +1,1 @@
-"""Files of robots: recordings of any format, the maps in files and bags, and runs that we write."""
+"""Reads recordings and maps of all formats; reads and writes run logs."""

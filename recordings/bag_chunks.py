@@ -1,4 +1,4 @@
-"""Unpacks chunks of bags and run logs with size limits: 92 kB of zstd can hold gigabytes."""
+"""Unpacks chunks of bags and run logs within limits: 92 kB of zstd may unpack to gigabytes."""
 
 import bz2
 import zlib
@@ -18,27 +18,28 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 MOST_BYTES = 2**26
-"""Limit for one unpacked chunk or message. Recorders write chunks of a few megabytes."""
+"""Limit for one unpacked chunk or message [bytes]; recorders write chunks of some megabytes."""
 MOST_OVERLAPPING_BYTES = 2**27
-"""Limit for all chunks with messages of the same time, which are unpacked together."""
+"""Limit for the chunks that overlap at any time, which are unpacked together [bytes]."""
 MOST_FILE_BYTES = 2**33
-"""Limit for a packed or damaged bag, which is unpacked to the disk."""
+"""Limit for a packed or damaged bag, which is unpacked to the disk [bytes]."""
 _MOST_DEFINED_BYTES = 2**24
-"""Limit for all schemas and topic names of an MCAP file."""
+"""Limit for all schemas and topic names of an MCAP file [bytes]."""
 _MOST_RECORD_BYTES = 2**30
-"""An MCAP record with a larger length is damaged; the library would allocate it."""
+"""Limit for an MCAP record [bytes]; the library would allocate whatever a damaged one says."""
 
 
 def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
     """Unpack a chunk.
 
     Args:
-        compression: its name in ROS 1 and MCAP.
-        packed: the bytes.
+        compression: name of the compression in ROS 1 and MCAP; empty: none.
+        packed: the bytes of the chunk.
         most: limit for the unpacked size [bytes]; never more than `MOST_BYTES`.
 
     Raises:
-        ValueError: the chunk is larger, or the compression is unknown.
+        ValueError: the chunk unpacks to more, or the compression is unknown.
+        Exception: of the library for the compression: the chunk is damaged.
     """
     most = min(most, MOST_BYTES)
     match compression:
@@ -58,10 +59,10 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
 
 
 def check_unpacked(count: int) -> None:
-    """Check the size of a bag that is being unpacked.
+    """Check the number of bytes unpacked from a bag so far.
 
     Raises:
-        ValueError: `count` is more than `MOST_FILE_BYTES`.
+        ValueError: there are more than `MOST_FILE_BYTES`.
     """
     if count > MOST_FILE_BYTES:
         raise ValueError(f"unpacks to more than {MOST_FILE_BYTES} bytes")
@@ -89,10 +90,10 @@ def bound_library() -> None:
 
 
 def check_overlaps(chunks: Iterable[Any]) -> None:
-    """Check the size of chunks of an MCAP file that overlap in time.
+    """Check the unpacked size of the chunks of an MCAP file that overlap in time.
 
     Raises:
-        ValueError: together they have more than `MOST_OVERLAPPING_BYTES`.
+        ValueError: at some time it is more than `MOST_OVERLAPPING_BYTES`.
     """
     changes = []
     for chunk in chunks:
@@ -133,9 +134,9 @@ def _chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
 
 
 def recover_mcap(damaged: Path, recovered: Path) -> None:
-    """Copy the chunks before the first damaged one into a new file with an index.
+    """Copy the messages before the first damaged byte into a new file with an index.
 
-    `rosbags` needs the index, which a recorder writes last, so that a truncated file lacks it.
+    `rosbags` needs the index, which a truncated file lacks, as a recorder writes it last.
     """
     with damaged.open("rb") as source, recovered.open("wb") as target:
         writer = Writer(target, compression=CompressionType.NONE)

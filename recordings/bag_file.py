@@ -1,7 +1,7 @@
 """Reads ROS bags: ROS 1 `.bag`, and rosbag2 in sqlite3 or MCAP, as folders or files.
 
-The library `rosbags` (extra ``ros2``) does the work. The types read here have the same fields in
-all ROS releases, so the library's definitions are used, and those in the bag are ignored.
+The library `rosbags` (extra ``ros2``) parses the files. The types read here have the same fields
+in all ROS releases, so the library's definitions are used, and those in the bag are ignored.
 """
 
 import tempfile
@@ -59,7 +59,7 @@ class BagMessage:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a ROS bag by its first bytes, or a folder with one."""
+    """Return whether a path is a bag by its first bytes after unpacking, or a rosbag2 folder."""
     if path.is_dir():
         return (path / _METADATA).is_file() or bool(_storage_files(path))
     return _suffix_of(path) is not None
@@ -75,7 +75,7 @@ class BagFile:
     Attributes:
         topics: message type of each topic that is not empty.
         counts: number of messages of each topic.
-        left_out: messages that could not be read, or at which reading ended.
+        left_out: messages that could not be read so far; the last may be the damaged end.
 
     Raises:
         InputFileError: of the type `error`: the library is missing, or the bag cannot be read.
@@ -105,7 +105,9 @@ class BagFile:
         return sorted(topic for topic, kind in self.topics.items() if kind == message_type)
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Yield the messages of some topics in the order of recording.
+        """Yield the messages of some topics in the order of recording, up to a damaged end.
+
+        A damaged message is skipped; see `left_out`.
 
         Raises:
             InputFileError: of the type `error`: the encoding of a topic is not ROS's CDR.
@@ -173,7 +175,7 @@ class BagFile:
             raise self._error(self._path, f"{problem}; {remedy}") from broken
 
     def _recovered(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
-        """Return a copy of the readable part of a damaged MCAP file; raise `broken` for others."""
+        """Copy the readable part of a damaged MCAP file; for other formats raise `broken`."""
         files = _storage_files(path) if path.is_dir() else [path]
         recovered = _new_folder(stack) / "recovered.mcap"
         if len(files) != 1 or files[0].suffix != recovered.suffix:
@@ -183,7 +185,7 @@ class BagFile:
         return recovered
 
     def _as_library_wants(self, stack: ExitStack) -> Path:
-        """Return the bag as a folder, or as an unpacked file with the suffix of its format."""
+        """Return a rosbag2 folder, or an unpacked file with the suffix of its format."""
         path = self._path
         if path.is_dir():
             if (path / _METADATA).is_file():
@@ -221,7 +223,7 @@ class BagFile:
 
 @cache
 def definitions(*, ros1: bool) -> "Typestore":
-    """Return the library's message definitions, which take 0.2 s to load."""
+    """Return the library's message definitions; loading them takes 0.2 s."""
     from rosbags.typesys import (  # noqa: PLC0415 - an extra
         Stores,
         get_types_from_msg,

@@ -1,7 +1,7 @@
-"""Messages of a run log that Foxglove draws, as JSON objects.
+"""The messages of a run log that Foxglove draws, as JSON objects.
 
-Their fields follow https://docs.foxglove.dev/docs/sdk/schemas. Messages that we read back also have
-the fields of one of the classes below, which Foxglove ignores.
+Their fields follow https://docs.foxglove.dev/docs/sdk/schemas. The messages that `run_log` reads
+also have the fields of one of the classes below, which Foxglove ignores.
 """
 
 import math
@@ -27,7 +27,7 @@ MAP, ODOM, BASE = "map", "odom", "base_link"
 """Frames, as ROS calls them (REP 105)."""
 _INT8, _INFO = 2, 2
 _SIGMAS = 2.0
-"""Size of an ellipse, in standard deviations; it contains 86 % of a Gaussian in the plane."""
+"""Radius of an ellipse in standard deviations; it holds 86 % of a Gaussian in the plane."""
 _MIN_SIGMA_M = 0.02
 _ARROW = {"shaft_length": 0.6, "shaft_diameter": 0.08, "head_length": 0.15, "head_diameter": 0.16}
 _TEXT_M = 0.3
@@ -62,7 +62,7 @@ class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
-    """Return one laser of a step as `foxglove.LaserScan`, together with its `LaserFields`."""
+    """Return the beams of one laser as `foxglove.LaserScan`, with the `LaserFields`."""
     ranges, range_max_m = beams.ranges.array().astype(np.float64), min(beams.range_max_m, _FAR_M)
     with np.errstate(invalid="ignore"):
         ranges[~((ranges > 0.0) & (ranges < range_max_m))] = 0.0
@@ -88,7 +88,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
 
 
 class LinkFields(msgspec.Struct, frozen=True):
-    """The pose of a frame in its parent, not rounded."""
+    """The pose of a frame in its parent; that which Foxglove draws is rounded."""
 
     stamp_ns: Stamp
     child_frame_id: str
@@ -96,7 +96,7 @@ class LinkFields(msgspec.Struct, frozen=True):
 
 
 def frame_transform(stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> Json:
-    """Return a pose as `foxglove.FrameTransform`, together with its `LinkFields`."""
+    """Return the pose of `child` in `parent` as `foxglove.FrameTransform`, with `LinkFields`."""
     drawn = _pose(pose)
     return msgspec.structs.asdict(LinkFields(stamp_ns, child, pose)) | {
         "timestamp": _time(stamp_ns),
@@ -115,7 +115,7 @@ class MapFields(msgspec.Struct, frozen=True):
     data: bytes
 
     def grid_map(self) -> GridMap:
-        """Convert to a map.
+        """Return the map.
 
         Raises:
             ValueError: the bytes are not a map.
@@ -125,7 +125,7 @@ class MapFields(msgspec.Struct, frozen=True):
 
 
 def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
-    """Return a map as `foxglove.Grid`, together with its `MapFields`.
+    """Return a map as `foxglove.Grid`, with the `MapFields`.
 
     A map of more than `max_cells` is downsampled. A coarse cell is occupied if any of its cells
     is; otherwise it is free if any is free.
@@ -177,7 +177,7 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
 
 
 def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
-    """Return the direction of the long axis [rad] and both diameters [m] of a covariance."""
+    """Return the direction of the long axis [rad], and the long and the short diameter [m]."""
     xx, xy, yy = covariance[0], covariance[1], covariance[4]
     middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
     long_m, short_m = (

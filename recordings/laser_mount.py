@@ -1,4 +1,4 @@
-"""The mount of a laser on the robot: from pairs of poses, and checks of its tilt."""
+"""The mount of a laser: its pose on the robot from pairs of poses, and whether it is tilted."""
 
 import math
 from collections.abc import Sequence
@@ -11,15 +11,15 @@ from particle_filter.poses import between
 from protocol.message import PoseTuple
 
 MAX_MOUNT_M = 10.0
-"""A laser farther away belongs to another robot."""
+"""Largest distance of a laser from the robot's centre [m]; beyond it, the data are wrong."""
 MAX_TILT_RAD = 0.1
-"""Maximum tilt; at 10 m it is an error of 5 cm in range."""
+"""Largest tilt of a laser [rad]; at 10 m it changes a range by 5 cm."""
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.01, 0.01
 
 
 def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTuple:
-    """Return the laser's pose on the robot, rounded to 0.1 mm, the resolution of such logs.
+    """Return the laser's pose on the robot, rounded to 0.1 mm, which logs resolve.
 
     Raises:
         ValueError: the laser is too far away to be on the robot.
@@ -31,10 +31,12 @@ def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTupl
 
 
 def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | None:
-    """Return the laser's pose on the robot; None: the pairs disagree, or the pose is zero.
+    """Return the laser's pose on the robot, the median of all pairs.
+
+    None: there are no pairs, they disagree, a laser is too far away, or the pose is zero.
 
     Args:
-        pairs: pose of the robot, and pose that may be that of the laser, in one frame.
+        pairs: pose of the robot, and what may be the pose of the laser, in one frame.
     """
     try:
         columns = list(zip(*(mounting(robot, laser) for robot, laser in pairs), strict=True))
@@ -55,9 +57,9 @@ def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
     """Return whether a laser is mounted upside down, so that its beams run clockwise.
 
     Args:
-        frame: frame of the laser, for the error.
-        up: upward component of its z axis: 1 upright, -1 upside down.
-        away_m: distance from the robot's centre.
+        frame: name of the laser's frame, for errors.
+        up: upward component of the laser's z axis: 1 upright, -1 upside down.
+        away_m: distance of the laser from the robot's centre.
 
     Raises:
         ValueError: the laser is tilted, or too far away to be on the robot.
@@ -73,7 +75,14 @@ def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
 def counter_clockwise(
     start_rad: float, step_rad: float, ranges: NDArray[np.float32], *, upside_down: bool
 ) -> tuple[float, float, NDArray[np.float32]]:
-    """Return first direction [rad], positive step [rad] and ranges, counter-clockwise."""
+    """Return the first direction [rad], the step [rad] and the ranges in counter-clockwise order.
+
+    Args:
+        start_rad: direction of the first beam in the laser's frame.
+        step_rad: from one beam to the next; negative: clockwise.
+        ranges: (B,) [m].
+        upside_down: whether the laser is mounted upside down.
+    """
     if upside_down:
         start_rad, step_rad = -start_rad, -step_rad
     if step_rad < 0.0:  # clockwise: the last beam becomes the first

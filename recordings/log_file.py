@@ -1,4 +1,4 @@
-"""Lines of text recordings, and the entries that parsers make from lines."""
+"""Reads lines of text recordings; defines parsers, and the entries into which they parse lines."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ class SkippedLine:
 
 @dataclass(frozen=True)
 class OdometryEntry:
-    """An odometry reading from one line."""
+    """An odometry reading of a line, or of a message of a bag."""
 
     line_number: int
     stamp_ns: int
@@ -44,7 +44,7 @@ class OdometryEntry:
 
 @dataclass(frozen=True)
 class LaserEntry:
-    """One scan; values that its line lacks are None."""
+    """A scan of a line, or of a message of a bag; None: the line lacks the value."""
 
     line_number: int
     stamp_ns: int
@@ -72,7 +72,7 @@ class LogParser(Protocol):
         """
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Return the entries, with corrections that need all lines."""
+        """Correct the entries by what only all lines together show; return them."""
 
 
 class LogFile:
@@ -83,7 +83,7 @@ class LogFile:
         error: type of the exception for a file that cannot be read.
 
     Attributes:
-        broken: where and why a compressed stream ended early, once all lines are read.
+        broken: after all lines are read: where and why a compressed stream ended early, or None.
     """
 
     def __init__(self, path: Path, error: type[InputFileError] = RecordingError) -> None:
@@ -126,7 +126,7 @@ def stamp_ns_of(text: str) -> int:
 
 
 def numbers_of(words: Sequence[str]) -> list[float]:
-    """Convert words to numbers.
+    """Convert words to numbers, perhaps NaN or infinite.
 
     Raises:
         ValueError: a word is not a number.
@@ -154,7 +154,7 @@ def pose_of(words: Sequence[str], m_per_unit: float = 1.0) -> PoseTuple:
     """Return a pose from three words: x, y and heading [rad].
 
     Raises:
-        ValueError: a word is not a number, or a number is out of range.
+        ValueError: there are not three words, one is not a number, or one is out of range.
     """
     x, y, heading = numbers_of(words)
     x, y = x * m_per_unit, y * m_per_unit

@@ -22,8 +22,8 @@ def load_map(path: Path | str) -> GridMap:
     """Read a map; its format is recognised by its content, also if packed by gzip or xz.
 
     Args:
-        path: a map_server YAML file with its image next to it, a wean.dat file, a run log, or a
-            ROS bag with a map; ``BAG#TOPIC`` selects one of several maps.
+        path: a map_server YAML file, a wean.dat file, a run log, or a ROS bag with a map;
+            ``BAG#TOPIC`` selects one of several maps of a bag.
 
     Raises:
         MapFileError: the map cannot be read.
@@ -61,7 +61,7 @@ def load_map_with_obstacles(path: Path | str) -> GridMap:
 
 
 def map_file_of(named: str, recording: str) -> str:
-    """Return the named map file, or else the recording if it is a bag, which may have its map."""
+    """Return `named`; if empty, the recording if it is a bag, which may hold a map, or ""."""
     return named or (recording if is_bag(Path(recording)) else "")
 
 
@@ -78,7 +78,7 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
 
     Args:
         path: the bag.
-        topic: the topic; empty: the only one called ``map``, in any namespace.
+        topic: name of a topic; empty: the only topic called ``map``, in any namespace.
 
     Raises:
         MapFileError: the bag cannot be read, or has no such map or several.

@@ -27,7 +27,7 @@ from recordings.log_formats import CarmenParser, WeanParser, is_carmen_line, is_
 from recordings.run_log import is_run_log, playback
 
 SHORTEST_MARKER_M = 8.0
-"""Lasers that mark a missing return by a long range use 8.18 m or more."""
+"""Shortest range that marks a missing return [m]; known lasers use 8.18 m or more."""
 
 _BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
 _NEAR_BAND = 0.8
@@ -36,13 +36,13 @@ _MIN_CONTRAST = 10.0
 _MIN_MODE = 0.5
 _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
-"""A stamp with a larger error is skipped [ns]."""
+"""Largest step back of time, and error of a stamp, that is not skipped [ns]."""
 SENDER = "recording"
-"""Sender of the readings of a recording."""
+"""Sender of the readings."""
 
 _FORMAT_LINES = 1000
 _BETWEEN_READINGS_NS = 1_000_000_000
-"""Interval assumed for readings without stamps, as in `ClusterMCL` [ns]."""
+"""Time between readings without stamps, as in `ClusterMCL` [ns]."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class Recording:
 
     Args:
         path: the file.
-        readings: in the order in which they happened. Stamps of odometry never decrease; scans
-            keep their stamps, by which a reference trajectory is looked up.
+        readings: in the order of time. Stamps of odometry never decrease; scans keep their own
+            stamps, at which the true pose is looked up.
         skipped: the skipped lines.
-        duration_s: from the first reading to the last.
+        duration_s: time from the first reading to the last.
         laser_count: number of scans among the readings.
     """
 
@@ -157,7 +157,7 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
 
 
 def _parser_for(words: Sequence[str]) -> LogParser | None:
-    """Return the parser for the format of a line; None: unknown."""
+    """Return a parser for the format of a line; None: the format is unknown."""
     if is_carmen_line(words):
         return CarmenParser()
     return WeanParser() if is_wean_line(words) else None
@@ -201,7 +201,7 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
-    """Remove entries with impossible stamps, and all after a jump of the clock to the past.
+    """Remove entries with wrong stamps, and all after a step of the clock to the past.
 
     A stamp that is out of order with a neighbour is compared with the median of the five stamps
     around it. Stamps in ascending order are kept, however long the gaps.
@@ -261,13 +261,13 @@ def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether a stamp is larger than the next one or smaller than the last one."""
+    """Return (n,) whether a stamp is larger than the next or smaller than the previous one."""
     steps_back = np.diff(stamps) < 0
     return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
 
 
 def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (n,) medians over each stamp and two neighbours on either side."""
+    """Return (n,) medians of each stamp and two neighbours on either side; of all if n < 5."""
     if len(stamps) < 5:
         return np.full(len(stamps), np.median(stamps) if len(stamps) else 0, np.int64)
     windows = np.lib.stride_tricks.sliding_window_view(stamps, 5)
@@ -276,7 +276,7 @@ def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
-    """Estimate from which range on a reading means no return.
+    """Estimate the range from which on a reading means no return.
 
     Recordings mark a missing return by the longest range of their laser: 81.91, 81.83, 51.1 or
     50 m. No format has a field for it. Ranges above 99 % of the longest are taken as a marker if
@@ -286,7 +286,7 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
     * at least half of them are the same number, unlike measured walls,
     * the longest range is at least 8 m, and twice the median of the others.
 
-    Otherwise all ranges are measurements. A wrong decision costs the beams above 99 %.
+    Otherwise all ranges are measurements. If this is wrong, only beams above 99 % are affected.
 
     Args:
         scans: (B,) ranges of each scan [m].

@@ -1,4 +1,4 @@
-"""Rigid transforms in space as plain numbers, which are faster than small arrays."""
+"""Rigid transforms in three dimensions as plain numbers, faster than small arrays."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ _NEARLY_PARALLEL = 1.0 - 1e-8
 
 
 class Rigid(NamedTuple):
-    """Pose of a frame in an outer frame: a translation [m] and a unit quaternion."""
+    """The pose of a frame in an outer frame: a translation [m] and a unit quaternion."""
 
     x: float
     y: float
@@ -23,7 +23,7 @@ class Rigid(NamedTuple):
     qw: float
 
     def of(self, inner: "Rigid") -> "Rigid":
-        """Return the pose in the outer frame of a frame whose pose in this frame is `inner`."""
+        """Chain two transforms: `a_from_b.of(b_from_c)` is `a_from_c`."""
         ax, ay, az, aw = self[3:]
         bx, by, bz, bw = inner[3:]
         x, y, z = self._turned(inner.x, inner.y, inner.z)
@@ -43,12 +43,12 @@ class Rigid(NamedTuple):
         return back._replace(x=x, y=y, z=z)
 
     def rotation(self) -> NDArray[np.float64]:
-        """Return the rotation as a (3, 3) matrix."""
+        """Return the (3, 3) rotation matrix."""
         axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         return np.array([self._turned(*axis) for axis in axes]).T
 
     def towards(self, end: "Rigid", share: float) -> "Rigid":
-        """Interpolate, rotations by slerp; a share of 0 gives this transform, 1 gives `end`."""
+        """Interpolate to `end`, rotations by slerp; a share of 0 gives this transform, 1 `end`."""
         q0, q1 = self[3:], end[3:]
         cosine = sum(a * b for a, b in zip(q0, q1, strict=True))
         sign = math.copysign(1.0, cosine)

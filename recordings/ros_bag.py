@@ -1,7 +1,8 @@
-"""ROS bags as recordings: laser scans, with odometry and the laser's mount from tf.
+"""Reads ROS bags as recordings: laser scans, odometry and the laser's mount.
 
-As for AMCL, odometry comes from tf, in the frame `odom`. The robot's frame is the child of `odom`
-that leads to the laser. If a bag is ambiguous, an error requests a name; nothing is guessed.
+Odometry comes from tf as in AMCL: the pose of the robot's frame in the frame `odom`. The robot's
+frame is the child of `odom` on the way to the laser's frame. If tf has no such frame, odometry is
+a topic. Nothing is guessed: if there are several candidates, the error asks for a name.
 """
 
 import math
@@ -26,7 +27,7 @@ ODOM_FRAME = "odom"
 """ROS's name for the frame of odometry (REP 105), and AMCL's default."""
 
 _SAME = 1e-6
-"""A link that moves less than this [m, and in its quaternion] is fixed."""
+"""Largest difference [m, and in the quaternion] between the poses of a fixed link."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class _Content:
     skipped: list[SkippedLine] = field(default_factory=list)
 
     def frames(self) -> list[str]:
-        """Return the frames of the lasers, in the order of their first scan."""
+        """Return the frames of the lasers in the order of their first scans."""
         return list(dict.fromkeys(_frame_of(scan) for scan in self.scans))
 
 
@@ -64,7 +65,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 
     Args:
         path: the bag.
-        settings: topics and frames; an empty name is chosen if the bag has only one.
+        settings: names of topics and frames; empty: the only one of the bag.
 
     Raises:
         RecordingError: the bag cannot be read, has no scan, has several candidates for an
@@ -82,7 +83,11 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 
 
 def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
-    """Return the named topic, or else the only topic of a type."""
+    """Return the named topic, or if the name is empty the only topic of a type.
+
+    Raises:
+        ValueError: there is no such topic, or several.
+    """
     topics = bag.of_type(message_type)
     held = ", ".join(f"{topic} ({bag.counts[topic]} messages)" for topic in topics) or "none"
     if named in topics:
@@ -103,7 +108,7 @@ def _by_name(setting: str) -> str:
 
 
 def _odometry_topics(bag: BagFile, settings: BridgeSettings) -> list[str]:
-    """Return the named topic, or all that may replace missing odometry of tf."""
+    """Return the named topic of odometry, or all topics that may replace odometry of tf."""
     if settings.odom_topic:
         return [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
     return [] if settings.odom_frame else bag.of_type(ODOMETRY)
@@ -153,7 +158,7 @@ def _entries(
 
 
 def _tree_of(content: _Content) -> TransformTree:
-    """Return the tree of all links; a link that is published often but never moves is fixed."""
+    """Return the tree of all links; a link that never moves counts as fixed."""
     by_link: dict[tuple[str, str], list[_Transform]] = {}
     for one in content.transforms:
         by_link.setdefault((one.parent, one.child), []).append(one)
@@ -174,7 +179,7 @@ def _refuse_two_parents(content: _Content, way: Sequence[str]) -> None:
 
 
 _Sorted = tuple[int, int, Entry]
-"""Time of recording, rank of the sensor (for equal times), entry."""
+"""Time of recording [ns], rank of the sensor at equal times, entry."""
 
 
 def _odometry_of(
@@ -260,7 +265,11 @@ def _laser_entries(
 def _is_mount_known(
     content: _Content, tree: TransformTree, base: str, frame: str, settings: BridgeSettings
 ) -> bool:
-    """Return whether tf has the mount of a laser; False: the settings have it."""
+    """Return whether the mount of a laser is in tf; False: it is in the settings.
+
+    Raises:
+        ValueError: it is in neither.
+    """
     mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if frame == base or tree.knows(frame):
         _refuse_two_parents(content, tree.way_up(frame, to=base))

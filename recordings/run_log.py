@@ -1,4 +1,4 @@
-"""Run logs: MCAP files that the coordinator and `clustermcl record` write.
+"""Reads and writes run logs, MCAP files of the coordinator and of `clustermcl record`.
 
 Messages are JSON, or MessagePack if only a replay reads them. docs/recordings.md lists all topics.
 """
@@ -30,7 +30,7 @@ from recordings.foxglove import BASE, MAP, ODOM
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 
 PROFILE = "clustermcl"
-"""Profile in the header of each run log; MCAP files with another profile are refused."""
+"""Profile in the header of each run log; a file with another profile is refused."""
 SCAN, ODOMETRY, GRID, POSE, PLACES = "/scan", "/tf", "/map", "/pose", "/places"
 """Topics that Foxglove draws; the second laser of a step is on `/scan_1`, and so on."""
 BELIEF, JOB_EVENTS, LINES = "/belief", "/events", "/log"
@@ -43,18 +43,18 @@ _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BA
 """Schema that marks the base64 strings; Foxglove knows the other fields by name."""
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
-"""As JSON, a map of this size fills the largest chunk that is read."""
+"""Limit for the cells of a written map, which as JSON fills the largest readable chunk."""
 MAX_MESSAGE_BYTES = 2**24
-"""Limit for a message other than a map; decoding needs ten times its size."""
+"""Limit for a message other than a map [bytes]; decoding takes ten times this memory."""
 MAX_PLAYBACK_BYTES = 2**31
-"""Limit for all messages of a run that is played back: about 30 hours."""
+"""Limit for all messages of a run that is played back [bytes]: about 30 hours."""
 
 
 class RunLog:
     """Writer of one run log; use it in a ``with`` block.
 
-    Messages reach the disk in chunks: with `flush`, or at `CHUNK_BYTES`. Only the owner may read
-    the file, because it shows where the robot was.
+    Messages are written in chunks of `CHUNK_BYTES`, or at `flush`. Only the owner may read the
+    file, because it shows where the robot was.
 
     Args:
         path: the file.
@@ -74,7 +74,7 @@ class RunLog:
 
     @classmethod
     def to(cls, path: Path) -> "RunLog":
-        """Begin a file that a user named, after a check that it can be written."""
+        """Open a file that a user named; an error says why it cannot be written."""
         check_output_file(path)
         return cls(path)
 
@@ -85,11 +85,11 @@ class RunLog:
         self.close()
 
     def wants_map(self, scan: Scan) -> bool:
-        """Return whether the file lacks the map of a step."""
+        """Return whether the last written map is not that of a step."""
         return scan.map_digest != self._map_digest
 
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
-        """Write the map of the following steps; one of more than `max_cells` is downsampled."""
+        """Write the map of the following steps, downsampled if it has more than `max_cells`."""
         self._map_digest = grid_map.digest
         self.write(GRID, foxglove.grid(grid_map, at_ns, max_cells), at_ns)
 
@@ -114,7 +114,7 @@ class RunLog:
             self.write(f"{SCAN}_{number}", foxglove.laser_scan(scan, beams), at_ns)
 
     def on_belief(self, belief: Belief, at_ns: int | None = None) -> None:
-        """Write a belief, and the messages by which Foxglove draws it.
+        """Write a belief as a message, and as drawings for Foxglove.
 
         Args:
             belief: the belief.
@@ -159,7 +159,7 @@ class RunLog:
 
     @property
     def size(self) -> int:
-        """Size of the file [bytes], without the messages since the last `flush`."""
+        """Size of the file [bytes], without messages that are not written yet."""
         return self._file.tell()
 
     @property
@@ -207,7 +207,7 @@ class LogFile:
         path: the file.
 
     Attributes:
-        cut: why reading ended early, once all messages are read; empty: the file is whole.
+        cut: after all messages are read: why reading ended early; empty: the file is whole.
     """
 
     def __init__(self, path: Path) -> None:
@@ -246,7 +246,7 @@ class LogFile:
 
 
 def is_run_log(path: Path) -> bool:
-    """Return whether a file, or any file of a folder, is a run log."""
+    """Return whether a file, or any MCAP file of a folder, is a run log."""
     return any(_has_our_header(file) for file in log_files(path))
 
 
@@ -285,10 +285,10 @@ def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
 
 
 def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
-    """Return the scans and odometry of a run as entries, and the skipped parts.
+    """Return the scans and odometry of a run as entries, and the damaged ends of its files.
 
     Raises:
-        RecordingError: a file is not a run log, or a message is malformed.
+        RecordingError: a file is not a run log, a message is malformed, or the run is too long.
     """
     entries, skipped, size = list[Entry](), list[SkippedLine](), 0
     for file in log_files(path):

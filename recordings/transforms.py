@@ -1,6 +1,6 @@
 """The tree of ROS's frames, from `/tf` and `/tf_static`.
 
-A lookup interpolates, but does not extrapolate: its error names the link that lacks a transform.
+A lookup interpolates, but does not extrapolate; its error names the link that lacks a transform.
 """
 
 from bisect import bisect_left
@@ -12,9 +12,9 @@ from recordings.rigid import IDENTITY, Rigid
 CACHE_NS = 10_000_000_000
 """Age at which transforms of a moving link are dropped, as in tf2 [ns]."""
 LATE_NS = 1_000_000_000
-"""A transform that is older than its link's newest by this much is dropped [ns]."""
+"""Largest age of a new transform, compared with the newest of its link [ns]."""
 RESTART_AFTER = 20
-"""After this many late transforms of a link in a row, the clock was set back."""
+"""Number of late transforms of a link in a row that show that the clock was set back."""
 _MAX_NAMED = 8
 _MOST_FRAMES = 1000
 
@@ -28,14 +28,14 @@ class Kept(Enum):
     NO = auto()
     """The transform is late, or there are too many frames."""
     CLOCK_SET_BACK = auto()
-    """Kept after many late ones; all moving links were cleared first."""
+    """The transform is kept after many late ones; all moving links were dropped before."""
 
 
 class TransformMissingError(ValueError):
     """Two frames are not connected, or not at the requested time.
 
     Attributes:
-        cause: the problem without names and numbers, for counters.
+        cause: the problem without names and numbers, by which it is counted.
         may_come: whether a later message may provide the transform.
     """
 
@@ -50,8 +50,8 @@ class TransformTree:
     Args:
         cache_ns: age at which transforms of a moving link are dropped; late ones are refused.
             None: for a recording, keep all, in any order.
-        slack_ns: time before the first and after the last transform of a link for which these
-            still hold.
+        slack_ns: time for which the first transform of a link holds before it, and the last
+            after it.
     """
 
     def __init__(self, cache_ns: int | None = CACHE_NS, slack_ns: int = 0) -> None:
@@ -61,7 +61,7 @@ class TransformTree:
     def add(
         self, stamp_ns: int, parent: str, child: str, parent_from_child: Rigid, *, fixed: bool
     ) -> Kept:
-        """Add a transform; a child with another parent than before is moved to it."""
+        """Add a transform; a child that has another parent is moved to the new one."""
         link = self._links.get(child)
         if link is None or link.parent != parent or link.fixed != fixed:
             if link is None and len(self._links) >= _MOST_FRAMES:
@@ -77,11 +77,11 @@ class TransformTree:
         return Kept.CLOCK_SET_BACK
 
     def forget_moving(self) -> None:
-        """Drop all moving links, after a jump of the clock."""
+        """Drop all moving links."""
         self._links = {child: link for child, link in self._links.items() if link.fixed}
 
     def keep_newest(self) -> None:
-        """Drop all but the newest transform of each link, after a gap in time."""
+        """Drop all but the newest transform of each link."""
         for link in self._links.values():
             link.keep_newest()
 
@@ -116,7 +116,11 @@ class TransformTree:
         return of_outer.inverse().of(of_inner) if outer_way else of_inner
 
     def _ways(self, outer: str, inner: str) -> tuple[list[str], list[str]]:
-        """Return the frames from `outer`, and from `inner`, up to below their common ancestor."""
+        """Return the frames from `outer`, and those from `inner`, below the common ancestor.
+
+        Raises:
+            TransformMissingError: there is none.
+        """
         inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
         common = next((frame for frame in inner_way if frame in outer_way), None)
         if common is None:
@@ -147,7 +151,7 @@ class TransformTree:
         return way
 
     def _up(self, way: list[str], stamp_ns: int) -> Rigid:
-        """Return the pose of the first frame of a way in the parent of the last."""
+        """Return the pose of a way's first frame, relative to the parent of its last frame."""
         found = IDENTITY
         for child in way:
             link = self._links[child]

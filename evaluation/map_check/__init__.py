@@ -1,1 +1,1 @@
-"""Is a map fit for localizing, and does a recording agree with it."""
+"""Checks whether a map is suitable for localization, and whether a recording matches it."""

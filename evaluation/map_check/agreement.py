@@ -1,4 +1,4 @@
-"""Checks whether a recording agrees with a map: localization, and fit of the scans."""
+"""Checks whether a recording matches a map, by localizing and by the fit of its scans."""
 
 import itertools
 from collections.abc import Iterable
@@ -23,11 +23,11 @@ from worker.jobs import scan_beams
 
 FITS_WITHIN_M = 0.2
 FITS_SHARE = 0.98
-"""Share of a refined scan's beams that end near an obstacle, where the map is right."""
+"""Share of the beams that end near an obstacle of the right map, after refining the poses."""
 ANOTHER_MAP = 0.5
 """Off-map probability above which the recording belongs to another map."""
 MOST_STEPS, DECOY_STEPS = 400, 160
-"""Steps of the recording and of its mirror image: a minute of computation, and sufficient."""
+"""Largest numbers of steps of the recording and of its mirror image: a minute of computation."""
 
 
 class Agreement(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,21 +37,24 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
     localized_share: float
     """Share of the steps with the state `localized`."""
     fitting_share: float | None
-    """Share of beams that end within 0.2 m of an obstacle, at steps with one probable place."""
+    """Mean share of beams that end within 0.2 m of an obstacle, at steps with one probable place.
+    None: there is no such step."""
     told_mount: tuple[float, float, float]
     """`robot_from_laser` of the recording or the settings."""
     mount: Mount | None
-    """The mount estimated from the map; None: too few such steps, or too few turns."""
+    """The mount estimated from the map; None: one place was probable too briefly, or the robot
+    turned too little."""
     off_map_probability: float
-    """Mean probability over the steps that the robot is not on this map."""
+    """Probability that the robot is not on this map, the mean over all steps."""
     decoy_localized_share: float
-    """Localized share of the mirrored recording, whose robot is not on the map."""
+    """`localized_share` of the mirrored recording, whose robot is not on the map."""
 
     @property
     def is_of_another_map(self) -> bool:
-        """Whether the robot was more probably off the map than on it.
+        """Whether the recording is probably of another map.
 
-        With a wrong laser mount scans also fit badly, but only until their poses are refined.
+        With a wrong laser mount the robot also seems to be off the map, but scans fit once their
+        poses are refined.
         """
         fits = self.fitting_share is not None and self.fitting_share > FITS_SHARE
         return self.off_map_probability > ANOTHER_MAP and not fits
@@ -60,8 +63,7 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
 def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSettings) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
 
-    A decoy, the mirrored recording, is localized too: it shows the localized share of a robot that
-    is not on this map.
+    The mirrored recording is localized too, as a decoy: a robot that is not on this map.
 
     Args:
         scans: all steps; at least one.
@@ -108,7 +110,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
 
 
 def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
-    """Return whether one place is probable compared with the others, given that one is true."""
+    """Return whether the best place is probable, given that the robot is at one of the places."""
     if not outcome.hypotheses:
         return False
     here = 1.0 - outcome.elsewhere_probability

@@ -49,11 +49,11 @@ pre { overflow-x: auto; }
 
 _UNIQUE, _ALIKE, _SYMMETRY = "#0072B2", "#D55E00", "#7d3cb5"
 _HEAT = ((1, "#009E73"), (2, "#F0E442"), (4, "#E69F00"), (10**9, "#c0262d"))
-"""Up to this number of places that look alike: the colour."""
+"""The colour by the largest number of places that look alike, counting the tested place."""
 _HEAT_CELLS, _HEAT_ALPHA = 300, 90
-"""Cells along the longer side, and opacity of 255."""
+"""Cells along the longer side of the image, and its opacity, of 255."""
 _HEAT_SPACINGS = 1.5
-"""A tested place colours the ground around it, by this many mean distances of tested places."""
+"""Radius that a place colours, in mean distances between the places."""
 
 
 def map_page(report: MapReport, lines: Sequence[str], grid_map: GridMap) -> str:
@@ -92,7 +92,7 @@ def map_page(report: MapReport, lines: Sequence[str], grid_map: GridMap) -> str:
 
 
 class MapDrawing:
-    """Draws on a map, cropped to its free ground; coordinates in metres, `map_from_...`."""
+    """Draws on a map, cropped to its free ground; coordinates are metres in the map frame."""
 
     def __init__(self, grid_map: GridMap) -> None:
         self._map = reduced(to_message(grid_map, "report"))
@@ -122,7 +122,7 @@ class MapDrawing:
 
 
 def png_data(picture: Image.Image) -> str:
-    """Return a picture as a ``data:`` address."""
+    """Return a picture as a ``data:`` URL."""
     pixels = io.BytesIO()
     picture.save(pixels, "PNG", optimize=True)
     return f"data:image/png;base64,{base64.b64encode(pixels.getvalue()).decode()}"
@@ -180,7 +180,7 @@ def _symmetries(report: MapReport, drawn: MapDrawing) -> Iterator[str]:
 
 
 def _heat(report: MapReport, grid_map: GridMap, drawn: MapDrawing) -> str:
-    """Return an image as SVG that colours free ground by its number of look-alikes."""
+    """Return SVG of an image with free ground coloured by the number of look-alikes."""
     groups = [(place.map_from_robot, *place.look_alikes) for place in report.places]
     known = np.array([pose[:2] for group in groups for pose in group])
     alike = np.array([len(group) for group in groups for _ in group])

@@ -12,7 +12,7 @@ SMALLEST_PIECE_M2 = 0.5
 
 
 class Ground(msgspec.Struct, frozen=True, kw_only=True):
-    """Size of a map, and its shares of free, occupied and unknown ground."""
+    """Statistics of a map."""
 
     rows: int
     cols: int
@@ -23,15 +23,14 @@ class Ground(msgspec.Struct, frozen=True, kw_only=True):
     occupied_share: float
     unknown_share: float
     pieces: int
-    """Connected components of free ground, without the smallest."""
+    """Number of connected components of free ground of at least 0.5 m², or 1."""
     largest_piece_share: float
-    """Of the free ground."""
+    """Share of the free ground in the largest component."""
     open_rim_share: float
-    """Share of the cells next to free ground that are unknown, that is not mapped."""
+    """Share of unknown cells among the cells that border free ground."""
 
 
 def ground_of(grid_map: GridMap) -> Ground:
-    """Measure a map."""
     cells = grid_map.cells
     free = cells == FREE
     numbers, _ = label(free)

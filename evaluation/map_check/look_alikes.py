@@ -1,4 +1,4 @@
-"""Finds look-alike places, from which a scan would be nearly equal."""
+"""Finds look-alike places: places from which the laser's view is nearly the same."""
 
 import math
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from particle_filter.poses import compose, heading_distance
 from particle_filter.settings import SensorSettings
 
 MOST_POSES = 1_000_000
-"""Most poses scored for a view; a larger map is searched on a coarser lattice."""
+"""Largest number of poses scored for a view; a larger map has a coarser lattice."""
 ALIKE_SHARE = 0.1
-"""A look-alike place differs in a smaller share of the beams than this."""
+"""Share of differing beams below which two places look alike."""
 
 _HEADINGS = 60
 _SPACING_M = 0.4
@@ -29,7 +29,7 @@ _APART_M, _APART_RAD = 1.0, 0.5
 
 @dataclass(frozen=True, eq=False)
 class LookAlikes:
-    """A sampled place and all places that look like it."""
+    """A tested place and all places that look like it."""
 
     places: Poses
     """(N, 3) `map_from_robot`; the place itself comes first."""
@@ -38,8 +38,8 @@ class LookAlikes:
 class LookAlikeSearch:
     """Scores a view from all poses in the free space of a map.
 
-    First it scores all poses on a lattice against a blurred map, then it refines the best ones
-    and compares their expected ranges.
+    All poses on a lattice are scored with a blurred map; the best are refined, and their expected
+    ranges compared with the view.
 
     Args:
         grid_map: the map.
@@ -62,9 +62,9 @@ class LookAlikeSearch:
         )
 
     def places_like(self, view: View) -> LookAlikes:
-        """Return all places from which nearly all beams of the view have the same range.
+        """Return the places from which nearly all beams of the view have the same range.
 
-        A view with almost no returns has none.
+        A view of fewer than 10 returns has no look-alikes.
         """
         if len(view.hits_in_robot) < _FEWEST_HITS:
             return LookAlikes(view.map_from_robot[None])
@@ -84,7 +84,7 @@ class LookAlikeSearch:
 
 
 def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:
-    """Return (N, 3) poses over all free cells and headings."""
+    """Return (N, 3) poses: free cells at the given spacing, with evenly spaced headings."""
     stride = max(1, round(spacing_m / grid_map.cell_m))
     places = np.argwhere(grid_map.cells[stride // 2 :: stride, stride // 2 :: stride] == FREE)
     middles = (places[:, ::-1] * stride + stride // 2 + 0.5) * grid_map.cell_m

@@ -1,4 +1,4 @@
-"""Estimates the laser's mount and the odometry's scale: hand-eye calibration.
+"""Estimates the laser's mount and the scale of odometry, by hand-eye calibration.
 
 The laser's motion A between two steps, measured in the map, and the robot's motion B, measured by
 odometry, are one motion in two frames: A = X^-1 B X with the laser's mount X. In the plane this is
@@ -16,11 +16,11 @@ from particle_filter.arrays import Poses
 from particle_filter.poses import between, compose, wrap_angle
 
 _APART_STEPS = 5
-"""Motions span this number of steps, about a metre: much more than the error of the map poses."""
+"""Number of steps of a motion, about a metre: much more than the error of poses in the map."""
 _LEAST_MOVEMENTS = 30
 _SOFT_M = 0.05
 _LEAST_TURN_RAD = math.pi
-"""Least sum of the turns: without turning, the laser's position is not observable."""
+"""Least sum of all turns; without turns the laser's position is not observable."""
 
 
 class Mount(msgspec.Struct, frozen=True, kw_only=True):
@@ -28,22 +28,22 @@ class Mount(msgspec.Struct, frozen=True, kw_only=True):
 
     robot_from_laser: tuple[float, float, float]
     standard_errors: tuple[float, float, float]
-    """[m], [m], [rad]."""
+    """Standard errors of `robot_from_laser`: x [m], y [m], heading [rad]."""
     odometry_distance_scale: float
-    """1.02: odometry reports 2 % more than was driven."""
+    """Distance by odometry, divided by the driven distance."""
     odometry_turn_scale: float
-    """The same for turns."""
+    """Turn by odometry, divided by the true turn."""
 
 
 def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
-    """Estimate mount and scale together.
+    """Estimate the mount of the laser and the scale of odometry.
 
     Args:
         map_from_laser: (N, 3) laser poses at consecutive steps.
         odom_from_robot: (N, 3) odometry at the same steps.
 
     Returns:
-        None if the recording is too short or turns too little.
+        None if there are too few steps, or the robot turns too little.
     """
     laser = between(map_from_laser[:-_APART_STEPS], map_from_laser[_APART_STEPS:])
     robot = between(odom_from_robot[:-_APART_STEPS], odom_from_robot[_APART_STEPS:])
@@ -56,7 +56,7 @@ def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
     c, s = np.cos(laser[:, 2]), np.sin(laser[:, 2])
 
     def residuals(unknown: np.ndarray) -> np.ndarray:
-        """(R_B - 1) t - scale R_X t_A + t_B, in metres of odometry."""
+        """Return (R_B - 1) t - scale R_X t_A + t_B of all motions, in metres of odometry."""
         x, y, cos, sin = unknown
         along = (c - 1) * x - s * y - cos * laser[:, 0] + sin * laser[:, 1] + moved[0]
         across = s * x + (c - 1) * y - sin * laser[:, 0] - cos * laser[:, 1] + moved[1]

@@ -7,7 +7,8 @@ from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihoo
 
 _TRIES = 200
 _SPREADS = np.array([(s, s, 0.25 * s) for s in (0.4, 0.2, 0.1, 0.05, 0.02)])
-"""[m], [m], [rad]: the heading is scaled by a quarter, because beams end metres away."""
+"""Standard deviations of the trials: x [m], y [m], heading [rad]. That of the heading is a
+quarter, because beams end metres away."""
 
 
 def refined(
@@ -18,8 +19,8 @@ def refined(
     Args:
         poses: (N, 3).
         hits_in_robot: (B, 2) end points of beams [m].
-        field: the map.
-        rng: source of the trials.
+        field: likelihood field of the map.
+        rng: draws the trials.
 
     Returns:
         (N, 3) poses, none worse than it was, and their (N,) log-likelihoods.

@@ -1,4 +1,4 @@
-"""The report of `clustermcl check` on a map, with its warnings."""
+"""Compiles the report of `clustermcl check` on a map, with its warnings."""
 
 import math
 from collections.abc import Iterator
@@ -27,13 +27,13 @@ _MOST_SYMMETRIES = 12
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True):
-    """A pose at which the map was checked, and the poses with the same view."""
+    """A pose at which the map was tested, and the poses that look alike."""
 
     map_from_robot: PoseTuple
     returned_share: float
     """Share of the beams that hit something within the laser's range."""
     look_alikes: tuple[PoseTuple, ...]
-    """Number of look-alike places."""
+    """The poses from which the view is nearly the same."""
 
 
 class MapReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,11 +45,11 @@ class MapReport(msgspec.Struct, frozen=True, kw_only=True):
     searched_every_m: float
     places: tuple[Place, ...]
     symmetries: tuple[Symmetry, ...]
-    """The most frequent first, at most a dozen."""
+    """At most 12, the most frequent first."""
     agreement: Agreement | None
-    """Agreement with a recording; None: none was given."""
+    """How a recording matches the map; None: no recording was given."""
     remarks: tuple[str, ...] = ()
-    """Problems of localizing in this map, as sentences."""
+    """Problems of the map, and of the recording, as sentences."""
 
 
 def report_of(
@@ -61,15 +61,15 @@ def report_of(
     seed: int,
     agreement: Agreement | None,
 ) -> MapReport:
-    """Examine a map.
+    """Test a map at random places.
 
     Args:
-        name: displayed name of the map.
+        name: name of the map, for display.
         grid_map: the map.
         laser_range_m: range of the robot's laser.
-        places: number of sampled places.
-        seed: of the sampling.
-        agreement: agreement of a recording with the map, or None.
+        places: number of places.
+        seed: seed of the random places.
+        agreement: how a recording matches the map; None: there is no recording.
 
     Raises:
         NoRoomError: no robot fits into the map.

@@ -1,4 +1,4 @@
-"""Symmetries of a map: transforms that map many places to look-alike places."""
+"""Symmetries of a map: transforms that carry many places to look-alike places."""
 
 import math
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ class Symmetry(msgspec.Struct, frozen=True, kw_only=True):
     """A transform under which some places of the map look the same."""
 
     turn_rad: float
-    """0: a translation."""
+    """Angle of a rotation; 0: a translation."""
     about_m: tuple[float, float] | None
     """Centre of rotation; None: a translation."""
     shift_m: tuple[float, float] | None
     """Translation; None: a rotation."""
     share: float
-    """Share of the sampled places."""
+    """Share of the tested places with a look-alike by this transform."""
 
 
 def middle_of(grid_map: GridMap) -> tuple[float, float]:
@@ -40,12 +40,12 @@ def middle_of(grid_map: GridMap) -> tuple[float, float]:
 
 
 def symmetries_of(found: Sequence[LookAlikes], middle: tuple[float, float]) -> tuple[Symmetry, ...]:
-    """Return transforms that several places share, the most frequent first.
+    """Return the transforms that several places share, the most frequent first.
 
     Args:
-        found: sampled places with their look-alikes.
-        middle: of the map; transforms are compared there, where errors of a rotation have the
-            least effect.
+        found: tested places with their look-alikes.
+        middle: middle of the map [m], about which turns are compared, because errors of their
+            angle have the least effect there.
     """
     to_middle = np.array([*middle, 0.0])
     movements, owners = [], []

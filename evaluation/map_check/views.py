@@ -1,4 +1,4 @@
-"""Expected scans along a short path in a map, without noise and people."""
+"""Computes the scans expected along a short path in a map, without noise or people."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from robot_simulator.free_space import FreeSpace
 
 WAY_M = 4.0
-"""Most scans of a view: a short path shows more than one scan."""
+"""Greatest length of the path of a view [m]: several scans show more than one."""
 _SCANS, _BEAMS = 4, 60
 _ANGLES = np.linspace(-np.pi, np.pi, _BEAMS, endpoint=False)
 _DIFFERS_M = 0.3
@@ -20,14 +20,14 @@ _DIFFERS_M = 0.3
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The scans of a path, relative to its end."""
+    """The scans along a path."""
 
     map_from_robot: Pose
     """(3,) pose at the end of the path."""
     robot_from_scans: Poses
-    """(S, 3) poses of the scans relative to that pose."""
+    """(S, 3) poses of the robot at the scans, relative to the end of the path."""
     hits_in_robot: Points
-    """(n, 2) end points of beams [m]."""
+    """(n, 2) end points of all beams that returned, relative to the end of the path [m]."""
     ranges: NDArray[np.float64]
     """(S, B) ranges [m]; the laser's maximum range where nothing was hit."""
 
@@ -55,7 +55,7 @@ class Viewer:
         self._free_space = FreeSpace(grid_map)
 
     def random_view(self, rng: np.random.Generator) -> View:
-        """Return the view of a path between two random places near each other."""
+        """Return the scans along a random short path."""
         x, y, heading = self._free_space.random_pose(rng)
         way = self._free_space.random_path(x, y, WAY_M, rng)
         chosen = way[np.unique(np.linspace(0, len(way) - 1, _SCANS).astype(int))]
@@ -63,7 +63,7 @@ class Viewer:
         return self._view(poses)
 
     def differing_share(self, view: View, places: Poses) -> NDArray[np.float64]:
-        """Return the (N,) share of the view's beams that differ at (N, 3) places."""
+        """Return the (N,) share of the view's beams whose range differs at (N, 3) places."""
         return np.array(
             [
                 np.mean(np.abs(self._ranges(compose(place, view.robot_from_scans)) - view.ranges)
