@@ -62,7 +62,6 @@ def step_frame(
         "state": belief.state,
         "searching": belief.searching,
         "search_progress": belief.search_progress,
-        "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
         "elsewhere": belief.elsewhere_probability,
         "off_map": belief.off_map_probability,
@@ -157,7 +156,6 @@ def pose_frame(answer: PoseAnswer) -> Frame:
 
 def status_frame(status: Status) -> Frame:
     return {
-        "version": status.version,
         "state": status.state,
         "freshness": status.freshness,
         "age_s": status.age_s,
@@ -166,9 +164,6 @@ def status_frame(status: Status) -> Frame:
         "applied": status.steps_applied,
         "lost": status.steps_lost,
         "reports_missing": status.reports_missing,
-        "searching": status.searching,
-        "search_progress": status.search_progress,
-        "uptime_s": status.uptime_s,
         "workers": [
             {"name": name, "jobs": jobs, **_rates(name, status)}
             for name, jobs in status.workers.items()
