@@ -21,7 +21,7 @@ from evaluation.beside import beside_name
 from evaluation.recordings import counted_steps
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
-from live_view.process import say_link
+from live_view.page_server import say_link
 from particle_filter.trajectory import Trajectory
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file

@@ -55,7 +55,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
 
 def command_for(command: str, settings: Settings) -> str:
-    """Return the line with which a user gives a command for the robot of these settings."""
+    """Return the command line that runs a command for the robot of these settings."""
     usual, words = Settings(), ["clustermcl", command]
     if settings.robot.name != usual.robot.name:
         words += ["--robot", settings.robot.name]

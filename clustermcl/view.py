@@ -4,7 +4,6 @@ from pathlib import Path
 
 from grid_maps.map_message import to_message
 from live_view.page_server import PageOptions, opened_page
-from live_view.process import say_link
 from live_view.recorded_run import RecordedRun
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.stop import stop_on_signals
@@ -38,7 +37,7 @@ def view_recording(
     named = to_message(load_map(map_file), "recording") if map_file else None
     run = RecordedRun(recording, named)
     if save_file is None:
-        with opened_page(page, [run.room], say_link):
+        with opened_page(page, [run.room]):
             run.run(stop)
     else:
         check_output_file(save_file)

@@ -5,9 +5,10 @@ import logging
 import secrets
 import socket
 import ssl
+import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -79,16 +80,19 @@ class PageOptions:
         return self.allow_commands or self.address.is_loopback
 
 
+def say_link(link: str) -> None:
+    """Print the link of the page to standard error."""
+    sys.stderr.write(f"clustermcl: look at {link}\n")
+    sys.stderr.flush()
+
+
 @contextmanager
-def opened_page(
-    options: PageOptions, rooms: Sequence[Room], on_link: Callable[[str], None]
-) -> Iterator[None]:
-    """Serve the page within the ``with`` block.
+def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
+    """Serve the page within the ``with`` block, and print its link.
 
     Args:
         options: address and features of the page.
         rooms: a room for each robot.
-        on_link: called with the page's link, once the page is served.
 
     Raises:
         SettingsError: the address or the certificate cannot be used.
@@ -97,7 +101,7 @@ def opened_page(
     tls = _tls_context(options)
     commands = options.obeys_commands
     with PageServer(options.address, token, rooms, commands=commands, tls=tls) as server:
-        on_link(server.link)
+        say_link(server.link)
         if options.open_browser:
             webbrowser.open(server.link)
         yield

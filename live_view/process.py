@@ -1,7 +1,6 @@
 """The process of the page, which shows one or several robots."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
@@ -66,12 +65,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def say_link(link: str) -> None:
-    """Print the link of the page to standard error."""
-    sys.stderr.write(f"clustermcl: look at {link}\n")
-    sys.stderr.flush()
-
-
 def run_live_view(invocation: Invocation) -> None:
     """Serve the page until the process is stopped, also while no system is running.
 
@@ -97,7 +90,7 @@ def run_live_view(invocation: Invocation) -> None:
     }
     shown = [*names, arguments.beside] if arguments.beside else names
     loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in shown]
-    with opened_page(options, [loop.room for loop in loops], say_link):
+    with opened_page(options, [loop.room for loop in loops]):
         _run_all(loops, invocation.stop)
 
 
