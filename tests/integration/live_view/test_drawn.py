@@ -224,7 +224,7 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: len(stage.commands) == 2)
     lifted = stage.commands[1]
     assert isinstance(lifted, KidnapRobot)
-    assert lifted.pose == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
+    assert lifted.map_from_robot == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
     stage.commands.clear()
     press(drawn, "d")
     with drawn.holding("\ue013"):  # the up arrow
@@ -247,7 +247,7 @@ def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
     shows(stage, lambda: stage.commands)
     (given,) = stage.commands
     assert isinstance(given, PlaceRobot)
-    assert given.pose == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
+    assert given.map_from_robot == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
     assert given.position_sigma_m == pytest.approx(0.5 / 1.3**2)
     assert drawn.snapshot().view == before  # the map stays
 
