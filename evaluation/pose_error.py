@@ -24,7 +24,6 @@ class PoseError:
 
     @property
     def right(self) -> bool:
-        """Whether both errors are within the limits."""
         return self.distance_m <= RIGHT_WITHIN_M and self.heading_rad <= RIGHT_WITHIN_RAD
 
 

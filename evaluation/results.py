@@ -71,7 +71,6 @@ MORE_TABLES = {
 
 
 def table_rows(runs: Sequence[Result], columns: Columns) -> list[list[str]]:
-    """Return the cells of a table, one row for each run."""
     return [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
 
 

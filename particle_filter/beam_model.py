@@ -40,7 +40,6 @@ class BeamModel:
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        """Build the model from the result of `arrays_of`."""
         pyramid = Pyramid.from_arrays(arrays, grid.cells, grid.cell_m, settings)
         return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
@@ -54,7 +53,6 @@ class BeamModel:
         return scan.beams(ranges, usable_beams(ranges, np.inf, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         if not beams.others:
             return self._of_beams(map_from_robot, beams)
         seeing = [laser for laser in beams.lasers if len(laser.ranges)]

@@ -388,7 +388,6 @@ def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
 
 @kernel
 def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
-    """Return the highest sum of a free leaf."""
     best, nothing, start = np.uint16(0), np.uint16(0), np.uint64(0)
     flat = free.reshape(-1)
     for run in range(len(runs)):

@@ -33,7 +33,6 @@ class ParticleSet:
 
     @classmethod
     def even(cls, map_from_robot: Poses) -> "ParticleSet":
-        """Return a set of equally weighted particles."""
         return cls(map_from_robot, np.zeros(len(map_from_robot)))
 
     @cached_property

@@ -28,7 +28,6 @@ def register(kind: Kind, name: str, extension: object) -> None:
 
 
 def names(kind: Kind) -> list[str]:
-    """Return the names of all registered and installed extensions of a kind."""
     return [*(name for of, name in _registered if of == kind), *_installed(kind)]
 
 

@@ -330,7 +330,6 @@ def _spread(
     start: NDArray[np.float64],
     lone_stay: bool,
 ) -> tuple[Poses, LogWeights, NDArray[np.float64], NDArray[np.int64]]:
-    """Spread copies of poses over the part of the map that each stands for."""
     poses, log_weights, sizes = kept
     count, made = copies.sum(), 0
     parts, logs = np.empty((count, 3)), np.empty(count)

@@ -146,7 +146,6 @@ def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
 
 
 def pose_in_frame(map_from_robot: PoseTuple, stamp_ns: int) -> Json:
-    """Return a pose as `foxglove.PoseInFrame`."""
     return {**_header(stamp_ns, MAP), "pose": _pose(map_from_robot)}
 
 
@@ -188,7 +187,6 @@ def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
 
 
 def log_line(text: str, stamp_ns: int) -> Json:
-    """Return a line of text as `foxglove.Log`."""
     line = {"level": _INFO, "message": text, "name": "coordinator", "file": "", "line": 0}
     return {"timestamp": _time(stamp_ns), **line}
 

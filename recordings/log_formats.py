@@ -43,7 +43,6 @@ _CONFIG = 8  # kind type start fov step max accuracy remission
 
 
 def is_carmen_line(words: Sequence[str]) -> bool:
-    """Return whether a line begins like those of this format."""
     return words[0] in READ_KINDS or words[0] in OTHER_KINDS
 
 
@@ -69,7 +68,6 @@ class CarmenParser:
         self._pose_pairs: list[tuple[PoseTuple, PoseTuple]] = []
 
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Parse one line; see `LogParser`."""
         match words[0]:
             case "PARAM":
                 self._parameter(words)
@@ -223,7 +221,6 @@ def _common(steps: int) -> float | None:
 
 
 def is_wean_line(words: Sequence[str]) -> bool:
-    """Return whether a line begins like those of this format."""
     return words[0] in ("O", "L") and len(words) > 1
 
 
@@ -238,7 +235,6 @@ class WeanParser:
     """
 
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Parse one line; see `LogParser`."""
         match words[0]:
             case "O":
                 _check_count(words, _WEAN_ODOMETRY_WORDS)
@@ -250,7 +246,6 @@ class WeanParser:
         raise ValueError(f"unknown kind of line {words[0]!r:.20}")
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Return the entries unchanged."""
         return list(entries)
 
 

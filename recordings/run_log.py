@@ -167,7 +167,6 @@ class RunLog:
         return os.fstat(self._file.fileno()).st_nlink == 0
 
     def close(self) -> None:
-        """Write the index and close the file."""
         with self._named(), self._file:
             self._writer.finish()  # type: ignore[no-untyped-call] # the library's
 

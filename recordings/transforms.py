@@ -77,16 +77,13 @@ class TransformTree:
         return Kept.CLOCK_SET_BACK
 
     def forget_moving(self) -> None:
-        """Drop all moving links."""
         self._links = {child: link for child, link in self._links.items() if link.fixed}
 
     def keep_newest(self) -> None:
-        """Drop all but the newest transform of each link."""
         for link in self._links.values():
             link.keep_newest()
 
     def knows(self, frame: str) -> bool:
-        """Return whether the frame is in the tree."""
         return frame in self._links or any(one.parent == frame for one in self._links.values())
 
     def moves(self, child: str) -> bool:

@@ -122,7 +122,6 @@ class MapDrawing:
 
 
 def png_data(picture: Image.Image) -> str:
-    """Return a picture as a ``data:`` URL."""
     pixels = io.BytesIO()
     picture.save(pixels, "PNG", optimize=True)
     return f"data:image/png;base64,{base64.b64encode(pixels.getvalue()).decode()}"
