@@ -13,13 +13,13 @@ from particle_filter import belief
 from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
 from particle_filter.beam_model import beam_log_likelihood
 from particle_filter.gaussian import fit_gaussian
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.motion import move, move_with_noise, standard_normals
 from particle_filter.motion_noise import along_across_turn
 from particle_filter.places import cluster_by_source_point
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.resampling import resample, systematic
-from particle_filter.sensor_model import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
 from robot_simulator.worlds.catalogue import world
 
@@ -54,7 +54,7 @@ def cells() -> Cells:
 
 @cache
 def field() -> LikelihoodField:
-    return LikelihoodField.build(cells(), CELL_M, np.zeros(3), SensorSettings())
+    return LikelihoodField.build(Grid(cells(), CELL_M, np.zeros(3)), SensorSettings())
 
 
 def cloud(kind: str, count: int) -> Poses:

@@ -7,8 +7,9 @@ import numpy as np
 from benchmarks.cases import CELL_M, CENTRE, cells
 from particle_filter import belief
 from particle_filter.evidence_model import contenders, tempered
+from particle_filter.grid import Grid
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, FilterSettings, SensorSettings
 from protocol.arrays import ArrayBlob

@@ -16,8 +16,8 @@ def scan_log_likelihood(
     for start in range(0, len(poses), block):
         x, y, heading = poses[start : start + block].T[:, :, None]
         c, s = np.cos(heading), np.sin(heading)
-        col = (x + c * hits[:, 0] - s * hits[:, 1]) / field.cell_m + 1.0
-        row = (y + s * hits[:, 0] + c * hits[:, 1]) / field.cell_m + 1.0
+        col = (x + c * hits[:, 0] - s * hits[:, 1]) / field.grid.cell_m + 1.0
+        row = (y + s * hits[:, 0] + c * hits[:, 1]) / field.grid.cell_m + 1.0
         np.clip(col, 0, cols - 1, out=col)
         np.clip(row, 0, rows - 1, out=row)
         codes = field.codes[row.astype(np.int64), col.astype(np.int64)]

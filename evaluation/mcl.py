@@ -15,12 +15,13 @@ from coordinator.belief.outcome import Outcome
 from particle_filter.arrays import FREE, Pose, Poses
 from particle_filter.cluster_filter import ParticleSet, measurement_update
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.grid import Grid
 from particle_filter.motion import move
 from particle_filter.places import FoundPlace, places_of
 from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.resampling import resample
-from particle_filter.sensor_model import Beams, Grid, SensorModel
+from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_tuple, pose_tuple

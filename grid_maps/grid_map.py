@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from particle_filter.grid import Grid
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
 
@@ -65,6 +66,11 @@ class GridMap:
         summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))
         summed.update(self.cells.data)
         return summed.hexdigest()
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The map for the particle filter."""
+        return Grid(self.cells, self.cell_m, np.array(self.map_from_grid))
 
     @cached_property
     def free_area_m2(self) -> float:

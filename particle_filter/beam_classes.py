@@ -10,10 +10,11 @@ from math import ceil, cos, floor, sin, sqrt
 import numpy as np
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells, Points, Pose
+from particle_filter.grid import Grid
 from particle_filter.kernels import ToCells, kernel, plain, read_only
 from particle_filter.off_map import BeamClasses
 from particle_filter.ray_casting import JumpField, cast_ray, flat
-from particle_filter.sensor_model import Beams, Grid
+from particle_filter.sensor_model import Beams
 
 SHARP_M = 0.1
 """An end lies on an obstacle within this distance plus half a cell of the map [m]."""

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.grid import Grid
 from particle_filter.kernels import kernel, plain, read_only, to_cells
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField, cast_ray, checked_jumps, flat, jump_field
-from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
+from particle_filter.sensor_model import Beams, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]
@@ -35,12 +36,12 @@ class BeamModel:
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
         """Compute the jump field for rays, and the pyramid for searches."""
-        field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
+        field = LikelihoodField.build(grid, settings)
         return {"jumps": jump_field(grid.cells), **Pyramid.arrays_of(field)}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        pyramid = Pyramid.from_arrays(arrays, grid.cells, grid.cell_m, settings)
+        pyramid = Pyramid.from_arrays(arrays, grid, settings)
         return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:

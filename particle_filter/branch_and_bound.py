@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, LogWeights, Points, Pose, Poses
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.grid import Grid
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
 from particle_filter.poses import TURN, between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums
 from particle_filter.regions import Corners, is_region
 from particle_filter.resampling import optimal_resampling
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 

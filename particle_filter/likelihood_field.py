@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from math import log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
+from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Poses
 from particle_filter.elementary_functions import cos_sin
-from particle_filter.kernels import ToCells, kernel, plain, read_only, to_cells
+from particle_filter.grid import Grid
+from particle_filter.kernels import kernel, plain, read_only
 from particle_filter.settings import SensorSettings
 
 Codes = NDArray[np.uint16]
@@ -68,26 +68,15 @@ class LikelihoodField:
 
     codes: Codes
     """(rows + 2, cols + 2); the rim around the map has code 0."""
-    cells: Cells
-    """(rows, cols) the map itself."""
+    grid: Grid
+    """The map."""
     log_floor: float
     """Log-likelihood of code 0: a beam that ends far from all obstacles."""
     log_step: float
     """Difference in log-likelihood between two codes."""
-    cell_m: float
-    """Side of a cell [m]."""
-    map_from_grid: Pose
-    """(3,) the outer corner of cell (0, 0), in the map's frame."""
-
-    @cached_property
-    def in_cells(self) -> ToCells:
-        """The transform from points of the map to cells of the grid."""
-        return to_cells(self.map_from_grid, self.cell_m)
 
     @classmethod
-    def build(
-        cls, cells: Cells, cell_m: float, map_from_grid: Pose, settings: SensorSettings
-    ) -> "LikelihoodField":
+    def build(cls, grid: Grid, settings: SensorSettings) -> "LikelihoodField":
         """Compute the field of a map: the log-likelihood of a beam that ends in each cell.
 
         log(hit_weight * N(d; 0, hit_sigma_m) + random_weight / max_range_m) [1/m], where d is the
@@ -95,9 +84,7 @@ class LikelihoodField:
         density, so logarithms of beams add. Unknown cells are treated as free.
 
         Args:
-            cells: (rows, cols) grid; row 0 has the lowest y.
-            cell_m: side of a cell [m].
-            map_from_grid: (3,) the outer corner of cell (0, 0), in the map's frame.
+            grid: the map.
             settings: the sensor model's numbers.
 
         Raises:
@@ -107,39 +94,25 @@ class LikelihoodField:
             Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
         """
         log_floor, log_step = code_scale(settings)
-        codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
-        for rows, strip in _strips(cells, cell_m, settings):
+        codes = np.zeros((grid.cells.shape[0] + 2, grid.cells.shape[1] + 2), np.uint16)
+        for rows, strip in _strips(grid.cells, grid.cell_m, settings):
             levels = (strip - np.float32(log_floor)) / np.float32(log_step)
             codes[1:-1, 1:-1][rows] = np.clip(np.rint(levels), 0, _MAX_CODE)
-        return cls.from_codes(codes, cells, cell_m, map_from_grid, settings)
+        return cls.from_codes(codes, grid, settings)
 
     @classmethod
-    def from_codes(
-        cls,
-        codes: Codes,
-        cells: Cells,
-        cell_m: float,
-        map_from_grid: Pose,
-        settings: SensorSettings,
-    ) -> "LikelihoodField":
+    def from_codes(cls, codes: Codes, grid: Grid, settings: SensorSettings) -> "LikelihoodField":
         """Build a field from its codes, for the same map and settings.
 
         Raises:
             ValueError: the codes are of another type or do not fit the map's size.
         """
-        expected = (cells.shape[0] + 2, cells.shape[1] + 2)
+        expected = (grid.cells.shape[0] + 2, grid.cells.shape[1] + 2)
         if codes.dtype != np.uint16 or codes.shape != expected:
             problem = f"codes are {codes.dtype} of {codes.shape}, expected uint16 of {expected}"
             raise ValueError(problem)
         log_floor, log_step = code_scale(settings)
-        return cls(
-            codes=read_only(codes),
-            cells=read_only(cells),
-            log_floor=log_floor,
-            log_step=log_step,
-            cell_m=float(cell_m),
-            map_from_grid=np.array(map_from_grid, np.float64),
-        )
+        return cls(read_only(codes), grid, log_floor, log_step)
 
 
 def scan_log_likelihood(
@@ -167,11 +140,12 @@ def scan_log_likelihood(
     """
     if not 0 < len(hits_in_robot) <= _MAX_BEAMS:
         raise ValueError(f"a scan of {len(hits_in_robot)} returns cannot be scored")
+    grid = field.grid
     return _scored(
         plain(map_from_robot),
         plain(hits_in_robot),
         field.codes,
-        (field.log_floor, field.log_step, field.cell_m, field.map_from_grid[2], *field.in_cells),
+        (field.log_floor, field.log_step, grid.cell_m, grid.map_from_grid[2], *grid.in_cells),
     )
 
 

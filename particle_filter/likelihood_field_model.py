@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.grid import Grid
 from particle_filter.kernels import ToCells, kernel, plain, read_only
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.pyramid import Pyramid
@@ -26,13 +27,7 @@ from particle_filter.ray_casting import (
     jump_field,
 )
 from particle_filter.resampling import systematic
-from particle_filter.sensor_model import (
-    Beams,
-    Grid,
-    LaserScan,
-    MapArrays,
-    usable_beams,
-)
+from particle_filter.sensor_model import Beams, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
 
@@ -72,8 +67,8 @@ def occluded_log_likelihood(
         plain(hits_in_robot),
         field.codes,
         read_only(jumps),
-        field.in_cells,
-        (margin_m / field.cell_m, slack_rad, field.log_step),
+        field.grid.in_cells,
+        (margin_m / field.grid.cell_m, slack_rad, field.log_step),
         stride,
     )
 
@@ -156,17 +151,15 @@ class LikelihoodFieldModel:
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
         """Compute the field's codes, their bounds over squares, and jumps of rays."""
-        field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
+        field = LikelihoodField.build(grid, settings)
         pyramid = Pyramid.arrays_of(field)
         return {"codes": field.codes, "jumps": jump_field(grid.cells), **pyramid}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
         """Build the model from the result of `arrays_of`."""
-        field = LikelihoodField.from_codes(
-            arrays["codes"], grid.cells, grid.cell_m, grid.map_from_grid, settings
-        )
-        pyramid = Pyramid.from_arrays(arrays, grid.cells, grid.cell_m, settings)
+        field = LikelihoodField.from_codes(arrays["codes"], grid, settings)
+        pyramid = Pyramid.from_arrays(arrays, grid, settings)
         return cls(grid, field, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
+from particle_filter.grid import Grid
 from particle_filter.kernels import kernel, read_only
 from particle_filter.likelihood_field import LikelihoodField, code_scale
 from particle_filter.settings import SensorSettings
@@ -89,18 +90,14 @@ class Pyramid:
     @classmethod
     def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
         """Compute the arrays of all levels by name, in seconds for 16 million cells."""
-        sides = _sides(field.cell_m)
+        sides = _sides(field.grid.cell_m)
         arrays = {f"pyramid{i}": _pooled(field, side, side + 1, 0) for i, side in enumerate(sides)}
         leaf = sides[-1]
         return arrays | {f"pyramid{len(sides) - 1}": _pooled(field, leaf, 1, leaf // 2)}
 
     @classmethod
     def from_arrays(
-        cls,
-        arrays: Mapping[str, NDArray[Any]],
-        cells: Cells,
-        cell_m: float,
-        settings: SensorSettings,
+        cls, arrays: Mapping[str, NDArray[Any]], grid: Grid, settings: SensorSettings
     ) -> "Pyramid":
         """Build a pyramid from the result of `arrays_of` for the same map and settings.
 
@@ -108,9 +105,9 @@ class Pyramid:
             KeyError, ValueError: an array is missing, or is of another map.
         """
         levels = []
-        for i, side in enumerate(_sides(cell_m)):
+        for i, side in enumerate(_sides(grid.cell_m)):
             steps = arrays[f"pyramid{i}"]
-            expected = (side, side, *(size + 1 for size in _tiles(cells, side)))
+            expected = (side, side, *(size + 1 for size in _tiles(grid.cells, side)))
             if steps.dtype != np.uint8 or steps.shape != expected:
                 problem = f"steps are {steps.dtype} of {steps.shape}, expected uint8 of {expected}"
                 raise ValueError(problem)
@@ -132,7 +129,7 @@ def _tiles(cells: Cells, side: int) -> tuple[int, int]:
 
 def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
     """Return `Level.steps`: maxima over squares of `reach` cells, `ahead` cells from each cell."""
-    rows, cols = _tiles(field.cells, side)
+    rows, cols = _tiles(field.grid.cells, side)
     steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
     for first in range(0, rows + 1, _STRIP_TILES):
         stop = min(first + _STRIP_TILES, rows + 1)
@@ -154,7 +151,7 @@ def _levels(
     levels = np.zeros((rows[1] - rows[0], cols[1] - cols[0]), np.uint8)
     inner = [
         slice(max(first, 0), min(stop, size))
-        for (first, stop), size in zip((rows, cols), field.cells.shape, strict=True)
+        for (first, stop), size in zip((rows, cols), field.grid.cells.shape, strict=True)
     ]
     codes = field.codes[1:-1, 1:-1][inner[0], inner[1]].astype(np.uint32)
     if codes.size:

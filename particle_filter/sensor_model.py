@@ -1,4 +1,4 @@
-"""The common parts of sensor models: the map, the beams of a scan, and the models' protocol.
+"""The common parts of sensor models: the beams of a scan, and the protocol of a model.
 
 Each model is a class in a separate file; `sensor_models.py` finds it by name.
 """
@@ -12,33 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
-from particle_filter.kernels import ToCells, kernel, plain, read_only, to_cells
+from particle_filter.grid import Grid
+from particle_filter.kernels import ToCells, kernel, plain
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField
 from particle_filter.settings import SensorSettings
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
 """Arrays that a model computes once from a map, by name; read-only, perhaps mapped from disk."""
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """The cells of a map, and the pose of the grid."""
-
-    cells: Cells
-    """(rows, cols); row 0 has the lowest y."""
-    cell_m: float
-    """Side of a cell [m]."""
-    map_from_grid: Pose
-    """(3,) pose of the outer corner of cell (0, 0) in the map's frame."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cells", read_only(self.cells))
-
-    @cached_property
-    def in_cells(self) -> ToCells:
-        """The transform from points of the map to cells of the grid."""
-        return to_cells(self.map_from_grid, self.cell_m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,9 @@
 
 from particle_filter.beam_model import BeamModel
 from particle_filter.extensions import extension
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorModelName, SensorSettings
 
 OWN: dict[SensorModelName, type[SensorModel]] = {

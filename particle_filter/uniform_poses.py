@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, Poses
+from particle_filter.grid import Grid
 from particle_filter.kernels import kernel
-from particle_filter.sensor_model import Grid
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _CELLS_KEPT = 65_536

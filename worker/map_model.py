@@ -16,7 +16,8 @@ import numpy as np
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import Cells
-from particle_filter.sensor_model import Grid, MapArrays, SensorModel
+from particle_filter.grid import Grid
+from particle_filter.sensor_model import MapArrays, SensorModel
 from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
-from particle_filter.sensor_model import Grid
+from particle_filter.grid import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob

@@ -15,7 +15,6 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.poses import compose, inverse
-from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan, mirrored
@@ -70,11 +69,8 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         grid_map: the map.
         settings: of the filter.
     """
-    grid = Grid(grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid))
-    model = computed_model(grid, settings.sensor)
-    field = LikelihoodField.build(
-        grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid), settings.sensor
-    )
+    model = computed_model(grid_map.grid, settings.sensor)
+    field = LikelihoodField.build(grid_map.grid, settings.sensor)
     rng = np.random.default_rng(settings.seed)
     run: list[tuple[Poses, Poses]] = []
     longest: list[tuple[Poses, Poses]] = []

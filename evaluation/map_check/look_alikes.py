@@ -55,10 +55,7 @@ class LookAlikeSearch:
         usual = SensorSettings()
         blurred = msgspec.structs.replace(usual, hit_sigma_m=self.spacing_m)
         self._field, self._blurred = (
-            LikelihoodField.build(
-                grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid), settings
-            )
-            for settings in (usual, blurred)
+            LikelihoodField.build(grid_map.grid, settings) for settings in (usual, blurred)
         )
 
     def places_like(self, view: View) -> LookAlikes:

@@ -18,7 +18,6 @@ from clustermcl import (
 )
 from particle_filter import extensions
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
@@ -53,7 +52,7 @@ def test_an_own_sensor_model_weighs_for_search_tracking_and_elsewhere() -> None:
     settings = FilterSettings(
         sensor=msgspec.structs.replace(SMALL.sensor, model="counting"), search=SMALL.search
     )
-    grid = Grid(hall.map.cells, hall.map.cell_m, np.array(hall.map.map_from_grid))
+    grid = hall.map.grid
     model = computed_model(grid, settings.sensor)
     scan, _ = next(simulated_steps(SimulatedSource(Simulation(hall, 0), steps=1), SMALL.bridge, ""))
     start = Particles(

@@ -34,7 +34,8 @@ from coordinator.instructions import (
     SendOrder,
 )
 from particle_filter.arrays import OCCUPIED
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.grid import Grid
+from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import (
     BeliefSettings,

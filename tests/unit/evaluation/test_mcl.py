@@ -17,8 +17,8 @@ from evaluation.mcl import (
 )
 from particle_filter.arrays import UNKNOWN
 from particle_filter.cluster_filter import ParticleSet
+from particle_filter.grid import Grid
 from particle_filter.poses import between
-from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import BeliefSettings, ClusterSettings, FilterSettings
 from protocol.arrays import ArrayBlob

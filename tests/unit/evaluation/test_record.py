@@ -13,7 +13,6 @@ from evaluation import evaluate
 from evaluation.course import Case, SimulatedRobot
 from evaluation.evaluate import EvaluateOptions, Task, run_evaluate, run_task
 from evaluation.in_process import outcomes
-from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
 from protocol.answers import Hypothesis
@@ -111,7 +110,7 @@ def places_of(
 ) -> Iterator[tuple[Hypothesis, Hypothesis]]:
     """The places that are believed, pair by pair; the same clusters and states at every step."""
     ground = world("cross_feature").map
-    grid = Grid(ground.cells, ground.cell_m, np.array(ground.map_from_grid))
+    grid = ground.grid
     model = computed_model(grid, SMALL.sensor)
     both = zip(outcomes(scans, model, SMALL), outcomes(others, model, SMALL), strict=True)
     for (_, one), (_, other) in both:

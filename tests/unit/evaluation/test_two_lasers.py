@@ -4,10 +4,8 @@ import math
 from collections.abc import Iterator
 
 import msgspec
-import numpy as np
 
 from evaluation.in_process import outcomes
-from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
@@ -59,7 +57,7 @@ def steps(simulation: Simulation) -> Iterator[tuple[Scan, tuple[float, float, fl
 
 def test_two_lasers_find_the_robot_as_one_does() -> None:
     cross = world("cross_feature")
-    grid = Grid(cross.map.cells, cross.map.cell_m, np.array(cross.map.map_from_grid))
+    grid = cross.map.grid
     model = computed_model(grid, SMALL.sensor)
     told = list(steps(Simulation(cross, seed=4)))
     assert sum(len(scan.others) == 1 for scan, _ in told) >= STEPS - 1

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
-from particle_filter.sensor_model import Grid
+from particle_filter.grid import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.work import Assignment, SearchJob, SearchReport

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
-from particle_filter.sensor_model import Grid
+from particle_filter.grid import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import (
     ClusterSettings,

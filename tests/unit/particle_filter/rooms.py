@@ -4,8 +4,9 @@ import numpy as np
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
 from particle_filter.beam_model import BeamModel
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import Beams, Grid, LaserScan
+from particle_filter.sensor_model import Beams, LaserScan
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_rays
 

@@ -7,9 +7,10 @@ import pytest
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
 from particle_filter.beam_classes import beam_classes
+from particle_filter.grid import Grid
 from particle_filter.off_map import BeamClasses
 from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import Beams, Grid
+from particle_filter.sensor_model import Beams
 
 CELL_M = 0.05
 MIDDLE = np.array([5.0, 5.0, 0.0])

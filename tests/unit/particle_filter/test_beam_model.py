@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells, LogWeights, Poses
 from particle_filter.beam_model import beam_density, beam_log_likelihood
+from particle_filter.grid import Grid
 from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import Grid, LaserScan
+from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter import naive_rays
 from tests.unit.particle_filter.rooms import NO_OFFSET, beam_model_of, plain_room

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
-from particle_filter.sensor_model import Grid, ground_log_penalty
+from particle_filter.grid import Grid
+from particle_filter.sensor_model import ground_log_penalty
 from tests.unit.particle_filter import naive
 
 CELLS = np.array([[FREE, OCCUPIED], [UNKNOWN, FREE], [FREE, FREE]], np.int8)

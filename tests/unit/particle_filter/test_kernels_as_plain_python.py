@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.motion import move
 from particle_filter.places import cluster_by_source_point
 from particle_filter.resampling import resample
-from particle_filter.sensor_model import Grid, ground_log_penalty
+from particle_filter.sensor_model import ground_log_penalty
 from particle_filter.settings import MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import beam_model_of, plain_room, seen_from
 
@@ -25,12 +26,12 @@ def results() -> dict[str, NDArray[Any]]:
     rng = np.random.default_rng(6)
     cells = (rng.random((30, 40)) < 0.1).astype(np.int8)
     poses, hits = rng.uniform(0, 3, (70, 3)), rng.uniform(-2, 2, (10, 2))
-    field = LikelihoodField.build(cells, 0.1, np.array([0.1, 0.2, 0.3]), SensorSettings())
+    field = LikelihoodField.build(Grid(cells, 0.1, np.array([0.1, 0.2, 0.3])), SensorSettings())
     log_likelihood = scan_log_likelihood(poses, hits, field)
     after, differential = np.array([0.3, 0.1, 0.2]), MotionSettings(model="differential")
     return {
         "log_likelihood": log_likelihood,
-        "penalty": ground_log_penalty(poses, Grid(cells, 0.1, field.map_from_grid), -1.0),
+        "penalty": ground_log_penalty(poses, field.grid, -1.0),
         "omnidirectional": move(poses, after, MotionSettings(), rng),
         "differential": move(poses, after, differential, rng),
         "drawn": resample(log_likelihood, 70, rng),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, LogWeights, Points, Poses
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, code_scale, scan_log_likelihood
 from particle_filter.poses import compose
 from particle_filter.settings import SensorSettings
@@ -43,14 +44,14 @@ def decoded(field: LikelihoodField) -> NDArray[np.float64]:
 def assert_agrees_with_the_naive_sum(
     found: LogWeights, poses: Poses, hits: Points, field: LikelihoodField
 ) -> None:
-    truth = naive.log_field(field.cells, field.cell_m, SENSOR)
+    truth = naive.log_field(field.grid.cells, field.grid.cell_m, SENSOR)
     low, high = naive.scan_log_likelihood_bounds(
         poses,
         hits,
         truth,
         far=FAR,
-        cell_m=field.cell_m,
-        map_from_grid=field.map_from_grid,
+        cell_m=field.grid.cell_m,
+        map_from_grid=field.grid.map_from_grid,
         slack_cells=SLACK,
     )
     allowed = tolerance(len(hits), field)
@@ -65,7 +66,7 @@ def test_the_field_is_the_sensor_model_at_the_nearest_obstacle(seed: int) -> Non
     cells = random_map(np.random.default_rng(seed))
     cells[3, 3] = OCCUPIED
     truth = naive.log_field(cells, CELL_M, SENSOR)
-    built = LikelihoodField.build(cells, CELL_M, ORIGIN, SENSOR)
+    built = LikelihoodField.build(Grid(cells, CELL_M, ORIGIN), SENSOR)
     np.testing.assert_allclose(decoded(built), truth, atol=tolerance(1, built))
     assert built.log_step < 1e-4
     assert built.log_floor == pytest.approx(FAR)
@@ -80,7 +81,7 @@ def test_the_kernel_agrees_with_the_naive_sum(seed: int, turn: float) -> None:
     map_from_grid = np.array([*rng.uniform(-5, 5, 2), turn])
     in_grid = rng.uniform([-2.0, -2.0, -7.0], [6.0, 5.0, 7.0], (20, 3))
     poses, hits = compose(map_from_grid, in_grid), rng.uniform(-3, 3, (11, 2))
-    field = LikelihoodField.build(cells, CELL_M, map_from_grid, SENSOR)
+    field = LikelihoodField.build(Grid(cells, CELL_M, map_from_grid), SENSOR)
     found = scan_log_likelihood(poses, hits, field)
     assert_agrees_with_the_naive_sum(found, poses, hits, field)
 
@@ -88,7 +89,7 @@ def test_the_kernel_agrees_with_the_naive_sum(seed: int, turn: float) -> None:
 @pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 600])
 def test_every_particle_of_a_cloud_of_any_size_is_scored(count: int) -> None:
     rng = np.random.default_rng(count)
-    field = LikelihoodField.build(random_map(rng), CELL_M, ORIGIN, SENSOR)
+    field = LikelihoodField.build(Grid(random_map(rng), CELL_M, ORIGIN), SENSOR)
     poses, hits = rng.uniform(0, 4, (count, 3)), rng.uniform(-2, 2, (7, 2))
     together = scan_log_likelihood(poses, hits, field)
     alone = [scan_log_likelihood(pose[np.newaxis], hits, field)[0] for pose in poses]
@@ -98,7 +99,7 @@ def test_every_particle_of_a_cloud_of_any_size_is_scored(count: int) -> None:
 def test_a_hit_reads_the_cell_it_falls_in() -> None:
     cells = np.zeros((3, 3), np.int8)
     cells[2, 1] = OCCUPIED  # row 2: the highest y
-    field = LikelihoodField.build(cells, 1.0, ORIGIN, SENSOR)
+    field = LikelihoodField.build(Grid(cells, 1.0, ORIGIN), SENSOR)
     facing_north, one_metre_ahead = np.array([[1.5, 1.5, np.pi / 2]]), np.array([[1.0, 0.0]])
     on_it, beside_it = (
         scan_log_likelihood(facing_north + shift, one_metre_ahead, field)[0]
@@ -113,14 +114,14 @@ def test_a_hit_reads_the_cell_it_falls_in() -> None:
 )
 def test_a_hit_outside_the_map_is_far_from_everything(outside: tuple[float, float]) -> None:
     """All cells are obstacles, and yet one step outside there is nothing."""
-    field = LikelihoodField.build(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN, SENSOR)
+    field = LikelihoodField.build(Grid(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN), SENSOR)
     with np.errstate(over="ignore"):  # 1e300 is infinite in single precision
         found = scan_log_likelihood(np.array([[*outside, 0.0]]), np.zeros((1, 2)), field)
     assert found[0] == pytest.approx(FAR, abs=1e-6)
 
 
 def test_poses_without_numbers_are_far_from_everything() -> None:
-    field = LikelihoodField.build(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN, SENSOR)
+    field = LikelihoodField.build(Grid(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN), SENSOR)
     nowhere = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [0.5, 0.5, np.nan]])
     found = scan_log_likelihood(nowhere, np.array([[0.1, 0.1]]), field)
     np.testing.assert_allclose(found, FAR, atol=1e-6)
@@ -136,13 +137,15 @@ def test_the_order_of_beams_and_particles_does_not_matter(seed: int) -> None:
     np.testing.assert_array_equal(found[order], shuffled)
 
 
-SHARED_FIELD = LikelihoodField.build(random_map(np.random.default_rng(8)), CELL_M, ORIGIN, SENSOR)
+SHARED_FIELD = LikelihoodField.build(
+    Grid(random_map(np.random.default_rng(8)), CELL_M, ORIGIN), SENSOR
+)
 
 
 def test_a_field_mapped_from_a_file_scores_the_same(tmp_path: Path) -> None:
     np.save(tmp_path / "codes.npy", SHARED_FIELD.codes)
     codes = np.load(tmp_path / "codes.npy", mmap_mode="r")
-    field = LikelihoodField.from_codes(codes, SHARED_FIELD.cells, CELL_M, ORIGIN, SENSOR)
+    field = LikelihoodField.from_codes(codes, SHARED_FIELD.grid, SENSOR)
     rng = np.random.default_rng(4)
     poses, hits = rng.uniform(0, 4, (30, 3)), rng.uniform(-2, 2, (9, 2))
     np.testing.assert_array_equal(
@@ -153,9 +156,7 @@ def test_a_field_mapped_from_a_file_scores_the_same(tmp_path: Path) -> None:
 
 def test_codes_of_another_map_are_refused() -> None:
     with pytest.raises(ValueError, match=r"expected uint16 of \(14, 19\)"):
-        LikelihoodField.from_codes(
-            SHARED_FIELD.codes[:-1], SHARED_FIELD.cells, CELL_M, ORIGIN, SENSOR
-        )
+        LikelihoodField.from_codes(SHARED_FIELD.codes[:-1], SHARED_FIELD.grid, SENSOR)
 
 
 def test_a_scan_without_returns_is_refused() -> None:
@@ -165,14 +166,14 @@ def test_a_scan_without_returns_is_refused() -> None:
 
 def test_a_field_with_hardly_any_contrast_keeps_its_value() -> None:
     flat = SensorSettings(max_obstacle_distance_m=1e-9)
-    field = LikelihoodField.build(np.eye(4, dtype=np.int8), 1.0, ORIGIN, flat)
+    field = LikelihoodField.build(Grid(np.eye(4, dtype=np.int8), 1.0, ORIGIN), flat)
     found = scan_log_likelihood(np.ones((1, 3)), np.zeros((2, 2)), field)
     assert found[0] == pytest.approx(2 * naive.log_likelihood_at(0.0, flat))
 
 
 def test_a_narrow_peak_does_not_underflow() -> None:
     sharp = SensorSettings(hit_sigma_m=0.001, max_obstacle_distance_m=10.0)
-    field = LikelihoodField.build(np.eye(40, dtype=np.int8), 1.0, ORIGIN, sharp)
+    field = LikelihoodField.build(Grid(np.eye(40, dtype=np.int8), 1.0, ORIGIN), sharp)
     assert field.log_floor == pytest.approx(log(sharp.random_weight / sharp.max_range_m))
 
 
@@ -183,7 +184,7 @@ def test_a_field_made_in_strips_is_that_of_the_whole_map() -> None:
     sensor = SensorSettings(max_obstacle_distance_m=3.0)
     distance_m = 0.1 * distance_transform_edt(cells != OCCUPIED)
     expected = [[naive.log_likelihood_at(d, sensor) for d in row] for row in distance_m[::7]]
-    built = LikelihoodField.build(cells, 0.1, ORIGIN, sensor)
+    built = LikelihoodField.build(Grid(cells, 0.1, ORIGIN), sensor)
     np.testing.assert_allclose(decoded(built)[::7], expected, atol=tolerance(1, built) + 1e-5)
 
 

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from particle_filter.arrays import OCCUPIED, Cells
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.pyramid import Level, Pyramid
 from particle_filter.settings import SensorSettings
@@ -23,9 +24,9 @@ def random_map(seed: int, rows: int, cols: int) -> Cells:
 
 
 def pyramid_of(cells: Cells) -> tuple[LikelihoodField, Pyramid]:
-    field = LikelihoodField.build(cells, CELL_M, MAP_FROM_GRID, SETTINGS)
+    field = LikelihoodField.build(Grid(cells, CELL_M, MAP_FROM_GRID), SETTINGS)
     arrays = Pyramid.arrays_of(field)
-    return field, Pyramid.from_arrays(arrays, cells, CELL_M, SETTINGS)
+    return field, Pyramid.from_arrays(arrays, field.grid, SETTINGS)
 
 
 def all_tiles(level: Level) -> np.ndarray:
@@ -107,4 +108,4 @@ def test_arrays_of_another_map_are_refused() -> None:
     field, _ = pyramid_of(random_map(1, 40, 60))
     arrays = Pyramid.arrays_of(field)
     with pytest.raises(ValueError, match="expected uint8"):
-        Pyramid.from_arrays(arrays, random_map(1, 50, 60), CELL_M, SETTINGS)
+        Pyramid.from_arrays(arrays, Grid(random_map(1, 50, 60), CELL_M, MAP_FROM_GRID), SETTINGS)

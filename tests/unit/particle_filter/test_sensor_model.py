@@ -7,9 +7,10 @@ import pytest
 from particle_filter.arrays import Cells, LogWeights, Pose, Poses
 from particle_filter.beam_model import BeamModel
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.poses import compose
-from particle_filter.sensor_model import Beams, Grid, LaserScan, SensorModel
+from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.sensor_models import computed_model, model_class
 from particle_filter.settings import SensorModelName, SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_rays

@@ -6,8 +6,8 @@ from scipy.stats import chi2
 
 from particle_filter import uniform_poses
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Poses
+from particle_filter.grid import Grid
 from particle_filter.poses import between
-from particle_filter.sensor_model import Grid
 from particle_filter.uniform_poses import UniformPoses
 
 ORIGIN = np.zeros(3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from particle_filter.arrays import Cells, Points, Pose
+from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.likelihood_field_model import occluded_log_likelihood
 from particle_filter.poses import between, compose
@@ -25,7 +26,7 @@ def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> fl
     for hit in hits:
         x, y, _ = compose(pose, np.array([*hit, 0.0])) - laser
         way_m = hypot(x, y)
-        start = between(field.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
+        start = between(field.grid.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
         met = [
             cast_ray(cells, CELL_M, start, turn, way_m) < way_m - MARGIN_M
             for turn in (0.0, SLACK_RAD, -SLACK_RAD)
@@ -37,7 +38,7 @@ def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> fl
 
 def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
     rng, cells = np.random.default_rng(5), plain_room()
-    field = LikelihoodField.build(cells, CELL_M, MAP_FROM_GRID, SensorSettings())
+    field = LikelihoodField.build(Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings())
     size_m = CELL_M * np.array(cells.shape)[::-1]
     inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
     poses = compose(MAP_FROM_GRID, inside)

@@ -5,8 +5,9 @@ import pytest
 from msgspec.structs import replace
 
 from particle_filter.cluster_filter import ParticleSet, measurement_update
+from particle_filter.grid import Grid
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.uniform_poses import UniformPoses
 from protocol.arrays import ArrayBlob

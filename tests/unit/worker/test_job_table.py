@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from particle_filter.arrays import OCCUPIED
-from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.grid import Grid
+from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob

@@ -31,7 +31,7 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
         cached = sensor_model(grid_map(), SETTINGS, tmp_path)
         for ours, theirs in (
             (cached.field.codes, computed.field.codes),
-            (cached.field.cells, computed.field.cells),
+            (cached.field.grid.cells, computed.field.grid.cells),
             (cached.jumps, computed.jumps),
         ):
             np.testing.assert_array_equal(ours, theirs)
