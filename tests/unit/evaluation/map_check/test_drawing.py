@@ -87,7 +87,7 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     text = page.read_text()
-    assert f"UTC, version {version('clustermcl')}: <code>clustermcl " in text
+    assert f"UTC, version {version('clustermcl')}: <code>clustermcl" in text
     assert "places look alike" in text
     refused = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "no" / "x.html")])
     assert "its folder does not exist" in str(refused.exception)
