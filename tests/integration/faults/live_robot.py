@@ -29,6 +29,8 @@ from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
 from zenoh_link.wire import Publisher
 
+PACE = 4
+"""A `Robot` drives this many times as fast as in its own time."""
 BRIDGE = "sensor_bridge"
 WORLD = "cross"
 
@@ -49,7 +51,7 @@ class Robot:
 
     Args:
         session: what it publishes with.
-        world_name: where it drives, at twice the pace of its own time.
+        world_name: where it drives, at `PACE`.
     """
 
     def __init__(self, session: zenoh.Session, world_name: str) -> None:
@@ -75,7 +77,7 @@ class Robot:
         zero_ns = time.time_ns()
         for tick in self._simulation:
             for reading in tick.readings:
-                stamp_ns = zero_ns + reading.stamp_ns // 2
+                stamp_ns = zero_ns + reading.stamp_ns // PACE
                 if stop.wait((stamp_ns - time.time_ns()) / 1e9):
                     return
                 self._truth[stamp_ns] = tick.map_from_robot

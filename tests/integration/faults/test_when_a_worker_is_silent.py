@@ -20,7 +20,7 @@ MANY_SHARDS = replace(FEW_SHARDS, search=replace(FEW_SHARDS.search, shards=8))
 """So that each of five workers gets one."""
 NAMES = [f"aa-liar-{n}" for n in range(60)]
 """Before the honest ones by name."""
-ASKED = 60
+ASKED = 30
 
 
 def relocalize(tested: System) -> None:

@@ -1,6 +1,5 @@
 """A router as it is deployed: mutual TLS, access control, a certificate a role."""
 
-import socket
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,6 +9,7 @@ import zenoh
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
+from tests.integration.free_port import free_port
 from tests.integration.security.certificates import client_with, make_certificates
 from tests.integration.waiting import PATIENCE_S
 from zenoh_link.configuration import as_zenoh
@@ -20,13 +20,6 @@ NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "recorder", "
 """Every role, with two workers' machines; of the role ``router`` there is one besides."""
 
 OpenAs = Callable[[str], zenoh.Session]
-
-
-def free_port() -> int:
-    """A port that was free a moment ago."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-        return port
 
 
 @pytest.fixture(scope="session")

@@ -19,9 +19,9 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.steps import TruePose
 from robot_simulator.worlds.catalogue import world
+from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import client_with, require_openssl
-from tests.integration.security.conftest import free_port
 from tests.integration.system.commands import COMMAND
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until

@@ -12,8 +12,8 @@ import zenoh
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
+from tests.integration.free_port import free_port
 from tests.integration.security.certificates import client_with, require_openssl
-from tests.integration.security.conftest import free_port
 from tests.integration.waiting import stretched_s, wait_until
 from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import secure_router_configuration

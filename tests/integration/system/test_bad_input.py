@@ -83,7 +83,7 @@ def test_a_demo_in_a_map_that_no_robot_can_drive_in(tmp_path: Path) -> None:
     for cells, fact in (
         (np.full((60, 60), 205, np.uint8), "no free space"),
         (np.full((60, 60), 254, np.uint8), "no obstacle"),
-        (np.pad(np.full((4, 60), 254, np.uint8), 8), "needs 0.6 m"),
+        (np.pad(np.full((4, 60), 254, np.uint8), 8), "0.6 m wide"),
     ):
         assert_refused(typed("demo", "--map", str(written_map(tmp_path, cells))), fact)
 

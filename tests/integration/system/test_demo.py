@@ -128,15 +128,6 @@ def test_an_interrupted_demo_leaves_nothing(
     assert list(Path(environment["TMPDIR"]).iterdir()) == []
 
 
-def test_a_demo_that_is_killed_takes_its_processes_with_it(
-    environment: dict[str, str], tmp_path: Path
-) -> None:
-    with typed(*SHORT, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
-        demo.wait_for("step 0: ")
-        assert demo.end(signal.SIGKILL) == -signal.SIGKILL
-        demo.assert_nothing_runs()
-
-
 def written_map(folder: Path) -> Path:
     """Of a room with a box in it, as map_server has it."""
     cells = np.full((80, 120), 254, np.uint8)
@@ -166,16 +157,20 @@ def opened(link: str) -> ClientConnection:
     return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None)  # type: ignore[arg-type]  # a NewType of str
 
 
-def test_a_demo_with_a_page_waits_for_the_first_browser(
+def test_a_demo_with_a_page_says_its_link_and_waits_for_the_first_browser(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
+    with urllib.request.urlopen(link, timeout=10) as page:
+        assert b"Cluster-MCL" in page.read()
     demo.wait_for("4 of 4 workers are ready")
-    time.sleep(3.0)  # in which several steps would be made
+    time.sleep(2.0)  # in which several steps would be made
     assert "step 0" not in demo.out
     with opened(link):
         demo.wait_for("step 0: ")
     assert demo.end(signal.SIGINT) == 130
+    assert demo.err == f"clustermcl: look at {link}\n"
+    demo.assert_nothing_runs()
 
 
 def test_a_run_that_has_ended_can_still_be_looked_back_at(
@@ -192,17 +187,6 @@ def test_a_run_that_has_ended_can_still_be_looked_back_at(
                 page.send('{"type": "drawn"}')
         assert frames["past"]["step"]["step"] == 2
         assert demo.end(signal.SIGINT) == 130
-
-
-def test_the_link_can_be_opened_as_soon_as_it_is_said(viewed: tuple[TypedCommand, str]) -> None:
-    demo, link = viewed
-    with urllib.request.urlopen(link, timeout=10) as page:
-        assert b"Cluster-MCL" in page.read()
-    with opened(link):
-        demo.wait_for("step 0: ")
-    assert demo.end(signal.SIGINT) == 130
-    assert demo.err == f"clustermcl: look at {link}\n"
-    demo.assert_nothing_runs()
 
 
 def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str]) -> None:
@@ -251,7 +235,7 @@ def past_steps(page: ClientConnection, steps: range) -> list[dict[str, Any]]:
     return found
 
 
-def test_a_demo_with_a_page_that_is_killed_takes_its_processes_with_it(
+def test_a_demo_that_is_killed_takes_its_processes_with_it(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
@@ -261,7 +245,7 @@ def test_a_demo_with_a_page_that_is_killed_takes_its_processes_with_it(
     demo.assert_nothing_runs()
 
 
-@pytest.mark.parametrize("killed", ["worker", "live_view", "robot_simulator"])
+@pytest.mark.parametrize("killed", ["worker", "live_view"])
 def test_a_demo_whose_process_is_killed_ends_and_says_which(
     viewed: tuple[TypedCommand, str], killed: str
 ) -> None:

@@ -85,7 +85,7 @@ def test_ordinary_mcl_runs_on_the_same_robot(environment: dict[str, str]) -> Non
     assert found["runs"][0]["steps"] == 20
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
     number: int, tmp_path: Path, environment: dict[str, str]
 ) -> None:
