@@ -64,7 +64,7 @@ def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMe
             frames, waited_s = loop.picture.everything(), time.monotonic() - begun_s
             if (
                 loop.map is not None
-                and _has_all(frames)
+                and {"map", "step", "pose", "status", "events"} <= frames.keys()
                 and (frames["step"]["scan"] or waited_s > STANDS_AFTER_S)
             ):
                 return frames, loop.map
@@ -76,10 +76,6 @@ def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMe
             limit_s = MAP_WITHIN_S if "status" in frames else settings.zenoh.connect_timeout_s
             if waited_s > limit_s:
                 raise _unreachable(settings, loop.picture.link, waited_s)
-
-
-def _has_all(frames: dict[str, Any]) -> bool:
-    return all(topic in frames for topic in ("map", "step", "pose", "status", "events"))
 
 
 def _unreachable(settings: Settings, link: str, waited_s: float) -> UnreachableError:

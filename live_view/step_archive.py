@@ -68,7 +68,7 @@ class StepArchive:
             self._packed_bytes -= len(self._packs.popleft().packed)
 
     def at(self, step: int) -> dict[str, msgspec.Raw]:
-        """Return, by topic, the newest encoded frames up to a step, but not much older ones."""
+        """Return each topic's newest encoded frame at a step, if it has one for that step."""
         found: dict[str, msgspec.Raw] = {}
         oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
         for entries in self._entries_between(oldest, step):

@@ -28,7 +28,7 @@ KIDNAP_KEY = "simulator/kidnap"
 SIMULATED_HZ = 10.0
 """Scans per second of simulated time; a higher `--rate-hz` makes simulated time run faster."""
 _FROZEN_NS = 200_000_000
-"""After a longer delay the driver counts as frozen, and the delay is left out of the stamps."""
+"""Delay above which the driver counts as frozen [ns]."""
 
 
 class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
@@ -94,7 +94,7 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
 
 
 class _Clock:
-    """Converts simulated time to Unix time, leaving out the time in which the driver was frozen.
+    """Converts simulated time to Unix time; simulated time stands still while frozen.
 
     Args:
         seconds_each: real seconds for one second of simulated time.
