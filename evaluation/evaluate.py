@@ -58,11 +58,11 @@ class EvaluateOptions:
     as_json: bool = False
     """Print JSON instead of tables."""
     output: Path | None = None
-    """CSV file for the results; None: none."""
+    """CSV file for the results; None: write no file."""
     record: Path | None = None
-    """File for the recording of a single run; None: none."""
+    """File for the recording of a single run; None: write no file."""
     tum: Path | None = None
-    """File for the estimated trajectory of a single run; None: none."""
+    """File for the estimated trajectory of a single run; None: write no file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -170,7 +170,7 @@ class OrdinaryMCL:
         return None
 
     def _redrawn(self, particles: ParticleSet, rng: np.random.Generator) -> ParticleSet:
-        """Resample if random particles are due, or to the number of `adapted_count`."""
+        """Resample with random particles or to `adapted_count`; if neither is due, do nothing."""
         share = self._recovery.random_share if self._recovery else 0.0
         count = self.adapted_count(particles)
         if share == 0.0 and (count is None or not _is_degenerate(particles)):

@@ -122,9 +122,9 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     localized: bool
     """Whether the estimates of the last 10 judged steps, or of all if fewer, were right."""
     final_error_m: float | None
-    """Position error of the last estimate."""
+    """Position error of the estimate at the last judged step."""
     final_error_rad: float | None
-    """Heading error of the last estimate."""
+    """Heading error of the estimate at the last judged step."""
     localized_at_step: int | None
     """The first step from which the estimate is right for good; None: not localized."""
     localized_at_s: float | None

@@ -1,1 +1,1 @@
-"""Map files to arrays, and the digest that names a map."""
+"""Converts maps of files and messages to arrays, and computes the digest of a map."""

@@ -184,10 +184,10 @@ def _summed_logs(
 
 @kernel
 def beam_density(measured: float, expected: float, mixture: _Mixture) -> float:
-    """Return the density of a reading [1/m], given the range in the map.
+    """Return the density of a reading [1/m], given the range in the map [m].
 
-    Both are up to the largest range. There the density includes the probability of no return, a
-    point mass, as in the book, and also the uniform part, so that no density is zero.
+    A reading of the largest range includes the probability of no return, a point mass, as in the
+    book. Unlike there, it also has the uniform part, so that no density is zero.
     """
     hit_weight, short_weight, max_weight, rand_weight, sigma, decay, longest = mixture
     density = 0.0  # of a hit: eq. 6.4 to 6.6, of a beam cut short: eq. 6.7 to 6.9

@@ -125,7 +125,7 @@ class Leaves:
     scores: LogWeights
     """(N,) log-likelihoods with the exponent."""
     sampled: float
-    """Share of the weight of leaves that also stand for leaves not kept."""
+    """Share of the weight that belongs to leaves which also stand for others."""
 
 
 class BranchAndBoundSearch:

@@ -47,7 +47,7 @@ _CORRECTION_WORK = 2**16
 _POSES_TOGETHER = 64
 """Poses of a slice are a multiple of this, so that slices do not change rounding."""
 _POSES_PER_PLACE, _LEAST_POSES = 50, 1000
-"""Number of poses that a shard keeps: for each place, and at least."""
+"""Number of poses that a shard keeps for each place, and least number of poses that it keeps."""
 _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Three numbers; the fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
 

@@ -140,7 +140,7 @@ def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray
 
 @kernel
 def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> None:
-    """Convert (2 n,) halves of words to (2, n) normal numbers, in place."""
+    """Write (2, n) normal numbers, made of (2 n,) halves of random words, to `normals`."""
     count = normals.shape[1]
     uniform, angle = np.empty(_PAIRS, np.float32), np.empty(_PAIRS)
     for start in range(0, count, _PAIRS):

@@ -89,7 +89,7 @@ class Pyramid:
 
     @classmethod
     def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
-        """Compute the arrays of all levels by name, in seconds for 16 million cells."""
+        """Compute the arrays of all levels; for 16 million cells this takes seconds."""
         sides = _sides(field.grid.cell_m)
         arrays = {f"pyramid{i}": _pooled(field, side, side + 1, 0) for i, side in enumerate(sides)}
         leaf = sides[-1]

@@ -25,7 +25,7 @@ class Purpose(IntEnum):
     TRACK = 1
     """One step of one cluster; the entity is the cluster."""
     SEARCH = 2
-    """One step of a global search; the entity is the search, the part is its shard."""
+    """One step of a global search; the entity is the search, and each shard has four parts."""
     START = 3
     """The first particles of a cluster; the entity is the cluster."""
     GIVEN_POSE = 4

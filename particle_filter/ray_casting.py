@@ -130,8 +130,8 @@ def _cast_all(
 def span_in_grid(
     x: float, y: float, dx: float, dy: float, cols: float, rows: float
 ) -> tuple[float, float]:
-    """Return the lengths at which a ray enters and leaves the grid; (inf, 0) or reversed if it
-    misses the grid."""
+    """Return the lengths at which a ray enters and leaves the grid; if it misses the grid, the
+    first is larger."""
     t_in, t_out = 0.0, np.inf
     for start, along, length in ((x, dx, cols), (y, dy, rows)):
         if along != 0.0:

@@ -39,7 +39,10 @@ class Trajectory(msgspec.Struct):
         return len(self.poses)
 
     def add(self, stamp_ns: int, pose: PoseTuple) -> None:
-        """Insert a pose by its stamp; if it is older than `MAX_LATE_NS`, remove all others."""
+        """Insert a pose by its stamp.
+
+        If it is older than the newest by more than `MAX_LATE_NS`, all others are removed.
+        """
         poses = self.poses
         if poses and stamp_ns < poses[-1][0] - MAX_LATE_NS:
             poses.clear()

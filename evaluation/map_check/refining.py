@@ -23,7 +23,7 @@ def refined(
         rng: draws the trials.
 
     Returns:
-        (N, 3) poses, none worse than it was, and their (N,) log-likelihoods.
+        (N, 3) poses, none less likely than before, and their (N,) log-likelihoods.
     """
     every = np.arange(len(poses))
     for spread in _SPREADS:
