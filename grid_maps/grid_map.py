@@ -16,7 +16,7 @@ from particle_filter.poses import compose
 from protocol.message import PoseTuple
 
 MAX_CELLS = 2**28
-"""Limit for the cells of a map, as 16,384 x 16,384. Larger files and messages are refused before
+"""Limit for the cells of a map: 16,384 x 16,384. Larger files and messages are refused before
 memory is allocated."""
 
 LARGE_CELLS = 2**23

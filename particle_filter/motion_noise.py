@@ -10,7 +10,7 @@ from particle_filter.poses import heading_distance, wrap_angle
 from particle_filter.settings import MotionSettings
 
 _NO_BEARING_BELOW_M = 0.01
-"""Length below which a drive has no bearing: it is a turn on the spot with noise [m]."""
+"""Length of a drive below which its bearing is only noise, and is taken as zero [m]."""
 
 
 def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:

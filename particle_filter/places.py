@@ -123,7 +123,7 @@ def _distance(a: Pose, b: Pose, reach: tuple[float, float]) -> float:
 
 @kernel
 def _bucket(col: int, row: int, sector: int, buckets: int) -> int:
-    """Return a grid cell's bucket; cells that share a bucket are separated by distance."""
+    """Return the bucket of a cell of the hash grid; several cells may share a bucket."""
     return (col * 73856093 ^ row * 19349663 ^ sector * 83492791) & (buckets - 1)
 
 

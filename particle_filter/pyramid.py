@@ -26,7 +26,7 @@ from particle_filter.settings import SensorSettings
 LEAF_M = 0.2
 """Side of a leaf [m], rounded to whole cells."""
 LEVELS = 3
-"""Tiles of the first level have 4 x 4 leaves; each further level halves their width."""
+"""Number of levels. Tiles of the first have 4 x 4 leaves; each further level halves the width."""
 MOST_BEAMS = 65_535 // 255
 """Largest number of beams; more could overflow the 16-bit sums."""
 

@@ -43,7 +43,7 @@ def jump_field(cells: Cells) -> JumpField:
 
 
 def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
-    """Check that a jump field fits the map, because kernels do not check indices.
+    """Return a read-only jump field, after a check that it fits: kernels check no indices.
 
     Raises:
         ValueError: the array has another type, or the shape of another map.

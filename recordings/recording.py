@@ -36,7 +36,7 @@ _MIN_CONTRAST = 10.0
 _MIN_MODE = 0.5
 _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
-"""Largest step back of time, and error of a stamp, that is not skipped [ns]."""
+"""Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
 SENDER = "recording"
 """Sender of the readings."""
 

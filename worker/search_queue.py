@@ -37,7 +37,7 @@ class SearchPause:
         self._believed_step, self._founded = step, founded
 
     def left_ns(self, now_ns: int) -> int:
-        """Return the longest time that searches still pause [ns]; 0: they need not."""
+        """Return the longest time that searches still pause [ns]; 0: no pause."""
         if not self._founded or self._scanned_step <= self._believed_step:
             return 0
         return max(self._since_ns + LONGEST_NS - now_ns, 0)
