@@ -72,6 +72,17 @@ def opened(
     )
 
 
+def test_the_command_view_passes_its_options_to_the_page(
+    start_process: StartProcess, nobody: str
+) -> None:
+    port = free_port()
+    words = ["view", "--listen", f"127.0.0.1:{port}", "--robot", "r1", "--robot", "r2"]
+    process = start_process([*python_module("clustermcl"), *words, "--quiet", "--set", nobody])
+    process.wait_for(f"look at http://127.0.0.1:{port}/")
+    assert [got(port, f"/robot/{robot}/")[0] for robot in ("r1", "r2", "r3")] == [200, 200, 404]
+    assert process.err == f"clustermcl: look at http://127.0.0.1:{port}/\n"
+
+
 def test_the_page_is_served_and_may_load_nothing_from_elsewhere(port: int) -> None:
     status, headers, text = got(port, "/")
     assert status == 200
