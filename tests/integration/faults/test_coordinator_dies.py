@@ -24,7 +24,7 @@ from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
-STEPS = 60
+STEPS = 45
 LOCKSTEP = msgspec.structs.replace(
     SMALL,
     belief=BeliefSettings(max_clusters=6, search_every_steps=12),
@@ -62,7 +62,7 @@ def kill_and_mend(tested: System) -> None:
 def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_believed() -> None:
     alone = outcomes_of(LOCKSTEP, steps=STEPS)
     with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
-        for step in (3, 20, 21, 44):
+        for step in (3, 15, 16, 32):
             wait_until(lambda s=step: tested.step >= s)  # type: ignore[misc] # a default
             kill_and_mend(tested)
         wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last)

@@ -20,7 +20,7 @@ from tests.integration.waiting import wait_until
 
 NEAR, FAR = 2, 2
 ASKED_EVERY_S = 0.05
-CUT_S = 10.0
+CUT_S = 6.0
 """Several times the lease of a link."""
 SETTINGS = msgspec.structs.replace(IMPATIENT, worker=WorkerSettings(count=NEAR))
 

@@ -52,14 +52,13 @@ def counted(tested: System, cause: str) -> int:
         return client.status().counters.get(cause, 0)
 
 
-@pytest.mark.parametrize("step", [HIGHEST, 10**9])
-def test_one_scan_of_a_step_far_ahead_changes_no_belief(step: int) -> None:
+def test_single_scans_of_steps_far_ahead_change_no_belief() -> None:
     with with_live_robot() as (tested, _robot):
         tested.wait_until_it_tracks()
-        forge(tested, step, 1)
-        tested.wait_for_steps(10)
-        cause = "malformed Scan: field" if step == HIGHEST else "scan far ahead"
-        assert counted(tested, cause) == 1
+        for step, cause in ((HIGHEST, "malformed Scan: field"), (10**9, "scan far ahead")):
+            forge(tested, step, 1)
+            tested.wait_for_steps(5)
+            assert counted(tested, cause) == 1
         assert counted(tested, "steps restarted") == 0
         assert_same(list(tested.beliefs), alone_of(tested))
 

@@ -13,7 +13,7 @@ from tests.integration.faults.untrue_worker import untrue_workers
 from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.wire import ask
 
-SEARCHES = 3
+SEARCHES = 2
 COORDINATOR = CoordinatorSettings(step_deadline_s=1.0, stale_after_s=5.0)
 FEW_SHARDS = replace(IMPATIENT, coordinator=COORDINATOR)
 MANY_SHARDS = replace(FEW_SHARDS, search=replace(FEW_SHARDS.search, shards=8))

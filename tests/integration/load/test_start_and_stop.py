@@ -19,7 +19,7 @@ def assert_all_end_cleanly(seeds: range, cache: Path) -> None:
         assert not ended.problems, f"{moment}: " + "\n".join(ended.problems)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, 2, 4, 7])  # both signals, once and twice, early and late
 def test_a_stack_ended_at_any_moment_ends_cleanly_within_three_seconds(
     seed: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
