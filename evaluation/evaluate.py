@@ -34,7 +34,7 @@ from recordings.map_file import map_file_of
 from recordings.run_log import RunLog
 
 DEFAULT_STEPS = 300
-"""Default number of steps of a simulated robot, which would drive for ever."""
+"""Default number of steps of a simulated robot, which drives until it is stopped."""
 DEFAULT_STEPS_OF_A_START = 60
 
 

@@ -58,13 +58,6 @@ def test_the_mean_heading_across_the_seam_is_at_the_seam() -> None:
     assert covariance[2, 2] == pytest.approx(np.radians(1.0) ** 2)
 
 
-def test_weights_on_one_particle_give_that_particle() -> None:
-    cloud = np.array([[1.0, 2.0, 3.0], [9.0, 9.0, -3.0]])
-    mean, covariance = fit_gaussian(cloud, np.array([0.0, 1e-200]))
-    np.testing.assert_allclose(mean, [9.0, 9.0, -3.0])
-    np.testing.assert_allclose(covariance, 0.0, atol=1e-30)
-
-
 def test_one_particle_is_its_own_mean_whatever_lies_behind_it_in_memory() -> None:
     memory = np.array([[1.0, 2.0, 3.0], [np.nan, np.nan, np.nan]])
     mean, covariance = fit_gaussian(memory[:1], np.ones(1))

@@ -13,21 +13,6 @@ CELLS = np.array([[FREE, OCCUPIED], [UNKNOWN, FREE], [FREE, FREE]], np.int8)
 GRID = Grid(CELLS, 1.0, np.zeros(3))
 
 
-def test_only_free_ground_has_no_penalty() -> None:
-    poses = np.array([[x + 0.5, y + 0.5, 0.0] for y in range(-1, 4) for x in range(-1, 3)])
-    penalties = ground_log_penalty(poses, GRID, -2.0).reshape(5, 4)
-    free = np.zeros((5, 4), dtype=bool)
-    free[1:4, 1:3] = CELLS == FREE
-    np.testing.assert_array_equal(penalties, np.where(free, 0.0, -2.0))
-
-
-def test_just_below_the_map_is_off_the_map() -> None:
-    """Where int() would round towards zero and find cell 0."""
-    poses = np.array([[-0.01, 0.5, 0.0], [0.5, -0.01, 0.0], [0.01, 0.01, 0.0]])
-    penalties = ground_log_penalty(poses, GRID, -2.0)
-    assert penalties.tolist() == [-2.0, -2.0, 0.0]
-
-
 def test_poses_that_are_not_finite_are_penalised() -> None:
     poses = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [1e300, -1e300, 0.0]])
     assert ground_log_penalty(poses, GRID, -2.0).tolist() == [-2.0] * 3

@@ -114,11 +114,6 @@ def tracking(fresh: Worker, model: SensorModel) -> Worker:
 # --- scans
 
 
-def test_every_scan_is_answered_with_the_reports_of_all_jobs(tracking: Worker) -> None:
-    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
-    assert reported(told(tracking, on_scan(scan(2)))) == [("c0", 2)]
-
-
 def test_a_scan_of_another_map_is_counted_and_nothing_else(tracking: Worker) -> None:
     other = msgspec.structs.replace(scan(1), map_digest="another")
     expected = Warn("scan of another map", "step 1 is of map another")
