@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,7 +105,8 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeas
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
     options = task.options
-    with _recorder(options.record) as recorder, written_trajectory(options.tum) as on_pose:
+    recording = RunLog.to(options.record) if options.record else nullcontext()
+    with recording as recorder, written_trajectory(options.tum) as on_pose:
         for number, (scan, outcome, truth) in enumerate(run.steps()):
             facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
             if recorder is not None:
@@ -122,10 +123,6 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeas
     return measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
     )
-
-
-def _recorder(file: Path | None) -> AbstractContextManager[RunLog | None]:
-    return nullcontext() if file is None else RunLog.to(file)
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:

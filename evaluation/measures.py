@@ -32,16 +32,13 @@ LEAST_PROBABILITY = 0.001
 class ReportedPlace(NamedTuple):
     """A place of a belief, compared with the truth."""
 
-    cluster: int
     probability: float
-    x_m: float
-    y_m: float
     right: bool
 
 
 @dataclass(frozen=True, slots=True)
 class StepFacts:
-    """The facts of one step, from which measures and drawings are computed."""
+    """The facts of one step, from which measures are computed."""
 
     step: int
     """Number of the step in the run, from 0."""
@@ -105,7 +102,7 @@ def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None
         state=outcome.state,
         truth=truth,
         reported=tuple(
-            ReportedPlace(place.cluster, place.probability, *place.mean[:2], error.right)
+            ReportedPlace(place.probability, error.right)
             for place, error in zip(places, errors, strict=True)
         ),
         best_error=errors[0] if errors else None,

@@ -9,14 +9,13 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import Cells
-from particle_filter.grid import Grid
 from particle_filter.sensor_model import MapArrays, SensorModel
 from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
@@ -97,22 +96,19 @@ class _BrokenEntryError(Exception):
 
 
 def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
-    grid = _grid(grid_map.cells, grid_map)
+    grid = grid_map.grid
     return {_CELLS: grid.cells, **model_class(settings.model).arrays_of(grid, settings)}
 
 
 def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
     try:
-        grid = _grid(arrays[_CELLS], grid_map)
+        cells = arrays[_CELLS]
+        if cells.shape != grid_map.cells.shape:
+            raise ValueError(f"cells are {cells.shape}, expected {grid_map.cells.shape}")
+        grid = replace(grid_map.grid, cells=cells)
         return model_class(settings.model).from_arrays(grid, arrays, settings)
     except (KeyError, ValueError) as error:
         raise _BrokenEntryError(f"not the arrays of this map: {error}") from error
-
-
-def _grid(cells: Cells, grid_map: GridMap) -> Grid:
-    if cells.shape != grid_map.cells.shape:
-        raise ValueError(f"cells are {cells.shape}, expected {grid_map.cells.shape}")
-    return Grid(cells, grid_map.cell_m, np.array(grid_map.map_from_grid))
 
 
 def _name(grid_map: GridMap, settings: SensorSettings) -> str:

@@ -1,7 +1,6 @@
 """Finds look-alike places: places from which the laser's view is nearly the same."""
 
 import math
-from dataclasses import dataclass
 
 import msgspec
 import numpy as np
@@ -27,14 +26,6 @@ _KEPT_POSES, _KEPT_PLACES = 3_000, 64
 _APART_M, _APART_RAD = 1.0, 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class LookAlikes:
-    """A tested place and all places that look like it."""
-
-    places: Poses
-    """(N, 3) `map_from_robot`; the place itself comes first."""
-
-
 class LookAlikeSearch:
     """Scores a view from all poses in the free space of a map.
 
@@ -58,13 +49,13 @@ class LookAlikeSearch:
             LikelihoodField.build(grid_map.grid, settings) for settings in (usual, blurred)
         )
 
-    def places_like(self, view: View) -> LookAlikes:
-        """Return the places from which nearly all beams of the view have the same range.
+    def places_like(self, view: View) -> Poses:
+        """Return the (N, 3) places from which nearly all beams of the view have the same range.
 
-        A view of fewer than 10 returns has no look-alikes.
+        The first is the place of the view. A view of fewer than 10 returns has no look-alikes.
         """
         if len(view.hits_in_robot) < _FEWEST_HITS:
-            return LookAlikes(view.map_from_robot[None])
+            return view.map_from_robot[None]
         coarse = view.hits_in_robot[:: math.ceil(len(view.hits_in_robot) / _COARSE_HITS)]
         scores = scan_log_likelihood(self._lattice, coarse, self._blurred)
         count = min(_KEPT_POSES, len(scores))
@@ -77,7 +68,7 @@ class LookAlikeSearch:
         far |= heading_distance(poses[:, 2], own[2]) > _APART_RAD
         poses = poses[far]
         alike = self._viewer.differing_share(view, poses) < ALIKE_SHARE
-        return LookAlikes(np.vstack([own, poses[alike]]))
+        return np.vstack([own, poses[alike]])
 
 
 def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:

@@ -82,7 +82,7 @@ def report_of(
         view = viewer.random_view(rng)
         found = search.places_like(view)
         groups.append(found)
-        own, *others = (pose_tuple(pose) for pose in found.places)
+        own, *others = map(pose_tuple, found)
         looked_at.append(
             Place(
                 map_from_robot=own,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from evaluation.map_check.look_alikes import LookAlikes
 from grid_maps.grid_map import GridMap
+from particle_filter.arrays import Poses
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.places import cluster_by_source_point
 from particle_filter.poses import compose, inverse
@@ -39,20 +39,20 @@ def middle_of(grid_map: GridMap) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def symmetries_of(found: Sequence[LookAlikes], middle: tuple[float, float]) -> tuple[Symmetry, ...]:
+def symmetries_of(found: Sequence[Poses], middle: tuple[float, float]) -> tuple[Symmetry, ...]:
     """Return the transforms that several places share, the most frequent first.
 
     Args:
-        found: tested places with their look-alikes.
+        found: (N, 3) places that look alike, for each tested place, which is the first.
         middle: middle of the map [m], about which turns are compared, because errors of their
             angle have the least effect there.
     """
     to_middle = np.array([*middle, 0.0])
     movements, owners = [], []
-    for owner, group in enumerate(found):
-        centred = group.places - to_middle
+    for owner, places in enumerate(found):
+        centred = places - to_middle
         movements.append(compose(centred[1:], inverse(centred[0])))
-        owners += [owner] * (len(group.places) - 1)
+        owners += [owner] * (len(places) - 1)
     if not owners:
         return ()
     moved, owner_of = np.vstack(movements), np.array(owners)
@@ -62,10 +62,10 @@ def symmetries_of(found: Sequence[LookAlikes], middle: tuple[float, float]) -> t
     symmetries = []
     for label in range(count):
         members = labels == label
-        places = len(np.unique(owner_of[members]))
-        if places >= max(_LEAST_PLACES, _LEAST_SHARE * len(found)):
+        count_of = len(np.unique(owner_of[members]))
+        if count_of >= max(_LEAST_PLACES, _LEAST_SHARE * len(found)):
             mean, _ = fit_gaussian(moved[members], np.ones(np.count_nonzero(members)))
-            symmetries.append(_symmetry(mean, middle, places / len(found)))
+            symmetries.append(_symmetry(mean, middle, count_of / len(found)))
     return tuple(sorted(symmetries, key=lambda symmetry: -symmetry.share))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.observability import turned_copies
-from evaluation.map_check.look_alikes import LookAlikes, LookAlikeSearch
+from evaluation.map_check.look_alikes import LookAlikeSearch
 from evaluation.map_check.report import report_of
 from evaluation.map_check.symmetries import symmetries_of
 from evaluation.map_check.views import Viewer
@@ -22,7 +22,7 @@ def test_every_place_of_the_cross_looks_like_its_three_images() -> None:
     search = LookAlikeSearch(plan, viewer, rng)
     for _ in range(5):
         view = viewer.random_view(rng)
-        found = search.places_like(view).places
+        found = search.places_like(view)
         assert len(found) == 4
         for image in turned_copies(pose_tuple(view.map_from_robot), 4, (0.0, 0.0)):
             near = np.hypot(*(found[:, :2] - image[:2]).T) < 0.1
@@ -58,6 +58,6 @@ def test_a_short_sighted_laser_is_reported() -> None:
 
 def test_rooms_in_a_row_are_a_shift() -> None:
     row = np.array([[10.0 * room, 2.0, 0.5] for room in range(4)])
-    found = [LookAlikes(np.vstack([row[room], np.delete(row, room, axis=0)])) for room in range(4)]
+    found = [np.vstack([row[room], np.delete(row, room, axis=0)]) for room in range(4)]
     shifts = {symmetry.shift_m: symmetry.share for symmetry in symmetries_of(found, (15.0, 2.0))}
     assert shifts == {(10.0, 0.0): 0.75, (-10.0, 0.0): 0.75}  # what only two have is chance
