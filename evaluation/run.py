@@ -20,6 +20,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.parent import die_with_parent
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
+from process_runtime.supervisor import use_one_thread_for_arithmetic
 from protocol.errors import ClusterMclError, MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -37,7 +38,6 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _POLL_S = 0.2
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class Run:
@@ -114,7 +114,7 @@ def in_parallel(
         RunError: a call has raised a `ClusterMclError`, or its process was killed; the other
             calls are ended.
     """
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # one process a core is enough
+    use_one_thread_for_arithmetic()  # one process a core is enough; spawned ones inherit it
     pool = ProcessPoolExecutor(
         max(min(jobs, len(pieces)), 1),
         multiprocessing.get_context("spawn"),

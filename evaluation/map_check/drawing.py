@@ -21,7 +21,8 @@ from grid_maps.map_message import to_message
 from live_view.drawing import map_picture
 from live_view.map_reduction import reduced
 from particle_filter.arrays import FREE, Poses
-from particle_filter.poses import compose, inverse
+from particle_filter.poses import compose
+from particle_filter.sensor_model import ground_log_penalty
 from protocol.message import PoseTuple
 
 _MARGIN_M = 0.5
@@ -189,7 +190,9 @@ def _heat(report: MapReport, grid_map: GridMap, drawn: MapDrawing) -> str:
     x, y = (axis.ravel() for axis in np.meshgrid(east, south))
     reach_m = _HEAT_SPACINGS * np.sqrt(grid_map.free_area_m2 / len(known))
     distance_m, nearest = cKDTree(known).query(np.column_stack([x, y]))
-    inside = (distance_m < reach_m) & _is_free(grid_map, x, y)
+    poses = np.column_stack([x, y, np.zeros_like(x)])
+    is_free = ground_log_penalty(poses, grid_map.grid, -1.0) == 0.0
+    inside = (distance_m < reach_m) & is_free
     pixels = np.zeros((len(south), len(east), 4), np.uint8)
     of_number = np.searchsorted([most for most, _ in _HEAT], alike)
     colours = np.array([[*bytes.fromhex(colour[1:]), _HEAT_ALPHA] for _, colour in _HEAT], np.uint8)
@@ -200,15 +203,3 @@ def _heat(report: MapReport, grid_map: GridMap, drawn: MapDrawing) -> str:
         f'width="{width_m:.3f}" height="{height_m:.3f}" preserveAspectRatio="none" '
         f'href="{png_data(Image.fromarray(pixels))}"/>'
     )
-
-
-def _is_free(grid_map: GridMap, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return whether points in the map frame [m] lie in free cells, (N,)."""
-    poses = np.column_stack([x, y, np.zeros_like(x)])
-    in_grid = compose(inverse(np.array(grid_map.map_from_grid)), poses)
-    rows, cols = grid_map.cells.shape
-    col, row = (np.floor(in_grid[:, axis] / grid_map.cell_m).astype(int) for axis in (0, 1))
-    inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
-    free = np.zeros(len(x), bool)
-    free[inside] = grid_map.cells[row[inside], col[inside]] == FREE
-    return free
