@@ -137,6 +137,9 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         raise SettingsError(key="--algorithm", problem=problem)
     case, seeds = case_of(options)
     if options.output is not None:
+        if options.output.suffix.lower() != ".csv":
+            problem = f"--output {options.output}: has to end in .csv; for JSON, print it by --json"
+            raise SettingsError(key="--output", problem=problem)
         check_output_file(options.output)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once

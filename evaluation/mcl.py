@@ -165,7 +165,7 @@ class OrdinaryMCL:
         return result.particles
 
     def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles to resample to; None: the present number. A hook."""
+        """Return the number of particles to resample to; None, unless overridden: the same."""
         del particles
         return None
 
@@ -183,7 +183,7 @@ class OrdinaryMCL:
         return ParticleSet.even(poses)
 
     def _shrunk(self, particles: ParticleSet, rng: np.random.Generator) -> ParticleSet:
-        """Resample to shrink the set, or if the effective sample size is too small."""
+        """Resample to shrink the set, or at a small effective sample size; else do nothing."""
         progress = min(self.steps / SHRINKING_STEPS, 1.0)
         count = round(self._start_count * (self.kept / self._start_count) ** progress)
         if count >= len(particles.log_weights) and not _is_degenerate(particles):

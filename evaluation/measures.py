@@ -166,7 +166,7 @@ def measures_of(
     """Compute the measures of a run.
 
     Args:
-        facts: its steps in order.
+        facts: the facts of all steps, in order.
         wall_s: duration of the run [s].
         cpu_s: CPU time of the run [s].
     """

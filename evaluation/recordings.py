@@ -33,7 +33,7 @@ def counted_steps(path: str, settings: BridgeSettings) -> int:
 
 
 def left_out(recording: Recording) -> str | None:
-    """Return a sentence about the skipped lines; None if there are none."""
+    """Return a sentence about the skipped lines; None: no line was skipped."""
     skipped = recording.skipped
     if not skipped:
         return None

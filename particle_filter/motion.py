@@ -158,7 +158,7 @@ def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> Non
 
 
 _FARTHEST_BACK = 2.5
-"""Largest slip, in lengths of the drive: from the pose by odometry backwards."""
+"""Largest distance of a slipped particle behind its pose by odometry [lengths of the drive]."""
 _TURN_PER_METRE = 0.3
 """Standard deviation of the heading of a slipped particle, for each metre driven [rad/m]."""
 

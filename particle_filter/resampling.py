@@ -71,7 +71,7 @@ def optimal_resampling(
 
     Args:
         log_weights: (N,), not necessarily normalised; the sum of the weights stays.
-        count: number of particles to keep, positive; all are kept if there are no more.
+        count: number of particles to keep, positive; if N is not larger, all are kept.
         rng: source of one number.
 
     Returns:

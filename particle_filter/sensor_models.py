@@ -17,7 +17,7 @@ def model_class(name: str) -> type[SensorModel]:
     """Return the class of the named model.
 
     Raises:
-        ValueError: no model has this name.
+        ValueError: no model has this name, or its code cannot be imported.
     """
     own = {str(known): kind for known, kind in OWN.items()}
     return own.get(name) or extension("sensor_model", name)

@@ -116,7 +116,7 @@ class TransformTree:
         """Return the frames from `outer`, and those from `inner`, below the common ancestor.
 
         Raises:
-            TransformMissingError: there is none.
+            TransformMissingError: the frames have no common ancestor.
         """
         inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
         common = next((frame for frame in inner_way if frame in outer_way), None)

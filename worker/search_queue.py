@@ -73,7 +73,7 @@ class SearchQueue:
             self._slices = self._searching = None
 
     def work(self) -> SearchReport | None:
-        """Compute one slice; return the report of a step that it finishes."""
+        """Compute one slice; return the report if it finishes a step, else None."""
         if self._slices is None:
             waiting = [left for left in self._left.values() if left[1]]
             if not waiting:

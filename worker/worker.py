@@ -100,7 +100,7 @@ class TermFence:
             self.term, self.order, self.newest = term, 0, 0
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """Note the term of a coordinator's checkpoint, and whether it has had clusters."""
+        """Note the term of a coordinator's checkpoint, and whether the belief has had clusters."""
         self.on_term(checkpoint.term)
         if checkpoint.founded:
             self.founded = max(self.founded, checkpoint.term)

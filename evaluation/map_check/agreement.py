@@ -65,9 +65,9 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
     The mirrored recording is localized too, as a decoy: a robot that is not on this map.
 
     Args:
-        scans: all steps; at least one.
+        scans: the steps of the recording; at least one.
         grid_map: the map.
-        settings: of the filter.
+        settings: settings of the filter.
     """
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)

@@ -186,6 +186,13 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     assert "less than or equal to" in result.output
 
 
+@pytest.mark.parametrize("name", ["runs", "runs.json", "runs.csv.gz"])
+def test_an_output_file_that_is_not_csv_by_name_is_refused(name: str) -> None:
+    options = EvaluateOptions(recording="sim:cross", output=Path(name))
+    with pytest.raises(SettingsError, match=r"has to end in \.csv; for JSON, print it by --json"):
+        evaluate.run_evaluate(options, Settings())
+
+
 def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
