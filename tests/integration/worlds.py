@@ -1,5 +1,12 @@
-"""The world in which the robot of a stack drives."""
+"""Worlds and maps of the tests' robots."""
 
+from pathlib import Path
+
+import numpy as np
+
+from grid_maps.grid_map import GridMap
+from grid_maps.ros_map import write_map
+from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from robot_simulator.source import simulated_world
@@ -10,3 +17,29 @@ def world_of(settings: Settings) -> World:
     robot = parsed_source(settings.bridge.source)
     assert isinstance(robot, Simulated)
     return simulated_world(robot)
+
+
+def write_room(
+    folder: Path,
+    name: str = "map",
+    *,
+    cells: tuple[int, int] = (100, 100),
+    cell_m: float = 0.1,
+    corner: tuple[float, float] = (0.0, 0.0),
+    box: tuple[slice, slice] | None = None,
+) -> Path:
+    """Write the map of a walled room as map_server has it; return its YAML file.
+
+    Args:
+        folder: of the files.
+        name: of the files.
+        cells: rows and columns.
+        cell_m: side of a cell [m].
+        corner: x and y of the lower left cell [m].
+        box: rows and columns of an obstacle; None: there is none.
+    """
+    room = np.zeros(cells, np.int8)
+    room[[0, -1], :] = room[:, [0, -1]] = OCCUPIED
+    if box is not None:
+        room[box] = OCCUPIED
+    return write_map(GridMap(room, cell_m, (*corner, 0.0)), folder, name)

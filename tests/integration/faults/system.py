@@ -135,6 +135,17 @@ class System:
 
         wait_until(all_run)
 
+    def restart(self, name: str) -> None:
+        """Kill a process of the stack; wait until another one runs in its place."""
+        killed = self.pid(name)
+        self.hurt(name)
+
+        def is_replaced() -> bool:
+            self.stack.ended()
+            return self.stack.pids().get(name, killed) != killed
+
+        wait_until(is_replaced)
+
     def log(self, name: str) -> str:
         """What a process of the stack has logged."""
         return (self.folder / f"{name}.log").read_text()

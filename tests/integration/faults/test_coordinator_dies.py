@@ -53,18 +53,12 @@ def alone_of(tested: System, settings: Settings = SMALL) -> list[Outcome]:
     return [outcome for _, outcome in outcomes(history.scans, model, plain)]
 
 
-def kill_and_mend(tested: System) -> None:
-    tested.hurt(COORDINATOR)
-    wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
-    tested.mend()
-
-
 def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_believed() -> None:
     alone = outcomes_of(LOCKSTEP, steps=STEPS)
     with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
         for step in (3, 15, 16, 32):
             wait_until(lambda s=step: tested.step >= s)  # type: ignore[misc] # a default
-            kill_and_mend(tested)
+            tested.restart(COORDINATOR)
         wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last)
         assert len({belief.term for belief in tested.beliefs}) >= 4, "it was several coordinators"
         assert_same(tested.beliefs, alone)
@@ -77,9 +71,7 @@ def test_a_robot_that_drives_on_is_followed_again_within_two_seconds() -> None:
     with with_live_robot() as (tested, _robot):
         tested.wait_until_it_tracks()
         before, workers = tested.step, tested.worker_pids()
-        tested.hurt(COORDINATOR)
-        wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
-        wait_until(lambda: tested.stack.ended() == [] and COORDINATOR in tested.stack.pids())
+        tested.restart(COORDINATOR)
         started_s = time.monotonic()
         wait_until(lambda: len({belief.term for belief in tested.beliefs}) == 2)
         assert time.monotonic() - started_s < stretched_s(2.0)

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
+from clustermcl.stack import COORDINATOR
 from grid_maps.ros_map import write_map
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
@@ -20,7 +21,6 @@ from recordings.run_log import RunLog
 from robot_simulator.source import simulated_world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System
-from tests.integration.faults.test_coordinator_dies import kill_and_mend
 from tests.integration.system.commands import COMMAND
 from tests.integration.waiting import stretched_s, wait_until
 from tests.unit.coordinator.recorder.recorded import head, write_file
@@ -85,13 +85,13 @@ def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_
         tested.wait_until_it_tracks()
         kill_a_worker(tested)
         tested.wait_for_steps(10)
-        kill_and_mend(tested)
+        tested.restart(COORDINATOR)
         tested.wait_for_steps(10)
         with tested.client as client:
             client.set_pose((1.5, 1.5, 0.5))
         tested.wait_for_steps(5)
         shutil.copytree(folder, copy)
-        kill_and_mend(tested)
+        tested.restart(COORDINATOR)
         tested.wait_for_steps(5)
     heard = list(tested.beliefs)
     assert len({belief.term for belief in heard}) == 3

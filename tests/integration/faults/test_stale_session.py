@@ -22,8 +22,9 @@ from protocol import keys
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
-from tests.integration.sensor_bridge.robot import Robot, walled_map
+from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import ORIGIN, laser_reading
 from zenoh_link.node import Node
 from zenoh_link.session import open_session
@@ -150,7 +151,7 @@ def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
     tmp_path: Path,
 ) -> None:
     router = ("--set", f"zenoh.router={detour.settings.router}")
-    arguments = ("--source", "zenoh", "--map", str(walled_map(tmp_path)))
+    arguments = ("--source", "zenoh", "--map", str(write_room(tmp_path)))
     bridge = start_process(python_module("sensor_bridge", *arguments, *router))
     wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S))
     robot = Robot(here)

@@ -1,8 +1,6 @@
 """docs/failures.md: scans with steps far ahead change no belief while the real bridge
 continues."""
 
-from collections.abc import Callable
-
 import pytest
 import zenoh
 from msgspec.structs import replace
@@ -41,12 +39,6 @@ def forge(tested: System, first_step: int, count: int) -> None:
         tested.session.put(keys.SCAN, encode(forged), congestion_control=block)
 
 
-def restart(tested: System, name: str) -> None:
-    tested.hurt(name)
-    wait_until(lambda: any(ended.name == name for ended in tested.stack.ended()))
-    tested.mend()
-
-
 def counted(tested: System, cause: str) -> int:
     with tested.client as client:
         return client.status().counters.get(cause, 0)
@@ -63,23 +55,15 @@ def test_single_scans_of_steps_far_ahead_change_no_belief() -> None:
         assert_same(list(tested.beliefs), alone_of(tested))
 
 
-def bridge_restarts(tested: System) -> None:
-    restart(tested, BRIDGE)
-
-
-def coordinator_restarts(tested: System) -> None:
-    restart(tested, COORDINATOR)
-
-
-@pytest.mark.parametrize("then", [bridge_restarts, coordinator_restarts])
-def test_after_several_scans_near_the_highest_step_the_robot_is_localized_again(
-    then: Callable[[System], None],
+@pytest.mark.parametrize("restarted", [BRIDGE, COORDINATOR])
+def test_after_scans_near_the_highest_step_a_restart_localizes_the_robot_again(
+    restarted: str,
 ) -> None:
     with with_live_robot() as (tested, _robot):
         tested.wait_until_it_tracks()
         forge(tested, MAX_SCAN_STEP - BURST, BURST)
         wait_until(lambda: tested.step >= MAX_SCAN_STEP - BURST)
-        then(tested)
+        tested.restart(restarted)
 
         def is_itself_again() -> bool:
             return (

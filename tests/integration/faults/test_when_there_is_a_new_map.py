@@ -10,21 +10,9 @@ from protocol.job_events import Ended
 from recordings.map_file import load_map
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import BRIDGE, Robot, with_bridge
-from tests.integration.faults.system import System
 from tests.integration.waiting import wait_until
 
 BEFORE, AFTER = "cross", "cross_feature"
-
-
-def restart_the_bridge(tested: System) -> None:
-    before = tested.pid(BRIDGE)
-    tested.hurt(BRIDGE)
-
-    def is_another() -> bool:
-        tested.stack.ended()
-        return tested.stack.pids().get(BRIDGE, before) != before
-
-    wait_until(is_another)
 
 
 def test_a_bridge_restarted_with_another_map_is_followed_without_any_other_restart() -> None:
@@ -34,7 +22,7 @@ def test_a_bridge_restarted_with_another_map_is_followed_without_any_other_resta
         before, pids = client.status(), tested.stack.pids() | {"workers": tested.worker_pids()}
         map_file = Path(tested.settings.bridge.map)
         write_map(world(AFTER).map, map_file.parent, map_file.stem)
-        restart_the_bridge(tested)
+        tested.restart(BRIDGE)
         robot = Robot(tested.session, AFTER)
         with robot.driving():
             wait_until(lambda: client.status().map_digest == load_map(map_file).digest)

@@ -14,8 +14,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from websockets.sync.client import ClientConnection, connect
 
 from tests.integration.waiting import wait_until
+
+
+def opened(link: str, path: str = "live", **options: Any) -> ClientConnection:
+    """Connect to a page's stream, as a browser does that has opened the page.
+
+    Args:
+        link: of the page, with a slash at its end.
+        path: of the stream.
+        options: of the connection.
+    """
+    origin: Any = options.pop("origin", link.rstrip("/"))
+    return connect(f"ws{link[4:]}{path}", origin=origin, proxy=None, **options)
+
 
 SNAPSHOT = """
 const view = liveView.view;

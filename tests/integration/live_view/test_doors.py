@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 from websockets.exceptions import ConnectionClosedError, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.free_port import free_port
+from tests.integration.live_view.page import opened as open_page
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S
 
@@ -61,15 +62,11 @@ def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]
 
 
 def opened(
-    port: int, *, origin: str = "", cookie: str = "", path: str = "/live"
+    port: int, *, origin: str = "", cookie: str = "", path: str = "live"
 ) -> ClientConnection:
     headers = {"Cookie": cookie} if cookie else {}
-    return connect(
-        f"ws://127.0.0.1:{port}{path}",
-        origin=origin or f"http://127.0.0.1:{port}",  # type: ignore[arg-type]  # a NewType of str
-        additional_headers=headers,
-        proxy=None,
-    )
+    link = f"http://127.0.0.1:{port}"
+    return open_page(f"{link}/", path, origin=origin or link, additional_headers=headers)
 
 
 def test_the_command_view_passes_its_options_to_the_page(
@@ -173,12 +170,12 @@ def test_each_robot_has_a_page_of_its_own(start_process: StartProcess, nobody: s
     assert got(port, "/robot/r2/")[0] == 200
     assert got(port, "/robot/r2/app.js")[0] == 200
     assert got(port, "/robot/r3/")[0] == 404
-    for name, path in (("r1", "/live"), ("r1", "/robot/r1/live"), ("r2", "/robot/r2/live")):
+    for name, path in (("r1", "live"), ("r1", "robot/r1/live"), ("r2", "robot/r2/live")):
         with opened(port, path=path) as page:
             system = json.loads(page.recv(PATIENCE_S))["system"]
             assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
     with pytest.raises(InvalidStatus):
-        opened(port, path="/robot/r3/live")
+        opened(port, path="robot/r3/live")
 
 
 def test_with_a_certificate_the_page_is_served_by_https(

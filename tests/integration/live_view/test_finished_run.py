@@ -10,10 +10,11 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from robot_simulator.worlds.catalogue import world
 from tests.integration.free_port import free_port
+from tests.integration.live_view.page import opened
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import PATIENCE_S
 
@@ -29,7 +30,7 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
     with typed(*words, folder=tmp_path, environment=dict(os.environ)) as viewer:
         viewer.wait_for("look at")
         link = f"http://127.0.0.1:{port}"
-        with connect(f"ws{link[4:]}/live", origin=link, proxy=None) as page:  # type: ignore[arg-type]  # a NewType of str
+        with opened(f"{link}/") as page:
             shown = finished(page)
             page.send('{"type": "past", "step": 10}')
             past = answer_of(page, "past")

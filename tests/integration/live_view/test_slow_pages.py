@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import ClientConnection, connect
 
 from live_view.room import MESSAGES_AHEAD
+from tests.integration.live_view.page import opened
 from tests.integration.live_view.stage import Stage
 from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.unit.live_view.messages import belief
@@ -16,16 +16,11 @@ from tests.unit.live_view.messages import belief
 STEPS, PLACES = 1000, 16
 
 
-def opened(stage: Stage, **options: Any) -> ClientConnection:
-    link = stage.server.link
-    return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None, **options)  # type: ignore[arg-type]  # a NewType of str
-
-
 def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_other() -> None:
     with Stage() as stage:
         for step in range(STEPS):
             stage.picture.on_belief(belief(step, *range(PLACES)))
-        with opened(stage, max_queue=1, ping_interval=None) as deaf:
+        with opened(stage.server.link, max_queue=1, ping_interval=None) as deaf:
 
             def asked_for_more() -> bool:
                 stage.pump()
@@ -37,7 +32,7 @@ def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_othe
                 return False
 
             wait_until(asked_for_more)
-        with opened(stage, max_size=None) as other:
+        with opened(stage.server.link, max_size=None) as other:
             told: dict[str, Any] = {}
 
             def has_newest_step() -> bool:
@@ -51,7 +46,7 @@ def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_othe
 
 
 def test_a_page_without_acknowledgements_gets_a_few_steps_and_then_the_newest() -> None:
-    with Stage() as stage, opened(stage) as slow:
+    with Stage() as stage, opened(stage.server.link) as slow:
         wait_until(lambda: stage.room.browsers)
         for step in range(50):
             stage.picture.on_belief(belief(step, 1))

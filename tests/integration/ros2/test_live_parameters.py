@@ -49,17 +49,6 @@ def history(tested: System) -> tuple[Scan, ...]:
     return scans
 
 
-def kill(tested: System, name: str) -> None:
-    killed = tested.pid(name)
-    tested.hurt(name)
-
-    def is_replaced() -> bool:
-        tested.stack.ended()
-        return tested.stack.pids().get(name, killed) != killed
-
-    wait_until(is_replaced)
-
-
 @pytest.mark.timeout(400)
 def test_live_parameters_apply_from_the_next_step_and_survive_every_take_over() -> None:
     with robot_and_system() as (tested, robot), tested.client as client:
@@ -73,11 +62,11 @@ def test_live_parameters_apply_from_the_next_step_and_survive_every_take_over() 
             assert [result.reason for result in results] == [""] * 5
             wait_until(lambda: newest_scan(tested).settings == EXPECTED)
             tested.wait_for_steps(6)
-            kill(tested, COORDINATOR)
+            tested.restart(COORDINATOR)
             tested.wait_for_steps(6)
             scans, beliefs = history(tested), list(tested.beliefs)
             assert client.status().settings == EXPECTED
-            kill(tested, "sensor_bridge")
+            tested.restart("sensor_bridge")
             tested.wait_for_steps(3)
             assert newest_scan(tested).settings == EXPECTED
             # A restarted process receives them again.

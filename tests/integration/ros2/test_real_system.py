@@ -13,7 +13,6 @@ from particle_filter.poses import wrap_angle
 from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
 from ros2_bridge.topics import AMCL_POSE, BOND
-from tests.integration.faults.system import System
 from tests.integration.ros2.robot import planar
 from tests.integration.ros2.test_whole_way import (
     WORLD,
@@ -25,21 +24,15 @@ from tests.integration.ros2.test_whole_way import (
 from tests.integration.waiting import stretched_s, wait_until
 
 
-def is_replaced(tested: System, killed: int) -> bool:
-    tested.stack.ended()  # which starts it again
-    return tested.stack.pids().get(COORDINATOR, killed) != killed
-
-
 @pytest.mark.timeout(300)
 def test_the_bond_goes_on_while_the_coordinator_is_killed_and_replaced() -> None:
     with robot_and_system() as (tested, robot):
         bonds, poses = robot.listen(BOND), robot.listen(AMCL_POSE)
         with Drive(robot, tested).driving():
             wait_until(lambda: tested.beliefs and tested.beliefs[-1].hypotheses)
-            before, killed = tested.beliefs[-1], tested.pid(COORDINATOR)
+            before = tested.beliefs[-1]
             count, killed_at_s = len(bonds), time.monotonic()
-            tested.hurt(COORDINATOR)
-            wait_until(lambda: is_replaced(tested, killed))
+            tested.restart(COORDINATOR)
             wait_until(lambda: tested.beliefs[-1].term > before.term)
             wait_until(lambda: tested.beliefs[-1].hypotheses and poses, 150.0)
             took_s = time.monotonic() - killed_at_s

@@ -2,11 +2,8 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
-import numpy as np
 import zenoh
-from PIL import Image
 
 from protocol import keys
 from protocol.codec import decode, encode
@@ -15,16 +12,6 @@ from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from tests.integration.waiting import PATIENCE_S
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
-
-
-def walled_map(folder: Path) -> Path:
-    cells = np.full((100, 100), 254, np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    Image.fromarray(cells).save(folder / "map.png")
-    header = {"image": "map.png", "resolution": 0.1, "origin": [0, 0, 0], "negate": 0}
-    header |= {"occupied_thresh": 0.65, "free_thresh": 0.196}
-    (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
-    return folder / "map.yaml"
 
 
 @contextmanager

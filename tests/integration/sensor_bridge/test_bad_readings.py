@@ -17,9 +17,10 @@ from protocol.steps import Reading, Scan
 from recordings.map_file import load_map
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.conftest import OpenClient, StartProcess
-from tests.integration.sensor_bridge.robot import Robot, walled_map
+from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.system.rubbish import NO_MESSAGES
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 NAN, INF = math.nan, math.inf
@@ -81,7 +82,7 @@ def spoil(robot: Robot, at_s: float) -> None:
 def test_rubbish_among_readings_changes_no_step(
     router: ZenohSettings, start_process: StartProcess, open_client: OpenClient, tmp_path: Path
 ) -> None:
-    map_file, started_s = walled_map(tmp_path), time.monotonic()
+    map_file, started_s = write_room(tmp_path), time.monotonic()
     bridge = start_process(
         python_module(
             "sensor_bridge", "--map", str(map_file), "--set", f"zenoh.router={router.router}"

@@ -13,8 +13,9 @@ from protocol import keys
 from protocol.answers import CommandDone, Update
 from protocol.message import PoseTuple
 from tests.integration.conftest import OpenClient, StartProcess
-from tests.integration.sensor_bridge.robot import Robot, walled_map
+from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 from zenoh_link.wire import ask
 
@@ -28,7 +29,7 @@ def start_bridge(
     """Starts a bridge with a map, and returns a robot for it."""
 
     def start() -> Robot:
-        map_file = str(walled_map(tmp_path))
+        map_file = str(write_room(tmp_path))
         endpoint = f"zenoh.router={router.router}"
         start_process(python_module("sensor_bridge", "--map", map_file, "--set", endpoint))
         robot = Robot(open_client())

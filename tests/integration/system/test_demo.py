@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import ClientConnection
 
 from tests.integration.free_port import free_port
+from tests.integration.live_view.page import opened
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
+from tests.integration.worlds import write_room
 from tests.unit.recordings import recording_or_skip
 
 SHORT = ["demo", "--recording", "sim:cross_feature", "--steps", "30", "--workers", "4"]
@@ -60,14 +60,11 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
 
 def test_a_robot_in_a_map_of_ones_own_is_found(environment: dict[str, str], tmp_path: Path) -> None:
     """A room with one cabinet: a single view of it localizes the robot."""
-    cells = np.full((120, 160), 254, np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    cells[20:50, 100:130] = 0
-    Image.fromarray(cells).save(tmp_path / "hall.png")
-    (tmp_path / "hall").write_text(  # a world of ours has that name: the file is meant
-        "image: hall.png\nresolution: 0.05\norigin: [-3, 7, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    cabinet = slice(70, 100), slice(100, 130)
+    file = write_room(
+        tmp_path, "room", cells=(120, 160), cell_m=0.05, corner=(-3.0, 7.0), box=cabinet
     )
+    file.rename(tmp_path / "hall")  # a world of ours has that name: the file is meant
     options = ["--map", str(tmp_path / "hall"), "--steps", "40", "--workers", "4"]
     answer = as_json("demo", *options, *SMALL_FILTER, environment=environment)
     assert answer["state"] == "localized"
@@ -103,7 +100,7 @@ def test_the_page_of_a_recording_draws_its_reference(
     ]  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as demo:
         demo.wait_for("look at")
-        with connect(f"ws://{link}/live", origin=f"http://{link}", proxy=None) as page:  # type: ignore[arg-type]  # a NewType of str
+        with opened(f"http://{link}/") as page:
             while True:
                 frames = json.loads(page.recv(60.0))
                 page.send('{"type": "drawn"}')
@@ -128,33 +125,15 @@ def test_an_interrupted_demo_leaves_nothing(
     assert list(Path(environment["TMPDIR"]).iterdir()) == []
 
 
-def written_map(folder: Path) -> Path:
-    """Of a room with a box in it, as map_server has it."""
-    cells = np.full((80, 120), 254, np.uint8)
-    cells[[0, -1]] = cells[:, [0, -1]] = cells[50:60, 20:40] = 0
-    Image.fromarray(cells).save(folder / "own.pgm")
-    file = folder / "own.yaml"
-    file.write_text(
-        "image: own.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    return file
-
-
 @pytest.fixture
 def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedCommand, str]]:
     """A simulated robot in a map of one's own, and the link that has just been said."""
     listen = f"127.0.0.1:{free_port()}"
-    own_map = str(written_map(tmp_path))
+    own_map = str(write_room(tmp_path, cells=(80, 120), box=(slice(20, 30), slice(20, 40))))
     words = ("--map", own_map, "--workers", "4", "--view", "--listen", listen)
     with typed("demo", *words, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
         demo.wait_for(f"look at http://{listen}/")
         yield demo, f"http://{listen}/"
-
-
-def opened(link: str) -> ClientConnection:
-    """As a browser that has opened the page."""
-    return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None)  # type: ignore[arg-type]  # a NewType of str
 
 
 def test_a_demo_with_a_page_says_its_link_and_waits_for_the_first_browser(
@@ -191,14 +170,7 @@ def test_a_run_that_has_ended_can_still_be_looked_back_at(
 
 def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str]) -> None:
     demo, link = viewed
-    with (
-        opened(link) as page,
-        connect(
-            f"ws{link[4:]}robot/robot-amcl/live",
-            origin=link.rstrip("/"),
-            proxy=None,  # type: ignore[arg-type]  # a NewType of str
-        ) as beside,
-    ):
+    with opened(link) as page, opened(link, "robot/robot-amcl/live") as beside:
         first = 1 + max(newest_step(each) for each in (page, beside))  # both pages have it whole
         steps = [past_steps(each, range(first, first + 5)) for each in (page, beside)]
     for ours, amcl in zip(*steps, strict=True):

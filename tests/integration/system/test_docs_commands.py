@@ -15,10 +15,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from PIL import Image
 
 from clustermcl.client import Client
-from particle_filter.arrays import FREE, OCCUPIED
+from grid_maps.ros_map import write_map
 from process_runtime.settings import Settings
 from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
@@ -87,14 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files that the pages name: a map, a recording made in it, and where the robot was."""
     folder = tmp_path_factory.mktemp("pages")
     hall = world("hall")
-    shades = np.full(hall.map.cells.shape, 205, np.uint8)
-    shades[hall.map.cells == FREE], shades[hall.map.cells == OCCUPIED] = 254, 0
-    Image.fromarray(shades[::-1]).save(folder / "map.png")
-    origin = list(hall.map.map_from_grid)
-    (folder / "map.yaml").write_text(
-        f"image: map.png\nresolution: {hall.map.cell_m}\norigin: {origin}\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    write_map(hall.map, folder, "map")
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=(0.0, 0.0, 0.0)))
     log, truth = [], []
     for _, tick in zip(range(300), robot, strict=False):

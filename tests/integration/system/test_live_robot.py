@@ -5,14 +5,13 @@ import sys
 from pathlib import Path
 
 import msgspec
-import numpy as np
-from PIL import Image
 
 from clustermcl.client import Client
 from clustermcl.stack import Stack, meeting_in, running
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
+from tests.integration.worlds import write_room
 
 COORDINATOR = CoordinatorSettings(step_deadline_s=10.0, stale_after_s=10.0)
 WIRE = Path(__file__).resolve().parents[3] / "docs" / "wire.md"
@@ -27,14 +26,7 @@ def example() -> str:
 
 def test_the_example_of_the_wire_page_drives_a_robot(short_folder: str) -> None:
     folder = Path(short_folder)
-    cells = np.full((100, 100), 254, np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    Image.fromarray(cells).save(folder / "map.png")
-    (folder / "map.yaml").write_text(
-        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    bridge = BridgeSettings(map=str(folder / "map.yaml"), source="zenoh")
+    bridge = BridgeSettings(map=str(write_room(folder)), source="zenoh")
     worker = msgspec.structs.replace(SMALL.worker, cache_folder=str(folder / "cache"))
     settings = meeting_in(
         folder,
