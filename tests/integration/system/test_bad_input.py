@@ -60,25 +60,17 @@ def log_of(folder: Path, *ranges: str) -> Path:
     return path
 
 
-def test_a_missing_map(tmp_path: Path) -> None:
-    log = log_of(tmp_path, "1 2 3")
-    done = typed("demo", "--recording", str(log), "--map", str(tmp_path / "no.yaml"))
-    assert_refused(done, "no.yaml")
+@pytest.mark.parametrize(
+    ("grey", "facts"), [(0, ("map.pgm", "no free space")), (254, ("map.yaml", "occupied"))]
+)
+def test_a_map_without_free_space_or_obstacles_is_refused(
+    tmp_path: Path, grey: int, facts: tuple[str, ...]
+) -> None:
+    uniform = written_map(tmp_path, np.full((20, 20), grey, np.uint8))
+    assert_refused(typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(uniform)), *facts)
 
 
-def test_a_map_without_free_space(tmp_path: Path) -> None:
-    walls = written_map(tmp_path, np.zeros((20, 20), np.uint8))
-    done = typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(walls))
-    assert_refused(done, "map.pgm", "no free space")
-
-
-def test_a_map_without_obstacles(tmp_path: Path) -> None:
-    empty = written_map(tmp_path, np.full((20, 20), 254, np.uint8))
-    done = typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(empty))
-    assert_refused(done, "map.yaml", "occupied")
-
-
-def test_a_demo_in_a_map_that_no_robot_can_drive_in(tmp_path: Path) -> None:
+def test_a_demo_without_a_map_or_in_a_map_without_room_is_refused(tmp_path: Path) -> None:
     assert_refused(typed("demo", "--map", str(tmp_path / "no.yaml")), "no.yaml")
     for cells, fact in (
         (np.full((60, 60), 205, np.uint8), "no free space"),
@@ -88,17 +80,19 @@ def test_a_demo_in_a_map_that_no_robot_can_drive_in(tmp_path: Path) -> None:
         assert_refused(typed("demo", "--map", str(written_map(tmp_path, cells))), fact)
 
 
-def test_a_missing_recording(map_file: Path) -> None:
+def test_a_missing_recording_is_refused(map_file: Path) -> None:
     assert_refused(typed("evaluate", "nowhere.log", "--map", str(map_file)), "nowhere.log")
 
 
 @pytest.mark.parametrize("ranges", ["nan nan nan", "0 0 0", "inf -1 nan"])
-def test_a_recording_of_scans_without_returns(tmp_path: Path, map_file: Path, ranges: str) -> None:
+def test_a_recording_of_scans_without_returns_is_refused(
+    tmp_path: Path, map_file: Path, ranges: str
+) -> None:
     log = log_of(tmp_path, ranges, ranges)
     assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
 
 
-def test_a_recording_without_beams(tmp_path: Path, map_file: Path) -> None:
+def test_a_recording_without_beams_is_refused(tmp_path: Path, map_file: Path) -> None:
     log = tmp_path / "log.clf"
     log.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
     assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
@@ -125,33 +119,35 @@ def test_a_truncated_recording_is_used_as_far_as_it_goes(tmp_path: Path, map_fil
     assert "cut.log.xz" in done.stderr
 
 
-def test_a_recording_cut_before_its_first_scan(tmp_path: Path, map_file: Path) -> None:
+def test_a_recording_cut_before_its_first_scan_is_refused(tmp_path: Path, map_file: Path) -> None:
     cut = tmp_path / "cut.log.xz"
     cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")
     assert_refused(typed("evaluate", str(cut), "--map", str(map_file)), "cut.log.xz")
 
 
-def test_an_unknown_setting_names_the_nearest() -> None:
-    done = typed("settings", "--set", "cluster.particels=5")
-    assert_refused(done, "cluster.particels", "cluster.particles")
+@pytest.mark.parametrize(
+    ("words", "facts"),
+    [
+        ("settings --set cluster.particels=5", ("cluster.particels", "cluster.particles")),
+        ("settings --set cluster.particles=many", ("cluster.particles",)),
+        ("demo --recording sim:atlantis", ("atlantis", "cross")),
+        ("demo --recording zenoh", ("--recording", "clustermcl up")),
+    ],
+    ids=["unknown setting", "setting of the wrong type", "unknown world", "demo of a live robot"],
+)
+def test_a_command_with_a_mistake_names_what_is_meant(words: str, facts: tuple[str, ...]) -> None:
+    assert_refused(typed(*words.split()), *facts)
 
 
-def test_a_setting_of_the_wrong_type() -> None:
-    assert_refused(typed("settings", "--set", "cluster.particles=many"), "cluster.particles")
-
-
-def test_an_unknown_world() -> None:
-    assert_refused(typed("demo", "--recording", "sim:atlantis"), "atlantis", "cross")
-
-
-def test_a_demo_of_a_live_robot() -> None:
-    assert_refused(typed("demo", "--recording", "zenoh"), "--recording", "clustermcl up")
-
-
-@pytest.mark.parametrize("command", ["pose", "hypotheses", "status", "watch", "relocalize"])
-def test_without_a_system_a_query_fails_within_three_seconds(command: str) -> None:
-    process = subprocess.run(
-        [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True,
-        timeout=stretched_s(5.0), check=False,
-    )  # fmt: skip
-    assert_refused(process, "no router", "clustermcl up", code=3)
+def test_without_a_system_all_queries_fail_within_three_seconds() -> None:
+    queries = [
+        subprocess.Popen(
+            [*COMMAND, command, "--set", NO_ROUTER],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for command in ("pose", "hypotheses", "status", "watch", "relocalize")
+    ]  # fmt: skip
+    ended = [(query, query.communicate(timeout=stretched_s(5.0))) for query in queries]
+    for query, (out, err) in ended:
+        done = subprocess.CompletedProcess(query.args, query.returncode, out, err)
+        assert_refused(done, "no router", "clustermcl up", code=3)
