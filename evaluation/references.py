@@ -49,7 +49,7 @@ def load_reference(path: Path | str) -> Trajectory:
     if not poses:
         raise ReferenceFileError(path, "no pose in it; expected lines of the TUM format")
     reference = Trajectory(held_ns=MAX_OUTSIDE_NS)
-    for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps of a file may step back
+    for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps may step back
         reference.add(stamp_ns, pose)
     return reference
 

@@ -72,7 +72,7 @@ class Run:
             self._model = sensor_model(
                 self.course.map, settings.sensor, cache_folder or default_cache_folder()
             )
-        except ValueError as error:  # there is nothing in the map to measure against
+        except ValueError as error:  # the map has no obstacle
             raise MapFileError(self.course.map_name, str(error)) from error
 
     def steps(self) -> Iterator[tuple[Scan, Outcome, PoseTuple | None]]:

@@ -37,7 +37,7 @@ def from_message(message: MapMessage) -> GridMap:
         raise _malformed(f"{message.rows} x {message.cols} cells")
     try:
         unpacker = zlib.decompressobj()
-        cells = unpacker.decompress(message.zlib_cells, size + 1)  # bounds a decompression bomb
+        cells = unpacker.decompress(message.zlib_cells, size + 1)  # stops a decompression bomb
         if len(cells) != size or not unpacker.eof:
             raise _malformed(f"its bytes do not fill {message.rows} x {message.cols} cells")
         grid = np.frombuffer(cells, np.int8).reshape(message.rows, message.cols)
@@ -77,7 +77,7 @@ def grid_map_of(message: Any) -> GridMap:
     position, turn = info.origin.position, info.origin.orientation
     heading = 2.0 * math.atan2(turn.z, turn.w)
     origin = (position.x, position.y, math.remainder(heading, math.tau))
-    # The shortest decimal, as in map files: 0.05 and not 0.05000000074505806.
+    # Take the shortest decimal, as in map files: 0.05, not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
     return known_part(cells.reshape(info.height, info.width), cell_m, origin)
 

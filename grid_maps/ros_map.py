@@ -173,7 +173,7 @@ def _open(content: bytes, path: Path) -> Image.Image:
         raise MapFileError(path, f"the image is damaged ({error})") from error
     finally:
         Image.MAX_IMAGE_PIXELS = pillow_limit
-    if image.width * image.height > MAX_CELLS:  # unpacked, a PNG of a megabyte may have them
+    if image.width * image.height > MAX_CELLS:  # a PNG of a megabyte may have more
         problem = f"{image.width} x {image.height} pixels; at most {MAX_CELLS} are read"
         raise MapFileError(path, f"{problem}: cut the map or use larger cells")
     return image

@@ -300,7 +300,7 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
     side = leaf * 2 ** (LEVELS - 1)
     rows, cols = (-(-size // side) * side // leaf for size in cells.shape)
     free, count = np.zeros((rows, cols), bool), 0
-    for row in range(rows):  # a row at a time: a map may be a quarter of a gigabyte
+    for row in range(rows):  # row by row, because a map may have a quarter of a gigabyte
         strip = np.zeros((leaf, cols * leaf), bool)
         at = cells[leaf * row : leaf * (row + 1)] == FREE
         strip[: at.shape[0], : at.shape[1]] = at
@@ -359,7 +359,7 @@ def _free_and_good(
     flat = free.reshape(-1)
     for run in range(len(runs)):
         row, first, count = runs[run]
-        # Unsigned indices and no branch: so the loop is compiled to vector instructions.
+        # Without branches and signed indices, the loop is compiled to vector instructions.
         begin, number = np.uint64(row * free.shape[1] + first), np.uint64(count)
         for i in range(number):
             good[start + i] = (sums[start + i] >= needed) & flat[begin + i]

@@ -209,7 +209,7 @@ class GlobalSearch:
             yield
             kept, parent = self._split(kept, rng, also_unsplit=True)
             yield
-            # Leaves reach into walls at their sides, where no robot can be.
+            # The sides of leaves may lie in walls, where no robot can be.
             free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
@@ -309,7 +309,7 @@ class GlobalSearch:
         weights = normalised_weights(kept.log_weights)
         parts = Parts.of(kept.poses, weights, labels, count)
         shares = parts.shares
-        correction = np.zeros(count + 1)  # the last one is of poses without a place: zero
+        correction = np.zeros(count + 1)  # the last, 0, is for poses without a place
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
             correction[label] = self._model.correction(*parts[label], beams, self._rules.shards)
             yield from self._meter.spend(_CORRECTION_WORK)

@@ -29,10 +29,10 @@ def kernel(function: F) -> F:
     compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
     try:
         compiled = compile_lazily(cache=True)(function)
-    except RuntimeError:  # numba's, at once, when it finds no place for its files
+    except RuntimeError:  # of numba, which finds no folder for its files
         cache_problems.append("no folder for them can be written")
         return cast(F, compile_lazily()(function))
-    if hasattr(compiled, "_cache"):  # it is not plain Python
+    if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
         _stamp_with_callees(compiled, function)
         for method in ("load_overload", "save_overload"):
             setattr(compiled._cache, method, _forgiving(getattr(compiled._cache, method)))
@@ -71,7 +71,7 @@ ToCells = tuple[float, float, float, float]
 def plain(poses: Poses) -> NDArray[np.float64]:
     """Return the array as C-ordered, aligned, writeable float64; a copy only if needed."""
     if type(poses) is np.ndarray and poses.dtype == np.float64:
-        # As `np.require`, in a tenth of the time.
+        # The same as `np.require`, in a tenth of the time.
         return poses if poses.flags.carray else poses.copy()
     return np.require(poses, np.float64, ["C", "A", "W"])
 

@@ -50,7 +50,7 @@ def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> ND
     """
     absorber = np.arange(len(means), dtype=np.int64)
     by_x = np.argsort(means[:, 0])
-    reach = means[by_x, 0] + (1.0 + 1e-9) * distance_m  # more than enough; compared exactly below
+    reach = means[by_x, 0] + (1.0 + 1e-9) * distance_m  # a little more; exact below
     until = np.searchsorted(means[by_x, 0], reach, side="right")
     near = [np.empty((0, 2), np.int64)]
     for start in range(0, len(means), _BLOCK):

@@ -64,7 +64,9 @@ def _assign(
     while buckets < 2 * max_clusters and buckets < 2 * len(order):
         buckets *= 2
     first = np.full(buckets, -1, np.int64)  # newest cluster in a bucket
-    following = np.empty(min(max_clusters, len(order)), np.int64)  # the one before it there
+    following = np.empty(
+        min(max_clusters, len(order)), np.int64
+    )  # the next older cluster in its bucket
     sources = np.empty((len(following), 3))
     labels = np.full(len(order), -1, np.int32)
     count = 0

@@ -26,7 +26,7 @@ def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64
         if -math.pi <= angle < math.pi:
             return angle
         wrapped = angle - TURN * math.floor((angle + math.pi) / TURN)
-        return wrapped if -math.pi <= wrapped < math.pi else -math.pi  # rounding, by one digit
+        return wrapped if -math.pi <= wrapped < math.pi else -math.pi  # after rounding
     turned = angle.copy()
     outside = (angle < -np.pi) | (angle >= np.pi)
     if outside.any():
@@ -60,7 +60,7 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
         c, s = math.cos(heading), math.sin(heading)
         x, y = x + c * along - s * across, y + s * along + c * across
         return np.array([x, y, wrap_angle(heading + turn)])
-    a_from_c = a_from_b + b_from_c  # of the right shape; x and y come next
+    a_from_c = a_from_b + b_from_c  # has the right shape; x and y are replaced below
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     x, y = b_from_c[..., 0], b_from_c[..., 1]
     a_from_c[..., 0] = a_from_b[..., 0] + cos * x - sin * y

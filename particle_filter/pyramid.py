@@ -164,7 +164,7 @@ def _levels(
 def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     """Return the maxima over each row and the `reach` - 1 rows after it."""
     width, best = 1, levels
-    while 2 * width <= reach:  # squares twice as wide from two that lie side by side
+    while 2 * width <= reach:  # two neighbours make a square of twice the width
         best = np.maximum(best[:-width], best[width:])
         width *= 2
     rest = reach - width
@@ -192,8 +192,8 @@ def _sum_steps(
                     left = first + across[k]
                     is_whole &= 0 <= row + down[k] < rows and 0 <= left <= cols - count
                 if is_whole:
-                    # Unsigned indices: so the loop is compiled to vector instructions. Four beams
-                    # at once: the sums are read and written a quarter as often.
+                    # Unsigned indices let the loop be compiled to vector instructions. Four beams
+                    # together: the sums are read and written a quarter as often.
                     start = np.uint64(starts[run])
                     a, b = np.uint64(from_tile[beam] + tile), np.uint64(from_tile[beam + 1] + tile)
                     c = np.uint64(from_tile[beam + 2] + tile)
@@ -207,7 +207,7 @@ def _sum_steps(
                 for k in range(beam, beam + beams):
                     left = first + across[k]
                     low, high = max(0, -left), min(count, cols - left)
-                    if 0 <= row + down[k] < rows and low < high:  # beyond the map is the floor
+                    if 0 <= row + down[k] < rows and low < high:  # beyond the map every step is 0
                         begin = np.uint64(from_tile[k] + tile + low)
                         _add(flat, begin, sums, np.uint64(starts[run] + low), high - low)
     return sums

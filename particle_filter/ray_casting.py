@@ -190,7 +190,7 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
             return length
         next_col, next_row = col + step_x * side, row + step_y * side
         t_x, t_y = (next_col + rim_x) * per_x, (next_row + rim_y) * per_y
-        # Across the square's border; along the border, within the square in spite of rounding.
+        # The ray crosses one border of the square; along it, rounding must not leave the square.
         most = np.int32(side - 1)
         if t_x < t_y:
             length, on_row = t_x, np.int32(y + t_x * dy)

@@ -117,7 +117,7 @@ def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
     defined: dict[tuple[type, int], int] = {}
     for outer in reader.records:
         for record in _chunk_records(outer) if isinstance(outer, Chunk) else (outer,):
-            if isinstance(record, (Schema, Channel)):  # readers keep them
+            if isinstance(record, (Schema, Channel)):  # readers keep all of these in memory
                 size = len(record.data) if isinstance(record, Schema) else len(record.topic)
                 defined[type(record), record.id] = size
                 if size > _MOST_DEFINED_BYTES or sum(defined.values()) > _MOST_DEFINED_BYTES:
@@ -143,7 +143,7 @@ def recover_mcap(damaged: Path, recovered: Path) -> None:
         writer.start(profile="ros2")
         schemas: dict[int, int] = {0: 0}
         channels: dict[int, int] = {}
-        with suppress(Exception):  # of many kinds: from here on it is damaged
+        with suppress(Exception):  # of any kind: from here on the file is damaged
             for record in mcap_records(source):
                 _copy_record(record, writer, schemas, channels)
                 check_unpacked(target.tell())

@@ -35,7 +35,7 @@ OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
-_RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # of ROS before 2013, with the same fields
+_RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # name before 2013; the fields are the same
 _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
 _MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
@@ -162,7 +162,7 @@ class BagFile:
                     raise
             if isinstance(reader, rosbag2.Reader):
                 for storage in getattr(reader.storage, "storages", [reader.storage]):
-                    check_overlaps(getattr(storage, "chunks", ()))  # of MCAP only
+                    check_overlaps(getattr(storage, "chunks", ()))  # only MCAP has chunks
             return reader
         except InputFileError:
             raise
@@ -191,7 +191,7 @@ class BagFile:
             if (path / _METADATA).is_file():
                 return path
             files = _storage_files(path)
-            if len(files) > 1:  # a recorder that crashed has written no metadata
+            if len(files) > 1:  # a recorder that crashed wrote no metadata
                 problem = f"{len(files)} bag files without {_METADATA}; name one, or reindex"
                 raise self._error(path, problem)
             path = files[0]
@@ -231,7 +231,7 @@ def definitions(*, ros1: bool) -> "Typestore":
     )
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    if ros1:  # whose definitions lack tf
+    if ros1:  # the library's definitions for ROS 1 lack tf
         store.register(get_types_from_msg(_TF_DEFINITION, TF_MESSAGE))
     return store
 

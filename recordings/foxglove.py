@@ -66,7 +66,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
     ranges, range_max_m = beams.ranges.array().astype(np.float64), min(beams.range_max_m, _FAR_M)
     with np.errstate(invalid="ignore"):
         ranges[~((ranges > 0.0) & (ranges < range_max_m))] = 0.0
-    short = np.round(ranges, 4)  # the same in 32 bits, unless it was finer than 0.1 mm
+    short = np.round(ranges, 4)  # the same number in 32 bits, unless finer than 0.1 mm
     own = LaserFields(
         step=scan.step,
         stamp_ns=scan.stamp_ns,

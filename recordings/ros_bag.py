@@ -229,7 +229,7 @@ def _tf_odometry(
     found: list[_Sorted] = []
     for at in content.transforms:
         if at.child == child:
-            with suppress(TransformMissingError):  # a link between begins later or ends before
+            with suppress(TransformMissingError):  # another link begins later or ends earlier
                 pose = tree.lookup(odom_frame, base, at.stamp_ns).planar()
                 found.append((at.time_ns, 0, OdometryEntry(at.number, at.stamp_ns, pose)))
     return found
@@ -289,7 +289,7 @@ def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None)
         upside_down = hangs_upside_down(frame, base_from_laser.up(), math.hypot(*mount[:2]))
     ranges = np.array(scan.ranges, np.float32)
     with np.errstate(invalid="ignore"):
-        ranges[ranges < scan.range_min] = 0.0  # no return, whatever it was
+        ranges[ranges < scan.range_min] = 0.0  # below its range, a laser measures nothing
     start, step, ranges = counter_clockwise(
         float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
     )
@@ -339,4 +339,4 @@ def _stamp_ns(header: Any) -> int:
 
 
 def _frame(name: str) -> str:
-    return name.removeprefix("/")  # ROS 1 had it, tf2 has not
+    return name.removeprefix("/")  # names of ROS 1 begin with a slash

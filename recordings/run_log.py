@@ -276,7 +276,7 @@ def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
     try:
         content = msgspec.json.decode(message.data, type=kind)
         problem = problem_of(content)
-    except (ValueError, RecursionError) as error:  # of msgspec's, and of strings
+    except (ValueError, RecursionError) as error:  # of msgspec, or of invalid strings
         problem = str(error)
     if problem:
         raise RecordingError(path, f"{message.topic}: {problem}")

@@ -66,8 +66,8 @@ def sensor_model(
                 if not entry.is_dir():
                     _write(entry, _computed(grid_map, settings))
                     _remove_oldest(cache_folder)
-                with suppress(OSError):  # another account's
-                    os.utime(entry)  # in use: others are removed first
+                with suppress(OSError):  # the entry may belong to another account
+                    os.utime(entry)  # marks the entry as recently used
                 arrays = _read(entry)
             return _model(arrays, grid_map, settings)
         except (OSError, EOFError, _BrokenEntryError) as error:
@@ -85,7 +85,7 @@ def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
     with (cache_folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # until the file is closed
+        fcntl.flock(lock, fcntl.LOCK_EX)  # held until the file is closed
         for left in cache_folder.glob(f"*{_PART}"):
             shutil.rmtree(left, ignore_errors=True)
         yield
@@ -124,7 +124,7 @@ def _write(entry: Path, arrays: MapArrays) -> None:
         _write_arrays(part, arrays)
         part.rename(entry)
     finally:
-        shutil.rmtree(part, ignore_errors=True)  # there only if the disk was full
+        shutil.rmtree(part, ignore_errors=True)  # exists only if writing failed
 
 
 def _remove_oldest(cache_folder: Path) -> None:
@@ -167,7 +167,7 @@ def _read(entry: Path) -> MapArrays:
         sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
         _check(entry, sums)
         return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
-    except (msgspec.MsgspecError, ValueError) as error:  # or it is not even UTF-8
+    except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8
         raise _BrokenEntryError(f"{entry.name}: {error}") from error
 
 
@@ -186,5 +186,5 @@ def _check(entry: Path, sums: dict[str, int]) -> None:
     for name, expected in sums.items():
         if _checksum(_file(entry, name)) != expected:
             raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
-    with suppress(OSError):  # read-only: compared each time
+    with suppress(OSError):  # of a read-only folder, which is compared each time
         checked.write_bytes(now)

@@ -207,7 +207,7 @@ class WorkerLoop:
     def _build(self, build: BuildModel) -> None:
         def built() -> SensorModel:
             model = sensor_model(from_message(build.map), build.settings, self._cache_folder)
-            free_leaves(model.grid, model.pyramid.leaf_cells)  # slow; kept for searches
+            free_leaves(model.grid, model.pyramid.leaf_cells)  # slow; cached for searches
             return model
 
         def on_built(outcome: Future[SensorModel]) -> None:

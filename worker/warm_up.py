@@ -33,7 +33,7 @@ def compile_kernels(sensor: SensorSettings) -> None:
     )
     for step in range(3):
         report = job.advance(_scan(step, rng))
-    assert isinstance(report, SearchReport)  # of a search job
+    assert isinstance(report, SearchReport)  # the job is a search
     found = report.places.particles.array()
     sample = Particles(
         step=2,

@@ -264,7 +264,7 @@ class Worker:
         except (OldTermError, msgspec.ValidationError) as error:
             return self._refused(question, error)
         before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)
-        # The coordinator no longer expects the order before to be followed.
+        # The coordinator no longer expects its previous order to be followed.
         answered = [Answer(before.question, self._answer())] if before else []
         return [*answered, *self._go_on()]
 
@@ -333,7 +333,7 @@ class Worker:
         order = waiting.order
         again = [] if self._table.has_changes(order) else self._table.last_reports()
         try:
-            if not self._fence.check(order):  # again: it may have waited
+            if not self._fence.check(order):  # checked again, as the order may have waited
                 return self._overtaken(waiting.question, order)
             if self._model is not None:
                 settings = filter_with(waiting.settings, self._live)

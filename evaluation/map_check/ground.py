@@ -35,7 +35,7 @@ def ground_of(grid_map: GridMap) -> Ground:
     free = cells == FREE
     numbers, _ = label(free)
     sizes = np.bincount(numbers.ravel())[1:] * grid_map.cell_m**2
-    # What lies off the map is unknown, too.
+    # Ground off the map is unknown, too.
     padded = np.pad(cells, 1, constant_values=UNKNOWN)
     rim = padded[binary_dilation(padded == FREE) & (padded != FREE)]
     rows, cols = cells.shape

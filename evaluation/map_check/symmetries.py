@@ -73,7 +73,7 @@ def _symmetry(movement: np.ndarray, middle: tuple[float, float], share: float) -
     x, y, turn = movement.tolist()
     if abs(turn) < _NO_TURN_RAD:
         return Symmetry(turn_rad=0.0, about_m=None, shift_m=(x, y), share=share)
-    # The fixed point: p = R p + t.
+    # The centre is the fixed point p = R p + t.
     half, c = 0.5 / math.tan(turn / 2), 0.5
     about = (middle[0] + c * x - half * y, middle[1] + half * x + c * y)
     return Symmetry(turn_rad=turn, about_m=about, shift_m=None, share=share)
