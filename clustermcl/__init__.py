@@ -14,11 +14,13 @@ if TYPE_CHECKING:
     from clustermcl.localizer import ClusterMCL as ClusterMCL
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
+    from grid_maps.landmarks import load_landmarks as load_landmarks
     from particle_filter.extensions import register as register
     from process_runtime.output_files import OutputError as OutputError
     from protocol.answers import Hypothesis as Hypothesis
     from protocol.errors import ClusterMclError as ClusterMclError
     from protocol.errors import CommandRefusedError as CommandRefusedError
+    from protocol.errors import LandmarksFileError as LandmarksFileError
     from protocol.errors import MalformedMessageError as MalformedMessageError
     from protocol.errors import MapFileError as MapFileError
     from protocol.errors import RecordingError as RecordingError
@@ -31,12 +33,13 @@ _NAMES = {
     "clustermcl.client": ("Client", "NotLocalizedError"),
     "clustermcl.localizer": ("Belief", "ClusterMCL"),
     "clustermcl.readings": ("Reading", "read_recording"),
+    "grid_maps.landmarks": ("load_landmarks",),
     "particle_filter.extensions": ("register",),
     "process_runtime.output_files": ("OutputError",),
     "protocol.answers": ("Hypothesis",),
     "protocol.errors": (
-        "ClusterMclError", "CommandRefusedError", "MalformedMessageError", "MapFileError",
-        "RecordingError", "SettingsError", "StateFileError", "UnreachableError",
+        "ClusterMclError", "CommandRefusedError", "LandmarksFileError", "MalformedMessageError",
+        "MapFileError", "RecordingError", "SettingsError", "StateFileError", "UnreachableError",
     ),
     "recordings.map_file": ("load_map",),
 }  # fmt: skip

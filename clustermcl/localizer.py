@@ -2,11 +2,13 @@
 
 import io
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
+from numpy.typing import ArrayLike
 
 from clustermcl.readings import Reading
 from clustermcl.robot_commands import RobotCommands
@@ -26,10 +28,11 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
 from protocol.answers import Relocalize, SetPose
+from protocol.codec import decode, encode
 from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import PoseTuple
 from protocol.reading_checks import odometry_problem
-from protocol.steps import OdometryReading, Scan
+from protocol.steps import Landmark, Observation, OdometryReading, Scan
 from sensor_bridge.step_maker import StepMaker
 from worker.map_model import default_cache_folder, sensor_model
 from worker.warm_up import compile_kernels
@@ -112,6 +115,7 @@ class ClusterMCL(RobotCommands):
         grid_map: the map, from `load_map`.
         robot_from_laser: mount of the laser, for readings that have none: x [m], y [m],
             heading [rad].
+        landmarks: of the map, from `load_landmarks`.
         seed: seed of all random numbers; None: that of the settings.
         settings: `Settings`, or a dictionary of those that differ from their defaults, such as
             ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all names.
@@ -131,6 +135,7 @@ class ClusterMCL(RobotCommands):
         grid_map: GridMap,
         *,
         robot_from_laser: PoseTuple = (0.0, 0.0, 0.0),
+        landmarks: Sequence[Landmark] = (),
         seed: int | None = None,
         settings: Settings | Mapping[str, object] | None = None,
     ) -> None:
@@ -144,7 +149,7 @@ class ClusterMCL(RobotCommands):
         compile_kernels(chosen.sensor)
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         self._commands, self._odometry = Commands(), recent_odometry()
-        self.change_map(grid_map)
+        self.change_map(grid_map, landmarks)
 
     @property
     def dropped(self) -> Counter[str]:
@@ -173,6 +178,47 @@ class ClusterMCL(RobotCommands):
             self._odometry.add(*self._maker.odometry)
         return None if scan is None else self._advanced(scan)
 
+    def observe(
+        self,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        *,
+        landmark: str = "",
+        stamp_ns: int | None = None,
+        source: str = "sensor",
+        outlier_probability: float = 0.05,
+        correlation_s: float = 30.0,
+    ) -> None:
+        """Add an observation of another sensor; the next step uses it.
+
+        The first sight of a landmark makes a step of the next scan, even if the robot stands still.
+
+        Args:
+            mean: of a landmark: (2,) x, y in the robot's frame [m]. Otherwise the robot's (3,) pose
+                in the map, or its (2,) position if the sensor has no heading.
+            covariance: (2, 2) or (3, 3) of `mean`, positive definite.
+            landmark: id or class of a landmark; empty: the robot's pose is observed.
+            stamp_ns: time by the robot's clock [ns]; None: that of the newest odometry.
+            source: name of the sensor; errors of one sensor are correlated.
+            outlier_probability: probability that the observation is false.
+            correlation_s: time after which 63 % of the sensor's error is new [s].
+
+        Raises:
+            MalformedMessageError: a number is not finite or out of range, or the covariance is
+                not positive definite.
+        """
+        newest = self._maker.odometry
+        message = Observation(
+            sender=source,
+            stamp_ns=stamp_ns if stamp_ns is not None else newest[0] if newest else 0,
+            landmark=landmark,
+            mean=tuple(np.asarray(mean, np.float64).ravel().tolist()),
+            covariance=tuple(np.asarray(covariance, np.float64).ravel().tolist()),
+            outlier_probability=outlier_probability,
+            correlation_s=correlation_s,
+        )
+        self._maker.observe(decode(encode(message), Observation))
+
     def finish(self) -> Iterator[Belief]:
         """Make the steps of scans that still wait for odometry, and yield their beliefs.
 
@@ -181,15 +227,20 @@ class ClusterMCL(RobotCommands):
         while (scan := self._maker.finish()) is not None:
             yield self._advanced(scan)
 
-    def change_map(self, grid_map: GridMap) -> None:
+    def change_map(self, grid_map: GridMap, landmarks: Sequence[Landmark] = ()) -> None:
         """Use another map from the next scan on; drop all places, and search again.
+
+        Args:
+            grid_map: the map.
+            landmarks: of the map.
 
         Raises:
             ValueError: the map has no obstacle.
         """
         self._model = sensor_model(grid_map, self._settings.sensor, default_cache_folder())
         self.map, self._ground = grid_map, FreeGround.of(grid_map)
-        self._maker.change_map(grid_map.digest)
+        self._landmarks = tuple(landmarks)
+        self._maker.change_map(grid_map.digest, landmarks)
         self._filter = InProcess(self._model, self._settings)
         self.belief: Belief | None = None
 
@@ -236,7 +287,9 @@ class ClusterMCL(RobotCommands):
         except ValueError as error:
             raise StateFileError(path, f"not a state: {error}") from None
         self._filter, scan = resumed, state.filter.applied
-        self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
+        self._maker = StepMaker(
+            self._settings.bridge, self.map.digest, _SENDER, landmarks=self._landmarks
+        )
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
         self._commands, self._odometry = state.commands, recent_odometry()

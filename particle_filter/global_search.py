@@ -8,6 +8,7 @@ everything is searched again after some scans, by all these scans, joined by odo
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import floor, log
@@ -22,6 +23,12 @@ from particle_filter.evidence_model import evidence_weight, residual, scan_expon
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
+from particle_filter.observations import (
+    NOTHING_OBSERVED,
+    Landmarks,
+    Observation,
+    log_likelihood_ratio,
+)
 from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_places
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
@@ -44,6 +51,9 @@ _SCANS_JOINED = 8
 """Largest number of scans that one search of everything uses."""
 _CORRECTION_WORK = 2**16
 """Cost of correcting one place for occlusion [look-ups]."""
+_OBSERVATIONS_KEPT = 64
+_BLUR_M, _BLUR_RAD = 0.15, 0.05
+"""Standard deviations added to observations: a pose stands for others in its part of the map."""
 _POSES_TOGETHER = 64
 """Poses of a slice are a multiple of this, so that slices do not change rounding."""
 _POSES_PER_PLACE, _LEAST_POSES = 50, 1000
@@ -120,6 +130,9 @@ class GlobalSearch:
         self._next_search = 1
         """Number of scans at which everything is searched next."""
         self._kept: _Kept | None = None
+        self._observations: list[Observation] = []
+        """The newest observations, relative to the present pose."""
+        self._landmarks = NOTHING_OBSERVED[1]
         self._labels: Labels = np.empty(0, np.int32)
         self._sampled = 1.0
         """Share of the weight that was only a sample, at the last search of everything."""
@@ -149,6 +162,7 @@ class GlobalSearch:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
+        observed: tuple[Sequence[Observation], Landmarks] = NOTHING_OBSERVED,
     ) -> Slices[float]:
         """Apply one step, in slices.
 
@@ -157,6 +171,7 @@ class GlobalSearch:
             odom_from_after: (3,) odometry now.
             beams: of the scan.
             rng: source of the random numbers of this step.
+            observed: observations of the step, and the map's landmarks.
 
         Returns:
             The best pose's log-likelihood per beam, without the exponent [nat/beam]. NaN: the scan
@@ -165,6 +180,10 @@ class GlobalSearch:
         rules, motion = self._settings, np.zeros(3)
         if odom_from_before is not None:
             motion = between(odom_from_before, odom_from_after)
+        new, landmarks = observed
+        self._landmarks = landmarks if new else self._landmarks
+        earlier = [each.moved(motion) for each in self._observations]
+        self._observations = [*earlier, *new][-_OBSERVATIONS_KEPT:]
         new_view, self._views = self._views.after(motion, rules.motion, rules.belief)
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._scans.append(_PastScan(odom_from_after, beams))
@@ -181,7 +200,7 @@ class GlobalSearch:
         if beams.count == 0:
             return math.nan
         yield
-        return (yield from self._weigh(self._kept, beams, new_view, rng))
+        return (yield from self._weigh(self._kept, beams, new_view, rng, new))
 
     def places(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
         """Return the places of the last step, the most probable first, in slices."""
@@ -216,6 +235,8 @@ class GlobalSearch:
             yield
             scores, per_beam = yield from self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
+        log_weights = self._observed(kept.poses, kept.log_weights, self._observations)
+        kept = replace(kept, log_weights=log_weights)
         yield
         kept, _ = yield from self._thin(kept, rng)
         yield from self._settle(kept, now.beams)
@@ -244,7 +265,12 @@ class GlobalSearch:
         return np.concatenate(parts)
 
     def _weigh(
-        self, kept: _Kept, beams: Beams, new_view: float, rng: np.random.Generator
+        self,
+        kept: _Kept,
+        beams: Beams,
+        new_view: float,
+        rng: np.random.Generator,
+        new: Sequence[Observation],
     ) -> Slices[float]:
         """Weigh poses by a further scan, in slices; return as `advance`.
 
@@ -259,10 +285,20 @@ class GlobalSearch:
         share = evidence_weight(new_view, residual(per_beam, settings.sensor), settings.belief)
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
+        log_weights = self._observed(kept.poses, log_weights, new)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
         yield from self._settle(kept, beams, new_view)
         return per_beam
+
+    def _observed(
+        self, poses: Poses, log_weights: LogWeights, observations: Sequence[Observation]
+    ) -> LogWeights:
+        if not observations:
+            return log_weights
+        blurred = [each.blurred(_BLUR_M, _BLUR_RAD) for each in observations]
+        ratios = log_likelihood_ratio(poses, blurred, self._landmarks, self._model.grid)
+        return log_weights + ratios
 
     def _penalty(self, poses: Poses, log_penalty: float) -> LogWeights:
         return ground_log_penalty(poses, self._model.grid, log_penalty)

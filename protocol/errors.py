@@ -24,6 +24,10 @@ class MapFileError(InputFileError):
     """A map file is missing, corrupt, or has no free space."""
 
 
+class LandmarksFileError(InputFileError):
+    """A landmarks file is missing or corrupt, or names two landmarks alike."""
+
+
 class RecordingError(InputFileError):
     """A recording is missing, corrupt, or has no scan."""
 

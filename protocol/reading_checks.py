@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, PoseTuple
-from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
+from protocol.steps import LaserBeams, LaserReading, Observation, OdometryReading, Scan, Seen
 
 MAX_BEAMS = 20_000
 """No current laser has more; a larger scan is an error."""
@@ -23,6 +23,8 @@ MAX_LASERS = 16
 """Lasers of one robot."""
 MAX_LASER_NAME = 128
 """Characters of a laser's name."""
+MIN_VARIANCE = 1e-8
+"""Least variance of an observation: a standard deviation of 0.1 mm or mrad."""
 
 _SOME = 8
 _MAX_STAMP_NS = 2**62
@@ -43,7 +45,8 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
         if len(reading.others) >= MAX_LASERS:
             return MALFORMED
         others = (beams_problem(other) for other in reading.others)
-        return beams_problem(reading) or next(filter(None, others), None)
+        seen = (observation_problem(each) for each in reading.observations)
+        return beams_problem(reading) or next(filter(None, (*others, *seen)), None)
     if math.isnan(reading.range_min_m):
         return NOT_FINITE
     if len(reading.laser) > MAX_LASER_NAME:
@@ -62,6 +65,22 @@ def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 
     return _geometry_problem(laser, ranges.shape) or _ranges_problem(
         ranges, range_min_m, laser.range_max_m
     )
+
+
+def observation_problem(seen: Observation | Seen) -> str | None:
+    """Return why an observation is impossible, or None."""
+    size = len(seen.mean)
+    if size > (2 if seen.landmark else 3) or len(seen.covariance) != size**2:
+        return f"{size} numbers with a covariance of {len(seen.covariance)}"
+    if max(map(abs, seen.mean)) > MAX_POSE_M:
+        return "an observation that is not on Earth"
+    covariance = np.reshape(seen.covariance, (size, size))
+    largest = float(np.max(np.abs(covariance)))
+    if largest > MAX_POSE_M**2 or not np.allclose(covariance, covariance.T, atol=1e-6 * largest):
+        return "a covariance that is too large or not symmetric"
+    if float(np.linalg.eigvalsh(covariance)[0]) < max(MIN_VARIANCE, 1e-12 * largest):
+        return "a covariance that is not positive definite"
+    return None
 
 
 def stamp_problem(stamp_ns: int) -> str | None:

@@ -1,18 +1,23 @@
 """Readings from a robot to the bridge, and the steps and the map that the bridge sends on."""
 
-from typing import ClassVar, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
+from msgspec import Meta
 
 from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import (
     LARGEST_BYTES,
+    MAX_ID_CHARACTERS,
     SCAN_BYTES,
+    Coordinate,
     Finite,
+    Id,
     Message,
     Number,
     PoseTuple,
+    Positive,
     ScanStep,
     Stamp,
 )
@@ -48,6 +53,58 @@ class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
 
 
 Reading: TypeAlias = OdometryReading | LaserReading
+
+
+MAX_OBSERVATIONS = 32
+"""Observations of one step."""
+MAX_LANDMARKS = 500
+"""Landmarks of one map."""
+Numbers: TypeAlias = Annotated[tuple[Finite, ...], Meta(min_length=2, max_length=9)]
+LandmarkName: TypeAlias = Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
+OutlierProbability: TypeAlias = Annotated[float, Meta(ge=1e-6, le=0.999)]
+
+
+class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
+    """What another sensor says about the robot's pose. From a robot on ``readings/observation``.
+
+    The next one repairs a loss. One `sender` is one source, whose errors are correlated.
+    """
+
+    stamp_ns: Stamp
+    landmark: LandmarkName = ""
+    """Id or class of a landmark in the map's landmarks file. Empty: `mean` is the robot's pose."""
+    mean: Numbers
+    """Of a landmark: x, y in the robot's frame [m]. Otherwise x, y [m], heading [rad] of the robot
+    in the map; without the last number, the heading is unknown."""
+    covariance: Numbers
+    """Of `mean`, row by row."""
+    outlier_probability: OutlierProbability = 0.05
+    """Probability that the observation is false."""
+    correlation_s: Positive = 30.0
+    """Time after which 63 % of the error of a source is new [s]."""
+
+
+class Seen(msgspec.Struct, frozen=True, kw_only=True):
+    """An observation, relative to the robot's pose at a step; fields as in `Observation`."""
+
+    landmark: LandmarkName
+    mean: Numbers
+    covariance: Numbers
+    outlier_probability: OutlierProbability
+    share: Annotated[float, Meta(ge=0.0, le=1.0)]
+    """Share of its log-likelihood that is new since earlier sights of the same thing."""
+
+
+class Landmark(msgspec.Struct, frozen=True, kw_only=True):
+    """A landmark of the map."""
+
+    name: Id
+    """Its id, or the name that it shares with others of its class."""
+    x: Coordinate
+    """Position in the map [m]."""
+    y: Coordinate
+    sigma: Positive
+    """Standard deviation of the position along each axis [m]."""
 
 
 class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
@@ -107,6 +164,10 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     motion since then, so that all beams are relative to this step's pose."""
     settings: LiveSettings = AS_STARTED
     """Live settings that apply from this step on."""
+    observations: Annotated[tuple[Seen, ...], Meta(max_length=MAX_OBSERVATIONS)] = ()
+    """What other sensors have observed since the step before."""
+    landmarks: Annotated[tuple[Landmark, ...], Meta(max_length=MAX_LANDMARKS)] = ()
+    """All landmarks of the map, if one was observed."""
 
 
 def mirrored(scan: Scan) -> Scan:
@@ -122,6 +183,7 @@ def mirrored(scan: Scan) -> Scan:
         scan,
         odom_from_robot=_reflected(scan.odom_from_robot),
         others=others,
+        observations=(),
         **_mirrored_beams(scan),
     )
 

@@ -15,8 +15,8 @@ from protocol.errors import MalformedMessageError
 from protocol.found_places import found_places_problem
 from protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix
-from protocol.reading_checks import laser_problem, pose_problem
-from protocol.steps import Scan, ScanHistory
+from protocol.reading_checks import laser_problem, observation_problem, pose_problem
+from protocol.steps import Observation, Scan, ScanHistory
 from protocol.work import Assignment, Particles, SearchReport, TrackJob, TrackReport, WorkOrder
 
 FLATNESS = 1e-6
@@ -32,6 +32,11 @@ def problem_of(message: object) -> str | None:  # noqa: ARG001 - what most messa
 @problem_of.register
 def _(message: Scan) -> str | None:
     return laser_problem(message)
+
+
+@problem_of.register
+def _(message: Observation) -> str | None:
+    return observation_problem(message)
 
 
 @problem_of.register

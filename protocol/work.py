@@ -183,6 +183,8 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     covariance: Covariance
     beam_classes: tuple[Number, Number, Number, Number] = (0, 0, 0, 0)
     """Numbers of beams of the best particle that end on, near or behind an obstacle, and others."""
+    log_observed: Finite = 0.0
+    """Log of the average likelihood ratio of the step's observations, after the scan."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more parts if the cluster has split, most probable first."""
@@ -214,6 +216,8 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     log_likelihood: Finite
     """Log of the average likelihood of poses spread evenly over the free space, on the scale of the
     clusters' likelihoods."""
+    log_observed: Finite = 0.0
+    """Log of the average likelihood ratio of the step's observations over the free space."""
 
 
 Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport

@@ -4,13 +4,14 @@ import argparse
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import TypeAlias, assert_never
 
 from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
+from grid_maps.landmarks import landmarks_beside
 from grid_maps.map_message import from_reading, to_message
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
@@ -28,9 +29,11 @@ from protocol.errors import (
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import MAX_SCAN_STEP
 from protocol.steps import (
+    Landmark,
     LaserReading,
     MapMessage,
     MapReading,
+    Observation,
     OdometryReading,
     Reading,
     Scan,
@@ -79,6 +82,7 @@ def run_bridge(invocation: Invocation) -> None:
     Raises:
         SettingsError: no map is set, or the source is a simulation.
         MapFileError: the map cannot be used.
+        LandmarksFileError: the landmarks file beside the map cannot be used.
         RecordingError: the recording cannot be used.
     """
     settings, arguments = invocation.settings.bridge, invocation.arguments
@@ -91,7 +95,9 @@ def run_bridge(invocation: Invocation) -> None:
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     grid_map = load_map(map_file)
-    serve_robot(invocation, grid_map, source_of(source, settings))
+    serve_robot(
+        invocation, grid_map, source_of(source, settings), landmarks=landmarks_beside(map_file)
+    )
 
 
 def source_of(named: str, settings: BridgeSettings) -> Source | None:
@@ -120,6 +126,7 @@ def serve_robot(
     grid_map: GridMap | None,
     source: Source | None,
     extend: Callable[[Node], OnStep] = lambda _node: lambda _scan: None,
+    landmarks: Sequence[Landmark] = (),
 ) -> None:
     """Publish the steps of a source and serve the map until the process is stopped.
 
@@ -128,6 +135,7 @@ def serve_robot(
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
         extend: adds to the node what a source needs; returns what to call with each step.
+        landmarks: of the map.
 
     Raises:
         AlreadyRunningError: the robot has a bridge.
@@ -145,7 +153,7 @@ def serve_robot(
                 endpoint=settings.zenoh.router,
                 advice="stop it, or choose another robot.name",
             )
-        Bridge(node, settings.bridge, grid_map, source, extend(node)).run()
+        Bridge(node, settings.bridge, grid_map, source, extend(node), landmarks).run()
 
 
 class Bridge:
@@ -157,6 +165,7 @@ class Bridge:
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them.
         on_step: called with each step after it is published.
+        landmarks: of the map.
     """
 
     def __init__(
@@ -166,9 +175,10 @@ class Bridge:
         grid_map: GridMap | None,
         source: Source | None,
         on_step: OnStep,
+        landmarks: Sequence[Landmark],
     ) -> None:
         self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
-        self._is_live = source is None
+        self._is_live, self._landmarks = source is None, landmarks
         self._map = to_message(grid_map, node.name) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
@@ -189,6 +199,9 @@ class Bridge:
         node.serve(keys.CONFIGURE, self._on_configure)
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
+        node.subscribe(
+            keys.OBSERVATION_READING, Observation, self._on_observation, kind="observation", kept=64
+        )
         if source is None:
             take, follow = self._on_reading, self._on_map_reading
             node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
@@ -225,12 +238,9 @@ class Bridge:
         return 0.0
 
     def _on_reading(self, reading: Reading, _received: Received | None = None) -> None:
-        if self._map is None:
-            self._warn("reading before the map", f"stamp {reading.stamp_ns} ns")
+        maker, health, now_ns = self._maker_of(reading), self._node.health, time.monotonic_ns()
+        if maker is None:
             return
-        if self._maker is None:
-            self._maker = self._new_maker(self._map)
-        maker, health, now_ns = self._maker, self._node.health, time.monotonic_ns()
         is_laser = isinstance(reading, LaserReading)
         if self._is_live and is_laser and maker.stands and self._flow.wants_standing_step(now_ns):
             maker.force_next()
@@ -249,6 +259,23 @@ class Bridge:
             )
         if scan is not None:
             self._send(scan)
+
+    def _on_observation(self, observation: Observation, _received: Received) -> None:
+        maker = self._maker_of(observation)
+        if maker is None:
+            return
+        maker.observe(observation)
+        self._node.health.happened("observations")
+        if maker.dropped != self._refused:
+            self._count_refused(maker.dropped, observation.stamp_ns)
+
+    def _maker_of(self, reading: Reading | Observation) -> StepMaker | None:
+        if self._map is None:
+            self._warn("reading before the map", f"stamp {reading.stamp_ns} ns")
+            return None
+        if self._maker is None:
+            self._maker = self._new_maker(self._map)
+        return self._maker
 
     def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
         for cause, times in (dropped - self._refused).items():
@@ -296,6 +323,7 @@ class Bridge:
             first_step=first_step,
             lockstep=self._flow.lockstep,
             live=self._is_live,
+            landmarks=self._landmarks,
         )
         maker.configure(live or AS_STARTED)
         return maker

@@ -16,7 +16,16 @@ from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
-from protocol.steps import LaserBeams, LaserReading, OdometryReading, Reading, Scan
+from protocol.steps import (
+    Landmark,
+    LaserBeams,
+    LaserReading,
+    Observation,
+    OdometryReading,
+    Reading,
+    Scan,
+)
+from sensor_bridge.sights import Sights
 from sensor_bridge.stages import Clock, Lasers, OdometryContinuity, OutlierFilter, Synchroniser
 
 STANDS = 0.25
@@ -92,6 +101,7 @@ class StepMaker:
         first_step: number of the first step.
         lockstep: put into every step: the sender waits for the belief before it sends the next.
         live: put into every step: stamps are of a robot's own clock.
+        landmarks: of the map; others cannot be observed.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry and restarts of the
@@ -106,6 +116,7 @@ class StepMaker:
         first_step: int = 0,
         lockstep: bool = False,
         live: bool = False,
+        landmarks: Sequence[Landmark] = (),
     ) -> None:
         self.dropped: Counter[str] = Counter()
         self._map_digest, self._sender = map_digest, sender
@@ -117,7 +128,7 @@ class StepMaker:
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
-        self._gate = MotionGate(settings)
+        self._gate, self._sights = MotionGate(settings), Sights(landmarks, self.dropped)
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -128,7 +139,17 @@ class StepMaker:
     def on_reading(self, reading: Reading) -> Scan | None:
         """Take the next reading; return the next step, if there is one."""
         self._pass([reading], (self._outliers, *self._use_stages))
+        if self.odometry is not None:
+            self._move(*self.odometry)
         return self._ready.popleft() if self._ready else None
+
+    def observe(self, observation: Observation) -> None:
+        """Take an observation of another sensor; the next step has it."""
+        self._sights.see(observation)
+
+    def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
+        if self._sights.moved(stamp_ns, odom_from_robot):
+            self._gate.open_next()
 
     def finish(self) -> Scan | None:
         """Make steps of what still waits, after the last reading; call until it returns None."""
@@ -170,9 +191,9 @@ class StepMaker:
         """Make a step of the next usable scan, however little the robot has moved."""
         self._gate.open_next()
 
-    def change_map(self, map_digest: str) -> None:
+    def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
-        self._map_digest = map_digest
+        self._map_digest, self._sights = map_digest, Sights(landmarks, self.dropped)
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
@@ -192,10 +213,11 @@ class StepMaker:
         """Yield the step of a scan that passes the gate; keep another for a later step."""
         pose = reading.odom_from_robot
         assert pose is not None  # of the synchroniser
+        self._move(reading.stamp_ns, pose)
         if not self._gate.on_scan(pose):
             self._lasers[reading.laser].unused = reading
             return
-        beams = beams_of(reading)
+        beams, seen = beams_of(reading), self._sights.take(pose)
         self._next_step += 1
         yield Scan(
             sender=self._sender,
@@ -212,6 +234,8 @@ class StepMaker:
             live=self._live,
             others=tuple(self._others(reading, pose)),
             settings=self._live_settings,
+            observations=seen,
+            landmarks=self._sights.landmarks_of(seen),
         )
 
     def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:

@@ -17,6 +17,13 @@ from particle_filter.arrays import Pose
 from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.log_weights import multiplied
+from particle_filter.observations import (
+    Landmarks,
+    Observation,
+    log_average_ratio,
+    log_likelihood_ratio,
+)
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
@@ -168,6 +175,7 @@ class Tracking(RunningJob):
         )
         self._is_new = False
         self._particle_set, self._odom_from_robot, self.step = result.particles, after, scan.step
+        log_observed = self._observe(scan)
         mean, covariance = self._particle_set.gaussian()
         best = result.best
         classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
@@ -180,9 +188,20 @@ class Tracking(RunningJob):
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
             beam_classes=classes or (0, 0, 0, 0),
+            log_observed=log_observed,
             snapshot=self._snapshot(scan),
             parts=self._parts(scan, rng),
         )
+
+    def _observe(self, scan: Scan) -> float:
+        """Weigh the particles by the step's observations; return the log evidence."""
+        if not scan.observations:
+            return 0.0
+        poses, before = self._particle_set.map_from_robot, self._particle_set.log_weights
+        ratios = log_likelihood_ratio(poses, *_observed(scan), self._model.grid)
+        log_weights, total = multiplied(before, ratios, 1.0, np.zeros(len(poses)))
+        self._particle_set = ParticleSet(poses, log_weights)
+        return total - math.log(len(poses))
 
     def handed_on(self) -> Assignment:
         if self._is_new:
@@ -252,7 +271,7 @@ class Searching(RunningJob):
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
         beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
-        per_beam = yield from self._search.advance(before, after, beams, rng)
+        per_beam = yield from self._search.advance(before, after, beams, rng, _observed(scan))
         yield
         found = yield from self._search.places(self._search_rng(scan.step, 2))
         return SearchReport(
@@ -305,6 +324,7 @@ class Elsewhere(RunningJob):
         return ElsewhereReport(
             **self._head(scan.step),
             log_likelihood=result.log_weight_sum - math.log(len(poses)) - correction,
+            log_observed=log_average_ratio(*_observed(scan), self._model.grid),
         )
 
     def handed_on(self) -> Assignment:
@@ -348,6 +368,25 @@ def _laser_scan(beams: Scan | LaserBeams) -> LaserScan:
         beams.angle_step_rad,
         np.array(beams.robot_from_laser),
     )
+
+
+def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
+    seen = [
+        Observation(
+            np.array(each.mean),
+            np.reshape(each.covariance, (len(each.mean), len(each.mean))),
+            each.landmark,
+            each.outlier_probability,
+            each.share,
+        )
+        for each in scan.observations
+    ]
+    landmarks = Landmarks(
+        tuple(each.name for each in scan.landmarks),
+        np.array([(each.x, each.y) for each in scan.landmarks]).reshape(-1, 2),
+        np.array([each.sigma**2 for each in scan.landmarks]),
+    )
+    return seen, landmarks
 
 
 def _place(place: places.FoundPlace, scan: Scan) -> Place:

@@ -71,16 +71,21 @@ _VIEWER = Rights(
     asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
 )
 
+_READINGS = (
+    *(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
+    keys.OBSERVATION_READING,
+)
+
 _ROLES = {
     "robot": Rights(
-        publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
+        publishes=_READINGS,
         reads=(keys.POSE, keys.EVENTS),
         serves=(keys.MAP_READING,),
         asks=(keys.POSE, keys.EVENTS),
     ),
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
-        reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING, keys.BELIEF),
+        reads=(*_READINGS, keys.BELIEF),
         serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
         asks=(keys.STATUS, keys.MAP_READING),
         announces=(keys.BRIDGE_ALIVE,),
@@ -108,7 +113,7 @@ _ROLES = {
         asks=(keys.MAP, keys.SCAN_HISTORY),
     ),
     "ros2": Rights(
-        publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
+        publishes=_READINGS,
         reads=(keys.BELIEF, keys.ALL_REPORTS),
         serves=(keys.MAP_READING,),
         asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.CONFIGURE),

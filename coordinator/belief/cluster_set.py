@@ -162,6 +162,7 @@ class ClusterSet(Part):
         reports: Mapping[str, TrackReport],
         log_likelihood_elsewhere: float = math.nan,
         *,
+        observed_elsewhere: float = 0.0,
         new_view: float = 1.0,
         news: float = 1.0,
         decoy: TrackReport | None = None,
@@ -176,6 +177,8 @@ class ClusterSet(Part):
             reports: reports by job id; reports of ended clusters are ignored.
             log_likelihood_elsewhere: log of the scan's average likelihood over the whole map;
                 NaN: unknown.
+            observed_elsewhere: log average likelihood ratio of the step's observations over the
+                whole map.
             new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
             news: share of the scan that is new evidence of the robot being at any cluster
                 (`news_of`).
@@ -188,7 +191,7 @@ class ClusterSet(Part):
         """
         elsewhere = log_likelihood_elsewhere
         if not self.clusters:
-            return 0.0 if math.isnan(elsewhere) else elsewhere
+            return observed_elsewhere + (0.0 if math.isnan(elsewhere) else elsewhere)
         reports = {job: reports[job] for job in self.job_ids if job in reports}
         evidence = np.full(len(self.clusters), np.nan)
         for index, cluster in enumerate(self.clusters.values()):
@@ -231,9 +234,23 @@ class ClusterSet(Part):
             log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
         here = np.append(among + log_here, (log_there, log_off))
         told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
-        self._set(belief.normalised_logs(told))
+        seen = self._observed(reports, observed_elsewhere)
+        self._set(belief.normalised_logs(told + seen))
+        if seen.any():
+            log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
         # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
         return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
+
+    def _observed(
+        self, reports: Mapping[str, TrackReport], elsewhere: float
+    ) -> NDArray[np.float64]:
+        """Return (K + 2,) log evidence of the step's observations; off the map, all are false.
+
+        A cluster without a report gets the best evidence of any: a loss must not end it.
+        """
+        told = {job_id: report.log_observed for job_id, report in reports.items()}
+        best = max(told.values())
+        return np.array([*(told.get(job_id, best) for job_id in self.job_ids), elsewhere, 0.0])
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
         if self.rules.kidnapping_probability == 0.0:  # elsewhere is not weighed

@@ -143,15 +143,17 @@ class Ensemble(Part, kw_only=True):
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         elsewhere = (
-            report.log_likelihood
+            (report.log_likelihood, report.log_observed)
             for report in reports
             if isinstance(report, ElsewhereReport) and report.step == step
         )
+        log_elsewhere, observed_elsewhere = next(elsewhere, (math.nan, 0.0))
         new_view = self._new_view(before_from_after)
         news = 1.0 if before_from_after is None else news_of(before_from_after)
         log_likelihood = self.clusters.weigh(
             tracks,
-            next(elsewhere, math.nan),
+            log_elsewhere,
+            observed_elsewhere=observed_elsewhere,
             new_view=new_view,
             news=news,
             decoy=self.decoy.best_of(tracks),

@@ -30,6 +30,7 @@ PUBLISHED = {  # key: roles that may publish it, roles that read it
     keys.ODOMETRY_READING: ("robot", "bridge"),
     keys.LASER_READING: ("robot", "bridge"),
     keys.MAP_READING: ("robot", "bridge"),
+    keys.OBSERVATION_READING: ("robot", "bridge"),
     keys.SCAN: ("bridge", "worker-a"),
     keys.ODOMETRY: ("bridge", "coordinator"),
     keys.TRUTH: ("bridge", "viewer"),

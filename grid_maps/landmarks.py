@@ -1,0 +1,81 @@
+"""Landmarks beside a map: a YAML file with names and positions."""
+
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from process_runtime.compressed import read_decompressed
+from process_runtime.yaml_text import refuse_aliases
+from protocol.errors import LandmarksFileError
+from protocol.message import Coordinate, Id, Positive
+from protocol.steps import MAX_LANDMARKS, Landmark
+
+LANDMARKS_FILE = "landmarks.yaml"
+"""Name of the file in the map's folder."""
+_DEFAULT_SIGMA_M = 0.05
+_MAX_BYTES = 1024 * 1024
+
+
+class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    x: Coordinate
+    y: Coordinate
+    id: Id | None = None
+    class_: Id | None = msgspec.field(default=None, name="class")
+    sigma: Positive = _DEFAULT_SIGMA_M
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    landmarks: list[_Entry]
+
+
+def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
+    """Read a landmarks file.
+
+    The file has a list ``landmarks``; each has ``id``, or a ``class`` that it shares with others,
+    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m].
+
+    Raises:
+        LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
+            range, or an id is used twice.
+    """
+    path = Path(path)
+    content = read_decompressed(path, LandmarksFileError)
+    if len(content) > _MAX_BYTES:
+        raise LandmarksFileError(path, f"larger than {_MAX_BYTES} bytes")
+    try:
+        refuse_aliases(content, path, LandmarksFileError)
+        entries = msgspec.convert(yaml.safe_load(content), _File).landmarks
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = f"not a landmarks file: {error}"
+        raise LandmarksFileError(path, problem) from None
+    if len(entries) > MAX_LANDMARKS:
+        problem = f"{len(entries)} landmarks; at most {MAX_LANDMARKS} are possible"
+        raise LandmarksFileError(path, problem)
+    return _landmarks(path, entries)
+
+
+def landmarks_beside(map_file: Path | str) -> tuple[Landmark, ...]:
+    """Return the landmarks of the file in a map's folder; none if there is no file.
+
+    Raises:
+        LandmarksFileError: as `load_landmarks`.
+    """
+    path = Path(map_file).parent / LANDMARKS_FILE
+    return load_landmarks(path) if path.exists() else ()
+
+
+def _landmarks(path: Path, entries: list[_Entry]) -> tuple[Landmark, ...]:
+    found: list[Landmark] = []
+    names: dict[str, bool] = {}
+    """Whether each name is a class."""
+    for number, entry in enumerate(entries, 1):
+        name = entry.id or entry.class_
+        if name is None or (entry.id and entry.class_):
+            raise LandmarksFileError(path, f"landmark {number} needs either an id or a class")
+        if name in names and not (names[name] and entry.class_):
+            problem = f"landmark {number}: the id {name!r} is used before; give each its own"
+            raise LandmarksFileError(path, problem)
+        names[name] = entry.id is None
+        found.append(Landmark(name=name, x=entry.x, y=entry.y, sigma=entry.sigma))
+    return tuple(found)

@@ -1,0 +1,161 @@
+"""Likelihoods of observations: of the robot's pose, and of landmarks in the robot's frame.
+
+An observation is right with a Gaussian error, or false. A false sight of a landmark is a sight of
+another landmark under a wrong name, or of nothing on the map. All likelihoods here are relative to
+that of an observation of nothing, so a pose that explains an observation badly gets 0 nat.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.grid import Grid
+from particle_filter.poses import compose, wrap_angle
+
+_SIGHT_M2 = math.pi * 10.0**2
+"""Area over which false sights of landmarks are spread [m^2]: a circle around the robot."""
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """The landmarks of a map."""
+
+    names: tuple[str, ...]
+    """(L,) name of each; landmarks of one class share their name."""
+    positions: NDArray[np.float64]
+    """(L, 2) x, y in the map [m]."""
+    variances: NDArray[np.float64]
+    """(L,) variance of a position along each axis [m^2]."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a sensor says about the robot's pose at a step."""
+
+    mean: NDArray[np.float64]
+    """The robot's (3,) pose or (2,) position in the map; or (2,) position of a landmark in the
+    robot's frame."""
+    covariance: NDArray[np.float64]
+    """(2, 2) or (3, 3), positive definite."""
+    landmark: str
+    """Name of the landmark; empty: an observation of the robot's pose."""
+    outlier_probability: float
+    share: float = 1.0
+    """Share of the log-likelihood that is new: errors of successive sights are correlated."""
+
+    def blurred(self, by_m: float, by_rad: float) -> "Observation":
+        """Return the observation for poses that stand for others as far away as this."""
+        far_m = math.hypot(*self.mean) if self.landmark else 0.0
+        added = np.array([by_m**2 + (far_m * by_rad) ** 2] * 2 + [by_rad**2])[: len(self.mean)]
+        return replace(self, covariance=self.covariance + np.diag(added))
+
+    def moved(self, before_from_after: Pose) -> "Observation":
+        """Return the observation as it would be after a motion (3,) of the robot.
+
+        Of a position without heading, the direction of the motion is unknown: its length is added
+        to the standard deviation.
+        """
+        x, y, turn = before_from_after.tolist()
+        mean, covariance = self.mean, self.covariance
+        if self.landmark:
+            cos, sin = math.cos(turn), math.sin(turn)
+            after_from_before = np.array([[cos, sin], [-sin, cos]])
+            mean = after_from_before @ (mean - before_from_after[:2])
+            covariance = after_from_before @ covariance @ after_from_before.T
+        elif len(mean) == 2:
+            covariance = covariance + (x**2 + y**2) * np.eye(2)
+        else:
+            cos, sin = math.cos(mean[2]), math.sin(mean[2])
+            by_heading = np.eye(3)
+            by_heading[:2, 2] = -sin * x - cos * y, cos * x - sin * y
+            mean = compose(mean, before_from_after)
+            covariance = by_heading @ covariance @ by_heading.T
+        return replace(self, mean=mean, covariance=covariance)
+
+
+NOTHING_OBSERVED: tuple[tuple[Observation, ...], Landmarks] = (
+    (),
+    Landmarks((), np.empty((0, 2)), np.empty(0)),
+)
+
+
+def log_likelihood_ratio(
+    poses: Poses, observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
+) -> LogWeights:
+    """Return (N,) log-likelihood ratios of (N, 3) poses and "nothing on the map was observed".
+
+    Args:
+        poses: map_from_robot.
+        observations: of one step.
+        landmarks: of the map.
+        grid: the map, over which false observations of the pose are spread.
+    """
+    total = np.zeros(len(poses))
+    for seen in observations:
+        right, any_landmark = _factors(seen, landmarks, grid)
+        if not seen.landmark:
+            ratio = right * _normal(_difference(poses, seen.mean), seen.covariance)
+        else:
+            ratio = np.zeros(len(poses))
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+            for name, position, variance in zip(
+                landmarks.names, landmarks.positions, landmarks.variances, strict=True
+            ):
+                x, y = (position - poses[:, :2]).T
+                in_robot = np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
+                density = _normal(in_robot - seen.mean, seen.covariance + variance * np.eye(2))
+                ratio += (any_landmark + right * (name == seen.landmark)) * density
+        total += seen.share * np.log1p(ratio)
+    return total
+
+
+def log_average_ratio(
+    observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
+) -> float:
+    """Return the sum of log average likelihood ratios over all poses in the free space.
+
+    The integral of a Gaussian over the map is one: its parts outside the free space are neglected.
+    """
+    if not observations:
+        return 0.0
+    free_m2 = max(int(np.count_nonzero(grid.cells == 0)), 1) * grid.cell_m**2
+    total = 0.0
+    for seen in observations:
+        right, any_landmark = _factors(seen, landmarks, grid)
+        if seen.landmark:
+            named = landmarks.names.count(seen.landmark)
+            ratio = (right * named + any_landmark * len(landmarks.names)) / free_m2
+        else:
+            ratio = right / free_m2 / (math.tau if len(seen.mean) == 3 else 1.0)
+        total += seen.share * math.log1p(ratio)
+    return total
+
+
+def _factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float, float]:
+    """Return the factors of the density of a right one, and of a landmark with any name."""
+    odds = 1.0 / seen.outlier_probability - 1.0
+    if seen.landmark:  # half of the false sights are of another landmark
+        return odds * 2.0 * len(set(landmarks.names)) * _SIGHT_M2, _SIGHT_M2
+    area = grid.cells.size * grid.cell_m**2
+    return odds * area * (math.tau if len(seen.mean) == 3 else 1.0), 0.0
+
+
+def _difference(poses: Poses, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+    difference = poses[:, : len(mean)] - mean
+    if len(mean) == 3:
+        difference[:, 2] = wrap_angle(difference[:, 2])
+    return difference
+
+
+def _normal(
+    difference: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (N,) densities of a Gaussian at (N, D) differences from its mean."""
+    inverse = np.linalg.inv(covariance)
+    squares = np.einsum("ni,ij,nj->n", difference, inverse, difference)
+    scale = math.sqrt(np.linalg.det(math.tau * covariance))
+    return np.asarray(np.exp(-0.5 * squares) / scale)

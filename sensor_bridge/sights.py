@@ -1,0 +1,139 @@
+"""Observations on their way to a step: placed by odometry, and weighed by what is new in them."""
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from particle_filter.arrays import Pose
+from particle_filter.observations import Observation as Placed
+from particle_filter.poses import between, compose
+from particle_filter.trajectory import MAX_LATE_NS, Trajectory
+from protocol.message import PoseTuple
+from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation, Seen
+from sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
+
+UNKNOWN_LANDMARK = "unknown_landmark"
+OBSERVATION_AHEAD = "observation_from_the_future"
+TOO_MANY_OBSERVATIONS = "too_many_observations"
+MAX_WAITING = 64
+"""Observations that wait for odometry."""
+VIEW_M = 0.5
+"""Distance driven after which 63 % of the error of a sight of the same landmark is new."""
+SAME_M = 1.0
+"""Sights of landmarks closer than this are of the same one, whatever their names."""
+LEAST_SHARE = 0.02
+"""An observation with less news is not used, nor remembered."""
+FIRST_SHARE = 0.5
+"""An observation with more news makes a step, also of a standing robot."""
+
+
+@dataclass(frozen=True)
+class _Sight:
+    source: str
+    place: Pose | None
+    """(3,) the landmark's position by odometry; None: an observation of the robot's pose."""
+    odom_from_robot: Pose
+    stamp_ns: int
+
+
+class Sights:
+    """The observations since the last step.
+
+    A source errs in the same way for some time and some distance. So a sight counts only by what
+    is new since the last counted sight of the same thing by the same source.
+
+    Args:
+        landmarks: of the map.
+        dropped: counts dropped observations by cause.
+    """
+
+    def __init__(self, landmarks: Sequence[Landmark], dropped: Counter[str]) -> None:
+        self._landmarks, self._dropped = tuple(landmarks), dropped
+        self._names = frozenset(landmark.name for landmark in landmarks)
+        self._trajectory = Trajectory(most=400)
+        self._waiting: list[Observation] = []
+        self._placed: list[tuple[Placed, Pose]] = []
+        self._past: deque[_Sight] = deque(maxlen=256)
+
+    def see(self, observation: Observation) -> None:
+        """Take an observation; it waits for odometry of its time."""
+        newest_ns = self._trajectory.newest_ns
+        if observation.landmark and observation.landmark not in self._names:
+            self._dropped[UNKNOWN_LANDMARK] += 1
+        elif newest_ns is not None and observation.stamp_ns > newest_ns + MAX_AHEAD_NS:
+            self._dropped[OBSERVATION_AHEAD] += 1
+        elif len(self._waiting) >= MAX_WAITING:
+            self._dropped[TOO_MANY_OBSERVATIONS] += 1
+        else:
+            self._waiting.append(observation)
+
+    def moved(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
+        """Process odometry; return whether something was seen that had not been seen before."""
+        newest_ns = self._trajectory.newest_ns
+        if newest_ns is not None and stamp_ns < newest_ns - MAX_LATE_NS:  # the clock was set back
+            self._past.clear()
+            self._placed.clear()
+        if stamp_ns != newest_ns:
+            self._trajectory.add(stamp_ns, odom_from_robot)
+        ready = [each for each in self._waiting if each.stamp_ns <= stamp_ns]
+        self._waiting = [each for each in self._waiting if each.stamp_ns > stamp_ns]
+        return max(map(self._place, ready), default=0.0) > FIRST_SHARE
+
+    def take(self, odom_from_robot: PoseTuple) -> tuple[Seen, ...]:
+        """Return the observations since the last step, relative to the robot's pose there."""
+        after, placed = np.array(odom_from_robot), self._placed
+        self._placed = []
+        moved = [seen.moved(between(before, after)) for seen, before in placed]
+        return tuple(
+            Seen(
+                landmark=seen.landmark,
+                mean=tuple(seen.mean.tolist()),
+                covariance=tuple(seen.covariance.ravel().tolist()),
+                outlier_probability=seen.outlier_probability,
+                share=seen.share,
+            )
+            for seen in moved
+        )
+
+    def landmarks_of(self, seen: Sequence[Seen]) -> tuple[Landmark, ...]:
+        """Return the map's landmarks if one of them was seen."""
+        return self._landmarks if any(each.landmark for each in seen) else ()
+
+    def _place(self, observation: Observation) -> float:
+        """Place an observation by odometry; return the share of it that is new."""
+        pose = self._trajectory.pose_at(observation.stamp_ns)
+        if pose is None:
+            self._dropped[NO_ODOMETRY] += 1
+            return 0.0
+        mean, odom_from_robot, place = np.array(observation.mean), np.array(pose), None
+        if observation.landmark:
+            place = compose(odom_from_robot, np.append(mean, 0.0))
+        sight = _Sight(observation.sender, place, odom_from_robot, observation.stamp_ns)
+        share = self._share(sight, observation.correlation_s)
+        if share < LEAST_SHARE:
+            return 0.0
+        if len(self._placed) >= MAX_OBSERVATIONS:
+            self._dropped[TOO_MANY_OBSERVATIONS] += 1
+            return 0.0
+        self._past.append(sight)
+        covariance = np.reshape(observation.covariance, (len(mean), len(mean)))
+        odds = observation.outlier_probability
+        seen = Placed(mean, covariance, observation.landmark, odds, share)
+        self._placed.append((seen, odom_from_robot))
+        return share
+
+    def _share(self, sight: _Sight, correlation_s: float) -> float:
+        for past in reversed(self._past):
+            if past.source != sight.source or (past.place is None) != (sight.place is None):
+                continue
+            apart = 0.0
+            if past.place is not None and sight.place is not None:
+                if math.dist(past.place[:2], sight.place[:2]) > SAME_M:
+                    continue
+                apart = math.dist(past.odom_from_robot[:2], sight.odom_from_robot[:2]) / VIEW_M
+            waited_s = abs(sight.stamp_ns - past.stamp_ns) * 1e-9
+            return -math.expm1(-apart - waited_s / correlation_s)
+        return 1.0

@@ -1,0 +1,47 @@
+"""A cross of four equal arms with a tag in each of two arms, in the library."""
+
+import numpy as np
+import pytest
+
+from clustermcl import ClusterMCL, MalformedMessageError
+from tests.integration.system.conftest import SMALL
+from tests.unit.clustermcl.tags import CROSS, TAGS, beliefs, is_right
+
+TICKS = 400
+SEEDS = range(40)
+
+
+def test_one_step_after_the_first_sight_the_robot_is_found() -> None:
+    found: list[bool] = []
+    for seed in SEEDS:
+        after = [(belief, tick) for belief, tick, seen in beliefs(seed, SMALL, TICKS) if seen]
+        if len(after) > 1:  # some robots stay in the arms without a tag
+            belief, tick = after[1]
+            found.append(belief.state == "localized" and is_right(belief, tick))
+        if len(found) == 20:
+            break
+    assert found == [True] * 20
+
+
+def test_without_a_sight_the_arms_stay_alike() -> None:
+    for seed in range(3):
+        told = [belief.state for belief, *_ in beliefs(seed, SMALL, TICKS // 2, observes=False)]
+        assert "localized" not in told
+
+
+def test_with_a_tenth_of_false_names_it_is_hardly_ever_sure_and_wrong() -> None:
+    steps = wrong = 0
+    for seed in SEEDS[:20]:
+        for belief, tick, _ in beliefs(seed, SMALL, TICKS, false=0.1):
+            steps += 1
+            wrong += belief.state == "localized" and not is_right(belief, tick)
+    assert steps > 1500
+    assert wrong <= 0.005 * steps
+
+
+def test_an_impossible_observation_is_refused() -> None:
+    mcl = ClusterMCL(CROSS.map, landmarks=TAGS, settings=SMALL)
+    with pytest.raises(MalformedMessageError, match="not positive definite"):
+        mcl.observe((1.0, 0.0), np.zeros((2, 2)), landmark="east")
+    mcl.observe((1.0, 0.0), np.eye(2), landmark="south")
+    assert mcl.dropped == {"unknown_landmark": 1}

@@ -1,0 +1,120 @@
+"""The likelihood of observations, against an exact filter on a grid of poses."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from particle_filter.grid import Grid
+from particle_filter.observations import (
+    Landmarks,
+    Observation,
+    log_average_ratio,
+    log_likelihood_ratio,
+)
+from particle_filter.poses import between, compose
+from tests.unit.oracle.grid_filter import Array, GridFilter
+
+GRID = Grid(np.zeros((160, 200), np.int8), 0.05, np.zeros(3))
+AREA_M2, SIGHT_M2 = 10.0 * 8.0, math.pi * 100.0
+LANDMARKS = Landmarks(
+    ("door", "door", "tag"),
+    np.array([[3.0, 3.0], [7.0, 5.0], [5.0, 4.0]]),
+    np.array([0.01, 0.02, 0.005]),
+)
+TILTED = np.array([[0.09, 0.02], [0.02, 0.04]])
+KINDS = {
+    "pose": Observation(np.array([4.0, 3.0, 0.5]), np.diag([0.2, 0.1, 0.3]), "", 0.1),
+    "position": Observation(np.array([4.0, 3.0]), TILTED, "", 0.05),
+    "id": Observation(np.array([1.0, 0.5]), TILTED, "tag", 0.05),
+    "class": Observation(np.array([1.5, -0.3]), TILTED, "door", 0.2),
+}
+
+
+def density(difference: Array, covariance: Array) -> float:
+    squares = difference @ np.linalg.solve(covariance, difference)
+    return float(np.exp(-0.5 * squares) / np.sqrt(np.linalg.det(2.0 * np.pi * covariance)))
+
+
+def exact_ratio(pose: Array, seen: Observation) -> float:
+    """The mixture as the page of docs describes it, one term after the other."""
+    eps = seen.outlier_probability
+    if not seen.landmark:
+        off = pose[: len(seen.mean)] - seen.mean
+        if len(off) == 3:
+            off[2] = math.remainder(off[2], math.tau)
+        nothing = eps / AREA_M2 / (math.tau if len(off) == 3 else 1.0)
+        return ((1.0 - eps) * density(off, seen.covariance) + nothing) / nothing
+    names = 2
+    nothing = eps / 2.0 / names / SIGHT_M2
+    total = nothing
+    for name, place, variance in zip(
+        LANDMARKS.names, LANDMARKS.positions, LANDMARKS.variances, strict=True
+    ):
+        at = between(pose, np.append(place, 0.0))[:2]
+        here = density(at - seen.mean, seen.covariance + variance * np.eye(2))
+        total += eps / 2.0 / names * here + (1.0 - eps) * here * (name == seen.landmark)
+    return total / nothing
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
+    poses = np.random.default_rng(1).uniform((0, 0, -4), (10, 8, 4), (200, 3))
+    ratios = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
+    expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
+    np.testing.assert_allclose(ratios, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_weighed_particles_agree_with_the_exact_grid(kind: str) -> None:
+    seen, mean, variances = KINDS[kind], np.array([4.0, 3.2, 0.3]), np.array([0.5, 0.3, 0.2])
+    reach = 4.0 * np.sqrt(variances)
+    patch = GridFilter.round_gaussian(mean, variances, mean - reach, mean + reach, reach / 12.0)
+    every = np.meshgrid(patch.xs, patch.ys, patch.headings, indexing="ij")
+    poses = np.stack(every, axis=-1).reshape(-1, 3)
+    likelihood = np.array([exact_ratio(pose, seen) for pose in poses])
+    exact = patch.mass.ravel() * likelihood
+    evidence, exact_mean = exact.sum(), (exact / exact.sum()) @ poses
+    found, means = [], []
+    for seed in range(16):
+        drawn = np.random.default_rng(seed).normal(mean, np.sqrt(variances), (4000, 3))
+        weights = np.exp(log_likelihood_ratio(drawn, [seen], LANDMARKS, GRID))
+        found.append(weights.mean())
+        means.append(weights @ drawn / weights.sum())
+    error = np.std(found) / 4.0
+    assert abs(np.mean(found) - evidence) < 4.0 * error + 0.01 * evidence
+    spread = np.std(means, axis=0) / 4.0
+    assert (np.abs(np.mean(means, axis=0) - exact_mean) < 4.0 * spread + 0.01).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_average_over_the_map_is_that_of_poses_spread_over_it(kind: str) -> None:
+    poses = np.random.default_rng(2).uniform((0, 0, -np.pi), (10, 8, np.pi), (200_000, 3))
+    ratios = np.exp(log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID))
+    average = math.exp(log_average_ratio([KINDS[kind]], LANDMARKS, GRID))
+    # Sights are short: a landmark near the edge of the map would be seen from fewer poses.
+    assert average == pytest.approx(ratios.mean(), rel=0.15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_moves_with_the_robot(kind: str) -> None:
+    seen, motion = KINDS[kind], np.array([0.4, -0.2, 0.7])
+    poses = np.random.default_rng(3).uniform((3, 2, -1), (6, 5, 1), (50, 3))
+    before = log_likelihood_ratio(poses, [seen], LANDMARKS, GRID)
+    after = log_likelihood_ratio(compose(poses, motion), [seen.moved(motion)], LANDMARKS, GRID)
+    if kind == "position":  # the direction of the motion is unknown
+        assert np.trace(seen.moved(motion).covariance) == pytest.approx(0.13 + 2.0 * 0.2)
+    elif kind == "pose":  # so does a sample of its Gaussian, if the heading is well known
+        narrow = replace(seen, covariance=np.diag([0.02, 0.01, 0.003]))
+        drawn = np.random.default_rng(4).multivariate_normal(seen.mean, narrow.covariance, 100_000)
+        sample, moved = compose(drawn, motion), narrow.moved(motion)
+        np.testing.assert_allclose(moved.mean, sample.mean(axis=0), atol=0.002)
+        np.testing.assert_allclose(moved.covariance, np.cov(sample.T), atol=3e-4)
+    else:
+        np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-12)
+
+
+def test_a_false_observation_is_worth_nothing() -> None:
+    far = Observation(np.array([30.0, 0.0]), np.eye(2) * 0.01, "tag", 0.05)
+    assert log_likelihood_ratio(np.zeros((1, 3)), [far], LANDMARKS, GRID) == pytest.approx(0.0)

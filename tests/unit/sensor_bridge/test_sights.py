@@ -1,0 +1,109 @@
+"""Observations on their way to a step."""
+
+from collections import Counter
+
+import pytest
+
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation
+from sensor_bridge.sights import (
+    MAX_WAITING,
+    OBSERVATION_AHEAD,
+    TOO_MANY_OBSERVATIONS,
+    UNKNOWN_LANDMARK,
+    Sights,
+)
+from sensor_bridge.stages import NO_ODOMETRY
+
+SECOND = 1_000_000_000
+TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
+EVEN = (0.01, 0.0, 0.0, 0.01)
+
+
+def seen(at_s: float, x: float = 2.0, y: float = 0.0, name: str = "tag") -> Observation:
+    stamp_ns = round(at_s * SECOND)
+    return Observation(sender="eye", stamp_ns=stamp_ns, landmark=name, mean=(x, y), covariance=EVEN)
+
+
+def driven(sights: Sights, until_s: int, speed: float = 1.0) -> None:
+    for second in range(until_s + 1):
+        sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
+
+
+def test_a_sight_moves_to_the_pose_of_the_step() -> None:
+    sights = Sights(TAGS, Counter())
+    sights.see(seen(0.5))
+    driven(sights, 1)
+    (moved,) = sights.take((1.0, 0.0, 0.0))
+    assert moved.mean == pytest.approx((1.5, 0.0))
+    assert moved.share == 1.0
+    assert sights.landmarks_of([moved]) == TAGS
+    assert sights.take((1.0, 0.0, 0.0)) == ()
+
+
+def test_a_tag_looked_at_for_a_minute_is_not_sixty_tags() -> None:
+    sights, shares = Sights(TAGS, Counter()), []
+    for second in range(60):
+        sights.see(seen(second))
+        sights.moved(second * SECOND, (0.0, 0.0, 0.0))
+        shares += [each.share for each in sights.take((0.0, 0.0, 0.0))]
+    assert shares[0] == 1.0
+    assert 1.5 < sum(shares) < 4.0
+
+
+def test_a_wrong_name_does_not_make_a_sight_of_the_same_thing_new() -> None:
+    sights = Sights((*TAGS, Landmark(name="other", x=5.0, y=5.0, sigma=0.1)), Counter())
+    driven(sights, 0)
+    sights.see(seen(0.0))
+    sights.see(seen(0.0, name="other"))
+    sights.see(seen(0.0, y=1.5, name="other"))
+    sights.moved(0, (0.0, 0.0, 0.0))
+    assert [(each.mean[1], each.share) for each in sights.take((0.0, 0.0, 0.0))] == [
+        (0.0, 1.0),
+        (1.5, 1.0),
+    ]
+
+
+def test_what_cannot_be_used_is_counted_by_its_cause() -> None:
+    dropped = Counter[str]()
+    sights = Sights(TAGS, dropped)
+    driven(sights, 5)
+    for observation in (seen(5.0, name="nobody"), seen(60.0), seen(-60.0)):
+        sights.see(observation)
+    driven(sights, 6)
+    assert dropped == {UNKNOWN_LANDMARK: 1, OBSERVATION_AHEAD: 1, NO_ODOMETRY: 1}
+
+
+def test_a_flood_of_observations_is_bounded() -> None:
+    dropped = Counter[str]()
+    sights = Sights(TAGS, dropped)
+    driven(sights, 5)
+    for number in range(1000):
+        sights.see(seen(5.5, x=3.0 * number))
+    driven(sights, 6)
+    assert len(sights.take((6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
+    assert dropped == {TOO_MANY_OBSERVATIONS: 1000 - MAX_OBSERVATIONS}
+    assert MAX_WAITING < 1000
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mean": (float("nan"), 0.0)}, "mean"),
+        ({"mean": (1e9, 0.0)}, "not on Earth"),
+        ({"mean": (1.0, 0.0, 0.0)}, "3 numbers with a covariance of 4"),
+        ({"covariance": (0.01, 0.0, 0.0, -0.01)}, "not positive definite"),
+        ({"covariance": (0.01, 0.02, 0.02, 0.01)}, "not positive definite"),
+        ({"covariance": (0.01, 0.005, 0.0, 0.01)}, "not symmetric"),
+        ({"covariance": (0.01, 0.0, 0.0)}, "covariance of 3"),
+        ({"outlier_probability": 0.0}, "outlier_probability"),
+        ({"stamp_ns": 2**62}, "stamp_ns"),
+        ({"correlation_s": -1.0}, "correlation_s"),
+    ],
+)
+def test_an_impossible_observation_is_refused(change: dict[str, object], words: str) -> None:
+    fields = {"sender": "eye", "stamp_ns": 1, "landmark": "tag", "mean": (1.0, 0.0)}
+    fields |= {"covariance": EVEN, **change}
+    with pytest.raises(MalformedMessageError, match=words):
+        decode(encode(Observation(**fields)), Observation)  # type: ignore[arg-type]
