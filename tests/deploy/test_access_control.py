@@ -67,7 +67,7 @@ def test_a_viewer_has_nothing_to_say() -> None:
     assert not [key for key in viewer.asks if key.startswith("command/")]
 
 
-def test_the_page_reads_what_it_draws_and_nobodys_work() -> None:
+def test_the_page_may_read_what_it_draws_and_no_reports_of_workers() -> None:
     for role in ("viewer", "operator"):
         reads = set(rights_of(role).reads)
         assert {keys.BELIEF, keys.POSE, keys.EVENTS, keys.TRUTH, keys.SCAN} == reads

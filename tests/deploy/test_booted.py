@@ -122,7 +122,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def test_it_is_installed_by_the_words_of_the_page(robot: Robot) -> None:
+def test_the_commands_of_the_page_install_the_service(robot: Robot) -> None:
     script = words("operations.md", "**systemd**, as root")
     before, edited, after = script.partition("# edit robot.name and bridge.map")
     assert edited
@@ -167,13 +167,13 @@ def test_no_process_may_do_more_than_the_units_say_and_none_misses_anything(robo
     assert robot.run("ls /var/lib/clustermcl/flight-recorder/robot")
 
 
-def test_it_starts_with_the_machine(robot: Robot) -> None:
+def test_the_service_starts_with_the_machine(robot: Robot) -> None:
     begin_s = time.monotonic()
     robot.reboot()
     robot.comes_back("shut down and booted", begin_s)
 
 
-def test_it_starts_after_a_power_cut(robot: Robot) -> None:
+def test_the_service_starts_after_a_power_cut(robot: Robot) -> None:
     begin_s = time.monotonic()
     robot.cut_power()
     robot.boot()
@@ -181,7 +181,7 @@ def test_it_starts_after_a_power_cut(robot: Robot) -> None:
     assert "a bug ended" not in robot.journal()
 
 
-def test_it_is_upgraded_by_the_words_of_the_page(robot: Robot) -> None:
+def test_the_commands_of_the_page_upgrade_the_service(robot: Robot) -> None:
     robot.run("sed --in-place 's/^version = .*/version = \"0.1.99\"/' pyproject.toml")
     step = robot.ask("pose")["step"]
     begin_s = time.monotonic()
@@ -212,7 +212,9 @@ def test_a_full_disk_stops_the_recording_and_not_the_robot(robot: Robot) -> None
     )
 
 
-def test_with_certificates_it_localizes_and_a_withdrawn_one_is_shut_out(robot: Robot) -> None:
+def test_with_certificates_the_robot_is_localized_and_a_withdrawn_one_is_refused(
+    robot: Robot,
+) -> None:
     certificates = "/etc/clustermcl/certificates"
     robot.run(
         f"deploy/certificates.sh --folder {certificates} --host robot.example "

@@ -45,7 +45,7 @@ def serial(certificate: Path) -> str:
     return about(certificate, "-serial")
 
 
-def test_private_keys_are_their_owners_alone(made: Path) -> None:
+def test_only_its_owner_may_read_a_private_key(made: Path) -> None:
     modes = {file.name: stat.S_IMODE(file.stat().st_mode) for file in made.glob("*.key")}
     names = ("authority", "router", "worker-3", "viewer.r-7")
     assert modes == {f"{name}.key": 0o600 for name in names}
@@ -80,7 +80,7 @@ def test_the_settings_of_a_client_load_and_name_its_robot(made: Path) -> None:
     assert not (made / "router.toml").exists()
 
 
-def test_running_it_again_keeps_what_is_good(folder: Path) -> None:
+def test_a_second_run_of_the_script_keeps_valid_certificates(folder: Path) -> None:
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     ran = make_certificates(folder, "router", "worker-3", "viewer.r-7")
     assert ran.stdout.count("kept, good until") == 3
@@ -111,7 +111,7 @@ def test_settings_that_were_changed_by_hand_stay(folder: Path) -> None:
     assert file.read_text() == "[worker]\ncount = 3\n"
 
 
-def test_the_list_says_what_has_expired(folder: Path) -> None:
+def test_the_list_marks_expired_certificates(folder: Path) -> None:
     with_lifetime(folder, "worker-3", -timedelta(days=9), -timedelta(days=1))
     lines = make_certificates(folder, "--list").stdout.splitlines()
     told = dict(line.split(": ", 1) for line in lines)
@@ -143,7 +143,9 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
         (["--strict", "bridge"], "unknown option --strict"),
     ],
 )
-def test_a_wrong_argument_is_said_in_one_line(tmp_path: Path, words: list[str], said: str) -> None:
+def test_a_wrong_argument_is_reported_in_one_line(
+    tmp_path: Path, words: list[str], said: str
+) -> None:
     ran = make_certificates(tmp_path / "new", *words)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert said in ran.stderr

@@ -91,7 +91,7 @@ def zenoh_version() -> str:
     return found[1]
 
 
-def test_no_container_may_more_than_it_must() -> None:
+def test_no_container_has_more_rights_than_it_needs() -> None:
     for name, service in services(PLAIN).items():
         assert service["cap_drop"] == ["ALL"], name
         assert service["read_only"] is True, name

@@ -120,7 +120,7 @@ def test_what_is_mounted_is_there_and_what_is_there_is_mounted() -> None:
         assert Path(file).parent == Path(mounts["certificate"])
 
 
-def test_no_pod_may_more_than_it_must() -> None:
+def test_no_pod_has_more_rights_than_it_needs() -> None:
     for name, pod in pods().items():
         assert pod["automountServiceAccountToken"] is False, name
         assert pod["securityContext"]["runAsNonRoot"] is True, name
@@ -135,7 +135,7 @@ def test_no_pod_may_more_than_it_must() -> None:
         assert context["capabilities"] == {"drop": ["ALL"]}, name
 
 
-def test_every_container_says_what_it_needs() -> None:
+def test_every_container_requests_its_resources() -> None:
     for _, container in containers():
         assert set(container["resources"]["requests"]) == {"cpu", "memory"}
         assert "memory" in container["resources"]["limits"]
@@ -147,7 +147,7 @@ def test_workers_are_spread_over_the_machines() -> None:
     assert spread["whenUnsatisfiable"] == "DoNotSchedule"
 
 
-def test_what_probes_call_is_there() -> None:
+def test_the_readiness_probe_reads_mounted_settings() -> None:
     (container,) = pods()["coordinator"]["containers"]
     command = container["readinessProbe"]["exec"]["command"]
     assert command[:2] == ["clustermcl", "status"]
@@ -172,7 +172,7 @@ def test_kubernetes_schema_has_no_objection() -> None:
         validate.validate(resource, "1.31", strict=True)
 
 
-def test_kustomize_puts_it_together() -> None:
+def test_kustomize_builds_all_resources() -> None:
     kubectl = shutil.which("kubectl")
     if kubectl is None:
         pytest.skip("kubectl is not installed")

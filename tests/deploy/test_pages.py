@@ -53,7 +53,7 @@ def causes() -> set[str]:
     return found
 
 
-def test_there_are_causes_to_look_for() -> None:
+def test_the_causes_found_in_the_code_include_known_ones() -> None:
     assert {"report late", "no scan history", "reading refused: no odometry"} <= causes()
     assert {"report of an old epoch", "report far ahead, or too many wait"} <= causes()
 
@@ -102,7 +102,7 @@ def test_the_table_of_roles_is_the_one_in_force() -> None:
                 assert named or (viewers and key in getattr(viewers, right)), (role, key)
 
 
-def test_what_the_pages_name_is_there() -> None:
+def test_files_settings_and_commands_named_on_the_pages_exist() -> None:
     for name in set(re.findall(r"\bdeploy/[\w./*-]*[\w*]", PAGES)):
         assert list(REPOSITORY.glob(name)), name
     for name in set(re.findall(r"clustermcl-[a-z-]+(?=[@.`\s])", PAGES)):

@@ -70,7 +70,7 @@ ODOMETRY = st.builds(
 
 @cases(0.06)
 @given(st.lists(LASERS | ODOMETRY, max_size=12))
-def test_whatever_a_robot_sends_the_bridge_makes_valid_steps(readings: list[Reading]) -> None:
+def test_the_bridge_makes_valid_steps_of_any_readings(readings: list[Reading]) -> None:
     maker = StepMaker(BridgeSettings(), "map", "bridge")
     made = [maker.on_reading(reading) for reading in readings]
     made += [maker.finish() for _ in range(len(readings) + 1)]
@@ -104,7 +104,7 @@ def scans(draw: st.DrawFn) -> Scan:
 
 @cases(0.02)
 @given(st.lists(scans(), max_size=6))
-def test_whatever_scans_come_a_worker_reports_what_is_valid(
+def test_a_worker_makes_valid_reports_of_any_scans(
     model: SensorModel, given_scans: list[Scan]
 ) -> None:
     table = JobTable("worker")
@@ -164,7 +164,7 @@ EVENTS = st.one_of(
 
 @cases(0.08)
 @given(st.lists(st.tuples(st.floats(0.0, 3.0), EVENTS), max_size=20), st.booleans())
-def test_whatever_happens_the_coordinators_belief_is_one(
+def test_the_coordinators_probabilities_sum_to_one_after_any_events(
     events: list[tuple[float, tuple[str, Any]]], begun: bool
 ) -> None:
     story = Story("a", "b", **BELIEF)

@@ -44,7 +44,7 @@ def read_arrays(value: object) -> None:
 
 @cases(0.15)
 @given(any_message())
-def test_a_message_comes_back_as_it_went_or_is_refused(message: Message) -> None:
+def test_a_message_is_decoded_as_it_was_encoded_or_refused(message: Message) -> None:
     packed = encode(message)
     try:
         back = decode(packed, type(message))

@@ -123,7 +123,7 @@ def test_a_real_state_is_carried_on() -> None:
 
 @cases(0.05)
 @given(st.data())
-def test_whatever_number_of_a_real_state_is_changed_a_coordinator_lives_on(
+def test_a_coordinator_continues_from_a_state_with_any_number_changed(
     data: st.DataObject,
 ) -> None:
     checkpoint = data.draw(st.sampled_from(real_checkpoints()))

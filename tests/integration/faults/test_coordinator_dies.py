@@ -53,7 +53,7 @@ def alone_of(tested: System, settings: Settings = SMALL) -> list[Outcome]:
     return [outcome for _, outcome in outcomes(history.scans, model, plain)]
 
 
-def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_believed() -> None:
+def test_a_coordinator_killed_while_searching_and_tracking_changes_no_belief() -> None:
     alone = outcomes_of(LOCKSTEP, steps=STEPS)
     with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
         for step in (3, 15, 16, 32):
@@ -84,7 +84,7 @@ def test_a_robot_that_drives_on_is_followed_again_within_two_seconds() -> None:
         assert_same(list(tested.beliefs), alone_of(tested))
 
 
-def test_one_that_stands_by_takes_over_at_once_and_one_that_does_not_refuses_to_start() -> None:
+def test_a_standby_takes_over_at_once_and_a_second_coordinator_refuses_to_start() -> None:
     with with_live_robot() as (tested, _robot):
         standby, second = tested.start(COORDINATOR, "--standby"), tested.start(COORDINATOR)
         standby.wait_for("standing by")

@@ -34,7 +34,7 @@ def cut_the_power(tested: System) -> None:
         tested.hurt(name)
 
 
-def test_a_power_cut_leaves_the_state_and_its_place_is_one_hypothesis_of_the_next_life(
+def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(
     tmp_path: Path,
 ) -> None:
     with system(kept_in(tmp_path), "--steps", "400") as tested:

@@ -78,7 +78,7 @@ def kill_a_worker(tested: System) -> None:
     wait_until(lambda: len(tested.worker_pids()) == 4 and killed not in tested.worker_pids())
 
 
-def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_path: Path) -> None:
+def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     folder, copy = tmp_path / "flight" / "robot", tmp_path / "copy"
     recorder = RecorderSettings(folder=str(tmp_path / "flight"), max_mb=5.0)
     with with_live_robot(msgspec.structs.replace(SMALL, recorder=recorder)) as (tested, _robot):

@@ -106,7 +106,7 @@ def test_a_bad_cable_costs_the_robot_no_answer(machines: TwoMachines, how: str) 
     held(machines, machines.cable.shaped(*how.split()), 5.0)
 
 
-def test_a_coordinator_that_dies_while_the_cable_is_cut_is_followed_by_one_that_goes_on(
+def test_a_new_coordinator_continues_after_the_old_one_dies_while_the_cable_is_cut(
     machines: TwoMachines,
 ) -> None:
     with machines.cable.cut(from_here=True, from_there=True):

@@ -55,7 +55,7 @@ def reading(ranges: np.ndarray, stamp_ns: int) -> bytes:
     )
 
 
-def test_it_is_counted_logged_once_and_dropped() -> None:
+def test_a_malformed_scan_is_counted_logged_once_and_dropped() -> None:
     with with_live_robot() as (tested, _):
         tested.wait_until_it_tracks()
         clusters, step = tested.clusters(), tested.step

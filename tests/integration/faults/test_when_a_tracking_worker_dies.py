@@ -18,7 +18,7 @@ SIX_WORKERS = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=6))
 """Four clusters, and a look elsewhere: one stands by."""
 
 
-def test_its_cluster_is_on_a_standby_worker_within_a_second() -> None:
+def test_the_cluster_of_a_killed_worker_is_on_a_standby_worker_within_a_second() -> None:
     with system(SIX_WORKERS) as tested, tested.client as client:
         tested.wait_until_it_tracks()
         clusters, step = tested.clusters(), tested.step

@@ -36,7 +36,7 @@ def is_found_again(tested: System) -> None:
     wait_until(lambda: tested.step > step + 5 and tested.tracks())
 
 
-def test_one_that_never_reports_stops_no_search() -> None:
+def test_a_worker_that_never_reports_stops_no_search() -> None:
     """It is one of a machine whose other workers report, so it is given a shard."""
     with system(MANY_SHARDS) as tested:
         tested.wait_until_it_tracks()

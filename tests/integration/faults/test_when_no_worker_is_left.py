@@ -18,7 +18,7 @@ SETTINGS = msgspec.structs.replace(
 """Nothing but evidence moves probabilities."""
 
 
-def test_without_workers_status_and_pose_say_so_and_it_recovers_when_one_appears() -> None:
+def test_without_workers_status_and_pose_report_this_until_a_worker_appears() -> None:
     with system(SETTINGS) as tested:
         tested.wait_until_it_tracks()
         clusters = tested.clusters()

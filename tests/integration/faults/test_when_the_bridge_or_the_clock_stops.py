@@ -41,7 +41,7 @@ def is_fresh(tested: System) -> bool:
         return client.pose().freshness == "fresh"
 
 
-def test_a_bridge_that_is_killed_makes_the_pose_stale_until_the_next_one_publishes() -> None:
+def test_a_killed_bridge_makes_the_pose_stale_until_the_next_bridge_publishes() -> None:
     with with_live_robot(STALE_SOON) as (tested, _):
         tested.wait_until_it_tracks()
         clusters = tested.clusters()

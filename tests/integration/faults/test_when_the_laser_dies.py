@@ -54,7 +54,7 @@ def assert_dead_reckoning_and_honest(client: Client, robot: Robot) -> None:
     assert spread(answer.hypotheses[0].covariance)[0] > FAR_M
 
 
-def test_a_laser_that_dies_makes_the_pose_dead_reckoning_until_it_is_back() -> None:
+def test_the_pose_is_dead_reckoning_while_the_laser_is_dead() -> None:
     with localized() as (_, robot, client):
         assert sigma_m(client.pose()) < 0.5
         robot.has_laser = False

@@ -141,7 +141,7 @@ def _answers(coordinator: Coordinator) -> bool:
     return True
 
 
-def test_one_that_waits_for_its_map_answers_questions_and_other_orders(
+def test_a_worker_that_waits_for_its_map_answers_queries_and_other_orders(
     bridge: Bridge, coordinator: Coordinator
 ) -> None:
     coordinator.order(1, "c0")

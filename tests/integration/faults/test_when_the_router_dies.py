@@ -15,7 +15,7 @@ def jobs_of(tested: System) -> dict[str, tuple[str, ...]]:
         return dict(client.status().workers)
 
 
-def test_a_restarted_router_costs_the_steps_it_lasted_and_nothing_else() -> None:
+def test_a_restart_of_the_router_loses_only_the_steps_made_meanwhile() -> None:
     with system() as tested:
         tested.wait_until_it_tracks()
         placed, clusters, pids = jobs_of(tested), tested.clusters(), dict(tested.stack.pids())

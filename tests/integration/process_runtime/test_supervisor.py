@@ -96,7 +96,7 @@ def test_a_child_that_ends_without_failure_is_started_again(
     assert (ended.code, ended.restart_in_s) == (0, 0.1)
 
 
-def test_stop_ends_all_within_two_seconds_even_one_that_does_not_listen(
+def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals(
     tmp_path: Path, short_folder: str, supervisors: list[Supervisor]
 ) -> None:
     log = tmp_path / "stubborn.log"
@@ -116,7 +116,7 @@ def test_stop_ends_all_within_two_seconds_even_one_that_does_not_listen(
     assert supervisor.poll(time.monotonic() + 1000.0) == []
 
 
-def test_children_need_names_of_their_own() -> None:
+def test_two_children_of_the_same_name_are_refused() -> None:
     with pytest.raises(ValueError, match="same name"):
         Supervisor([ChildSpec("a", ["x"]), ChildSpec("a", ["y"])])
 

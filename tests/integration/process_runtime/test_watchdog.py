@@ -68,7 +68,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd
     ],
     ids=["router", "coordinator", "worker"],
 )
-def test_a_process_says_that_it_is_ready_and_goes_on_until_it_is_stopped(
+def test_a_process_reports_that_it_is_ready_and_runs_until_it_is_stopped(
     systemd: Systemd, start_process: StartProcess, command: list[str], tmp_path: Path
 ) -> None:
     process = start_process([word.replace("{folder}", str(tmp_path)) for word in command])
@@ -81,7 +81,7 @@ def test_a_process_says_that_it_is_ready_and_goes_on_until_it_is_stopped(
     assert systemd.hears(PATIENCE_S) == b"WATCHDOG=1"
 
 
-def test_a_process_that_fails_at_its_start_never_says_that_it_is_ready(
+def test_a_process_that_fails_at_its_start_never_reports_that_it_is_ready(
     systemd: Systemd, start_process: StartProcess
 ) -> None:
     process = start_process(python_module("sensor_bridge", "--set", "bridge.map="))
@@ -89,7 +89,7 @@ def test_a_process_that_fails_at_its_start_never_says_that_it_is_ready(
     assert systemd.hears(0.1) is None
 
 
-def test_a_loop_that_hangs_is_silent_though_a_thread_of_it_lives(
+def test_a_loop_that_hangs_sends_no_sign_of_life_though_a_thread_runs(
     systemd: Systemd, start_process: StartProcess
 ) -> None:
     process = start_process(python_script(HANGING))

@@ -166,7 +166,7 @@ def test_an_operator_may_command(stack: SecureStack) -> None:
     assert (told.returncode, told.stderr) == (0, "")
 
 
-def test_a_certificate_that_is_not_there_is_said_in_one_line(stack: SecureStack) -> None:
+def test_a_missing_certificate_is_reported_in_one_line(stack: SecureStack) -> None:
     tried = stack.typed("nobody", "pose")
     assert tried.returncode == 2
     assert tried.stderr.count("\n") == 1

@@ -79,7 +79,7 @@ def test_a_bridge_asks_for_the_map_and_follows_another(
     assert (step.step, step.map_digest) == (1, digest_of(SECOND))
 
 
-def test_what_is_no_map_is_counted_and_the_one_before_stays(robot: Robot) -> None:
+def test_an_invalid_map_is_counted_and_the_previous_map_stays(robot: Robot) -> None:
     robot.put(keys.MAP_READING, encode(FIRST))
     standing = Standing(robot)
 

@@ -70,7 +70,7 @@ def test_an_update_makes_one_step_of_a_robot_that_stands(
     assert [step.step for step in robot.steps()] == [0, 1]
 
 
-def test_an_update_that_is_asked_twice_makes_one_step(
+def test_an_update_requested_twice_makes_one_step(
     start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     robot, session = start_bridge(), open_client()

@@ -136,7 +136,7 @@ def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedC
         yield demo, f"http://{listen}/"
 
 
-def test_a_demo_with_a_page_says_its_link_and_waits_for_the_first_browser(
+def test_a_demo_with_a_page_prints_its_link_and_waits_for_the_first_browser(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
@@ -218,7 +218,7 @@ def test_a_demo_that_is_killed_takes_its_processes_with_it(
 
 
 @pytest.mark.parametrize("killed", ["worker", "live_view"])
-def test_a_demo_whose_process_is_killed_ends_and_says_which(
+def test_a_demo_whose_process_is_killed_ends_and_names_the_process(
     viewed: tuple[TypedCommand, str], killed: str
 ) -> None:
     demo, link = viewed

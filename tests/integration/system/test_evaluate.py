@@ -38,7 +38,7 @@ def without_time(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{name: value for name, value in run.items() if name not in TIMES} for run in runs]
 
 
-def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
+def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
     environment: dict[str, str],
 ) -> None:
     words = [*ROBOT, "--steps", "20", "--seeds", "3", "--set", "seed=7"]
@@ -67,7 +67,7 @@ def test_a_mirrored_robot_is_at_no_known_place(environment: dict[str, str]) -> N
     assert 0.0 <= run["off_map_probability_mean"] <= 1.0
 
 
-def test_of_a_simulated_robot_every_start_has_a_seed_of_its_own(
+def test_every_start_of_a_simulated_robot_has_a_different_seed(
     environment: dict[str, str],
 ) -> None:
     words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
@@ -98,7 +98,7 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         evaluation.assert_nothing_runs()
 
 
-def test_the_name_of_a_world_is_printed_as_it_is(
+def test_the_name_of_a_world_is_printed_unchanged(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""

@@ -52,7 +52,7 @@ def scraped(settings: Settings) -> Iterator[Sample]:
         yield from family.samples
 
 
-def test_every_process_says_how_it_is(system: Settings) -> None:
+def test_the_status_has_the_health_of_every_process(system: Settings) -> None:
     with Client(system) as client:
         processes = {process.sender: process for process in client.status().processes}
     for process in processes.values():
@@ -75,7 +75,7 @@ def test_the_status_is_for_people_and_for_programs(system: Settings) -> None:
     assert {process["name"] for process in status["processes"]} == PROCESSES
 
 
-def test_prometheus_scrapes_what_the_status_says(system: Settings) -> None:
+def test_prometheus_scrapes_the_figures_of_the_status(system: Settings) -> None:
     values = {
         (sample.name, sample.labels.get("process")): sample.value for sample in scraped(system)
     }

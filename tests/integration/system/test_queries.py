@@ -50,7 +50,7 @@ def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_the_pose_is_near_the_truth_and_says_how_old_it_is(system: Settings) -> None:
+def test_the_pose_is_near_the_truth_and_has_an_age(system: Settings) -> None:
     answer = json.loads(typed(system, "pose", "--json").stdout)
     assert answer["step"] == 29
     assert answer["workers"] == 4

@@ -39,7 +39,7 @@ def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> N
     assert steps_in(file) == 25
 
 
-def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None:
+def test_a_running_system_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     with system() as tested:
         tested.wait_for_steps(3)

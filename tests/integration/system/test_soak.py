@@ -57,7 +57,7 @@ def test_half_a_minute_of_chaos_breaks_no_promise_that_a_busy_machine_can_keep(
     assert list(Path(short_folder).iterdir()) == []
 
 
-def test_ctrl_c_ends_it_with_what_was_seen_so_far(short_folder: str, tmp_path: Path) -> None:
+def test_ctrl_c_ends_a_soak_with_the_results_so_far(short_folder: str, tmp_path: Path) -> None:
     words = ["--minutes", "5", "--world", "hall", "--workers", "2"]
     words += ["--set", "belief.max_clusters=2"]
     environment = {**os.environ, "TMPDIR": short_folder}

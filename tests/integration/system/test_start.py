@@ -35,7 +35,7 @@ def heavy_libraries(process: psutil.Process) -> set[str]:
     return {name for name in HEAVY if any(name in parts for parts in files)}
 
 
-def test_they_do_without_them_while_they_work_too(
+def test_running_processes_without_mathematics_map_neither_numba_nor_scipy(
     zenoh_settings: ZenohSettings, short_folder: str, tmp_path: Path
 ) -> None:
     words = [

@@ -50,7 +50,7 @@ def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
     wait_until(lambda: pid_of(up, module) not in (0, killed))
 
 
-def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
+def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     up: TypedCommand, settings: Settings, tmp_path: Path
 ) -> None:
     recording = tmp_path / "clustermcl" / "flight-recorder" / "robot"
@@ -69,7 +69,7 @@ def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
     assert len(series) == 2, "of both coordinators, without being asked"
 
 
-def test_a_second_one_at_the_same_place_is_refused(
+def test_a_second_system_at_the_same_router_address_is_refused(
     up: TypedCommand, settings: Settings, tmp_path: Path
 ) -> None:
     up.wait_for("router listens")

@@ -108,7 +108,7 @@ def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenC
     assert sum(node.causes.total.values()) == 1
 
 
-def test_a_replaced_session_declares_everything_and_forgets_the_end_of_the_one_before(
+def test_a_new_session_declares_everything_and_reports_no_lost_link(
     node: Node, open_client: OpenClient
 ) -> None:
     links = list[bool]()

@@ -63,7 +63,7 @@ def test_two_clients_receive_each_others_messages_and_those_of_another_robot_do_
     assert sorted(heard) == [("a", "to a"), ("b", "to b")]
 
 
-def test_without_router_a_command_says_so_when_its_time_is_up(
+def test_a_command_without_a_router_reports_this_after_its_time_out(
     zenoh_settings: ZenohSettings,
 ) -> None:
     started_s = time.monotonic()
@@ -199,7 +199,7 @@ def test_a_child_started_later_does_not_have_our_count_of_threads(
 
 @pytest.mark.usefixtures("router")
 @pytest.mark.parametrize("deaf_first", [True, False])
-def test_one_that_serves_and_never_answers_keeps_no_answer_of_another_back(
+def test_a_process_that_never_answers_delays_no_answer_of_another(
     open_client: OpenClient, deaf_first: bool
 ) -> None:
     answers, unread = Inbox[Event]({}), Inbox[Event]({})
