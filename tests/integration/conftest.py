@@ -1,4 +1,4 @@
-"""Real Zenoh over a Unix socket in a folder of the test's own: no ports, no strangers."""
+"""Fixtures of real Zenoh sessions over a Unix socket in a folder of each test."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence

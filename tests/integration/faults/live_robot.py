@@ -88,7 +88,7 @@ class Robot:
                     self._laser.put(stamped)
 
     def error(self, answer: PoseAnswer) -> np.ndarray:
-        """(3,) how far an answer is off: x, y [m], heading [rad]."""
+        """Return the (3,) error of an answer: x, y [m], heading [rad]."""
         assert answer.map_from_robot is not None
         nearest = min(list(self._truth), key=lambda stamp_ns: abs(stamp_ns - answer.stamp_ns))
         off = np.subtract(answer.map_from_robot, self._truth[nearest])
@@ -106,7 +106,7 @@ class Robot:
 def with_live_robot(
     settings: Settings = SMALL, *, rate_hz: float = 20.0
 ) -> Iterator[tuple[System, RunningProcess]]:
-    """The system, and the robot, which drives on whatever happens to the system."""
+    """Start the system and a separate robot that drives regardless of the system's state."""
     with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
         map_file = write_map(world(WORLD).map, Path(folder), "map")
         bridge = BridgeSettings(map=str(map_file), source="zenoh")

@@ -69,7 +69,7 @@ class System:
 
     @property
     def client(self) -> Client:
-        """A client of its own, for one ``with``."""
+        """A new client, for one ``with`` block."""
         return Client(patient_client(self.settings))
 
     @property
@@ -123,7 +123,7 @@ class System:
         return self.started[-1]
 
     def hurt(self, name: str, number: int = signal.SIGKILL) -> None:
-        """Send a signal to a process of the stack; who dies is started again by `mend`."""
+        """Send a signal to a process of the stack; `mend` restarts a process that it ended."""
         os.kill(self.pid(name), number)
 
     def mend(self) -> None:

@@ -1,4 +1,4 @@
-"""docs/failures.md: a checkpoint that cannot be is left out, and the belief is kept."""
+"""docs/failures.md: an impossible checkpoint is ignored, and the belief is kept."""
 
 import msgspec
 from msgspec.structs import replace

@@ -1,4 +1,4 @@
-"""A link that is open again and carries nothing: Zenoh did not repeat its declarations.
+"""A link that was restored and carries nothing: Zenoh did not repeat its declarations.
 
 Here processes reconnect to an empty router while the others are at another one.
 """
@@ -35,7 +35,7 @@ LOOK_S = 2.0
 
 
 class Detour:
-    """What processes take for their router; it can be led to another one, which breaks links."""
+    """A relay in place of the router; it can lead new links to another router."""
 
     def __init__(self, folder: Path, start_process: StartProcess) -> None:
         self._folder, self._start_process = folder, start_process
@@ -43,13 +43,13 @@ class Detour:
         self._process: RunningProcess | None = None
 
     def leads_to(self, router: str) -> None:
-        """Later links go there; those that are there stay."""
+        """Lead later links to this router; open links stay where they are."""
         link, made = self._folder / "to.sock", self._folder / "made"
         made.symlink_to(self._folder / f"{router}.sock")
         made.replace(link)
 
     def start(self) -> None:
-        """Break all links, if there are any, and carry new ones."""
+        """Break all open links, and relay new ones."""
         if self._process is not None:
             self._process.kill()
         far, control = self._folder / "far.sock", self._folder / "control.sock"

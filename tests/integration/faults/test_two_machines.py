@@ -42,7 +42,7 @@ class TwoMachines(NamedTuple):
         return last.term > after_term and last.step >= after_step + 5
 
     def answers(self, seconds: float) -> list[PoseAnswer]:
-        """What the robot's own machine says all along."""
+        """Query the pose from the robot's own machine for this time [s]."""
         answers, until_s = [], time.monotonic() + seconds
         with self.system.client as client:
             while time.monotonic() < until_s:

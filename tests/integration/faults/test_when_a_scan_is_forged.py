@@ -20,7 +20,7 @@ BURST = 4
 
 
 def newest_scan(tested: System) -> Scan:
-    """Of the honest bridge."""
+    """Return the next scan of the real bridge."""
     heard: list[Scan] = []
     subscriber = tested.session.declare_subscriber(
         keys.SCAN, lambda sample: heard.append(decode(sample.payload.to_bytes(), Scan))
@@ -31,7 +31,7 @@ def newest_scan(tested: System) -> Scan:
 
 
 def forge(tested: System, first_step: int, count: int) -> None:
-    """Publish scans of such steps, each later than all before."""
+    """Publish `count` scans from `first_step` on, with increasing stamps."""
     scan = newest_scan(tested)
     for n in range(count):
         forged = replace(scan, step=first_step + n, stamp_ns=scan.stamp_ns + n * 1_000_000)

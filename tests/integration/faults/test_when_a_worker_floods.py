@@ -1,4 +1,4 @@
-"""docs/security.md: what one worker reports fills no coordinator's memory."""
+"""docs/security.md: reports of one worker do not fill the coordinator's memory."""
 
 import numpy as np
 import psutil
@@ -41,7 +41,7 @@ class Flooder:
 
 
 def resident_mb(tested: System) -> float:
-    """Of the coordinator's process."""
+    """Return the resident memory of the coordinator's process [MB]."""
     return float(psutil.Process(tested.pid(COORDINATOR)).memory_info().rss) / 1e6
 
 

@@ -17,7 +17,7 @@ SEARCHES = 2
 COORDINATOR = CoordinatorSettings(step_deadline_s=1.0, stale_after_s=5.0)
 FEW_SHARDS = replace(IMPATIENT, coordinator=COORDINATOR)
 MANY_SHARDS = replace(FEW_SHARDS, search=replace(FEW_SHARDS.search, shards=8))
-"""So that each of five workers gets one."""
+"""Eight shards, so that each of five workers gets at least one."""
 NAMES = [f"aa-liar-{n}" for n in range(60)]
 """Before the honest ones by name."""
 ASKED = 30

@@ -20,7 +20,7 @@ from zenoh_link.session import open_session
 LISTENERS = Path(__file__).parent / "programs" / "listeners.py"
 LINKS = 12
 CLOSING_S = 12.0
-"""The lease of a dead link, and as long as its close may wait."""
+"""The lease of a dead link (2 s) plus the time that its close may block (10 s) [s]."""
 
 
 @pytest.fixture

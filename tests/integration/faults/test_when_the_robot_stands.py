@@ -109,7 +109,7 @@ def test_a_standing_robot_gets_its_possible_places() -> None:
 
 
 def test_a_pose_off_the_map_is_refused_and_a_wrong_one_is_never_localized() -> None:
-    """What a person gives while the robot stands counts when a scan has confirmed it."""
+    """A pose given to a standing robot counts after a scan has confirmed it."""
     drawn = world("cross_feature").map
     bridge = BridgeSettings(map="zenoh", source="zenoh")
     with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
@@ -127,7 +127,7 @@ def test_a_pose_off_the_map_is_refused_and_a_wrong_one_is_never_localized() -> N
             client.set_pose((x, y, heading + math.pi / 2), heading_sigma_rad=0.1)
 
             def after() -> list[Belief]:
-                """Beliefs from the first that holds the given pose on."""
+                """Return the beliefs from the first one with the given pose on."""
                 return list(dropwhile(lambda b: b.state != "searching", tested.since(before)))
 
             wait_until(lambda: len(after()) > 10)

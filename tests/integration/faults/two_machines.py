@@ -52,7 +52,7 @@ class Cable:
 
 @contextmanager
 def second_machine() -> Iterator[Cable]:
-    """Lay the cable; the test is left out where that is not permitted, with the kernel's words."""
+    """Lay the cable; skip the test, with the kernel's message, if that is not permitted."""
     name = f"mcl{os.getpid()}"
     subnet = f"10.215.{os.getpid() % 250}"
     cable = Cable(f"{subnet}.1", f"{subnet}.2", f"{name}a", name)
@@ -75,7 +75,7 @@ def second_machine() -> Iterator[Cable]:
 
 
 def ran(*command: str) -> str:
-    """What a command says.
+    """Run a command; return its output.
 
     Raises:
         CalledProcessError: it failed.

@@ -1,4 +1,4 @@
-"""Who gets a link to the router at all."""
+"""Which certificates the router admits to a link."""
 
 import shutil
 from collections.abc import Callable

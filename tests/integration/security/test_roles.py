@@ -116,7 +116,7 @@ def serving(session: zenoh.Session, key: str) -> Iterator[None]:
 
 
 def answers(session: zenoh.Session, key: str) -> set[str]:
-    """Who answers on the key."""
+    """Return the ids of the sessions that answer on the key."""
     everybody, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
     replies = session.get(key, timeout=PATIENCE_S, target=everybody, consolidation=each_answer)
     return {reply.ok.payload.to_string() for reply in replies if reply.ok is not None}
