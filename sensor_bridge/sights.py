@@ -12,12 +12,14 @@ from particle_filter.observations import Observation as Placed
 from particle_filter.poses import between, compose
 from particle_filter.trajectory import MAX_LATE_NS, Trajectory
 from protocol.message import PoseTuple
+from protocol.reading_checks import observation_problem
 from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation, Seen
 from sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
 
 UNKNOWN_LANDMARK = "unknown_landmark"
 OBSERVATION_AHEAD = "observation_from_the_future"
 TOO_MANY_OBSERVATIONS = "too_many_observations"
+TOO_FAR = "observation_too_far_back"
 MAX_WAITING = 64
 """Observations that wait for odometry."""
 VIEW_M = 0.5
@@ -87,7 +89,7 @@ class Sights:
         after, placed = np.array(odom_from_robot), self._placed
         self._placed = []
         moved = [seen.moved(between(before, after)) for seen, before in placed]
-        return tuple(
+        found = [
             Seen(
                 landmark=seen.landmark,
                 mean=tuple(seen.mean.tolist()),
@@ -96,7 +98,12 @@ class Sights:
                 share=seen.share,
             )
             for seen in moved
-        )
+        ]
+        # A step with an impossible observation would be refused by every worker.
+        usable = [seen for seen in found if observation_problem(seen) is None]
+        if len(usable) < len(found):
+            self._dropped[TOO_FAR] += len(found) - len(usable)
+        return tuple(usable)
 
     def landmarks_of(self, seen: Sequence[Seen]) -> tuple[Landmark, ...]:
         """Return the map's landmarks if one of them was seen."""

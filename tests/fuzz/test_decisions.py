@@ -22,7 +22,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode, refusal_of
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading, Reading, Scan
+from protocol.steps import Landmark, LaserReading, Observation, OdometryReading, Reading, Scan
 from protocol.work import (
     Assignment,
     ElsewhereReport,
@@ -67,12 +67,37 @@ ODOMETRY = st.builds(
     odom_from_robot=NEAR_POSE | ANY_POSE,
 )  # fmt: skip
 
+VARIANCES = st.floats(1e-8, 1e16) | st.floats(0.01, 1.0)
+
+
+@st.composite
+def observations(draw: st.DrawFn) -> Observation:
+    """Valid observations of any size."""
+    landmark, stamp_ns = draw(st.sampled_from(["", "tag", "none"])), draw(st.integers(0, 10**10))
+    size = 2 if landmark else draw(st.integers(2, 3))
+    covariance = np.diag(draw(st.lists(VARIANCES, min_size=size, max_size=size)))
+    seen = Observation(
+        sender="eye", stamp_ns=stamp_ns, landmark=landmark, mean=draw(ANY_POSE)[:size],
+        covariance=tuple(covariance.ravel().tolist()),
+    )  # fmt: skip
+    usual = msgspec.structs.replace(seen, mean=(1.0,) * size)
+    usual = msgspec.structs.replace(usual, covariance=tuple(np.eye(size).ravel().tolist()))
+    return usual if refusal_of(seen) else seen
+
 
 @cases(0.06)
-@given(st.lists(LASERS | ODOMETRY, max_size=12))
-def test_the_bridge_makes_valid_steps_of_any_readings(readings: list[Reading]) -> None:
-    maker = StepMaker(BridgeSettings(), "map", "bridge")
-    made = [maker.on_reading(reading) for reading in readings]
+@given(st.lists(LASERS | ODOMETRY | observations(), max_size=12))
+def test_the_bridge_makes_valid_steps_of_any_readings(
+    readings: list[Reading | Observation],
+) -> None:
+    tag = Landmark(name="tag", x=1.0, y=2.0, sigma=0.1)
+    maker = StepMaker(BridgeSettings(), "map", "bridge", landmarks=(tag,))
+    made = []
+    for reading in readings:
+        if isinstance(reading, Observation):
+            maker.observe(reading)
+        else:
+            made.append(maker.on_reading(reading))
     made += [maker.finish() for _ in range(len(readings) + 1)]
     steps = [step for step in made if step is not None]
     assert [step.step for step in steps] == list(range(len(steps)))

@@ -10,6 +10,7 @@ from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation
 from sensor_bridge.sights import (
     MAX_WAITING,
     OBSERVATION_AHEAD,
+    TOO_FAR,
     TOO_MANY_OBSERVATIONS,
     UNKNOWN_LANDMARK,
     Sights,
@@ -107,3 +108,14 @@ def test_an_impossible_observation_is_refused(change: dict[str, object], words: 
     fields |= {"covariance": EVEN, **change}
     with pytest.raises(MalformedMessageError, match=words):
         decode(encode(Observation(**fields)), Observation)  # type: ignore[arg-type]
+
+
+def test_what_a_motion_moves_out_of_range_does_not_spoil_the_step() -> None:
+    dropped = Counter[str]()
+    sights = Sights(TAGS, dropped)
+    sights.see(seen(0.0, x=1e8 - 0.5))
+    sights.see(seen(0.0))
+    driven(sights, 1, speed=-1.0)
+    (kept,) = sights.take((-1.0, 0.0, 0.0))
+    assert kept.mean == pytest.approx((3.0, 0.0))
+    assert dropped == {TOO_FAR: 1}
