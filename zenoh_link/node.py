@@ -25,7 +25,6 @@ from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import (
-    TIMED_OUT,
     Asked,
     Link,
     Publisher,
@@ -261,8 +260,7 @@ class Node:
             if time.monotonic() < until_s:
                 self._unanswered.append(query)
             else:
-                from_peer = problem not in ("", TIMED_OUT)
-                self.inbox.put_own(Call(partial(on_failure, problem), from_peer=from_peer))
+                self.inbox.put_own(Call(partial(on_failure, problem), from_peer=problem != ""))
 
         query()
 

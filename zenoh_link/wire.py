@@ -25,7 +25,7 @@ M = TypeVar("M")
 
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
 """Consolidation of replies; with the default, the first waits until all queryables replied."""
-TIMED_OUT = "Timeout"
+_TIMED_OUT = "Timeout"
 """Error reply that this process's own session adds to a query without an answer."""
 
 
@@ -224,8 +224,8 @@ def ask(
     """Query `key` and return the first answer.
 
     Raises:
-        RefusedError: only error replies came within `timeout_s`.
-        UnreachableError: no reply came within `timeout_s`.
+        RefusedError: only error replies of other processes came within `timeout_s`.
+        UnreachableError: no reply of another process came within `timeout_s`.
         MalformedMessageError: the answer cannot be decoded as `answer`.
     """
     payload = encode(message) if message is not None else None
@@ -234,9 +234,8 @@ def ask(
     for reply in session.get(key, payload=payload, consolidation=AS_THEY_COME, timeout=timeout_s):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), answer)
-        if reply.err is not None:
-            said = reply.err.payload.to_bytes().decode(errors="replace")
-            error, problem = RefusedError, f"no answer on {key!r}: {said}"
+        if refusal := _refusal(reply):
+            error, problem = RefusedError, f"no answer on {key!r}: {refusal}"
     raise error(who=key, problem=problem, waited_s=timeout_s)
 
 
@@ -255,7 +254,7 @@ def ask_later(
         session: the process's session.
         selector: key or selector to query.
         on_answer: takes the first answer, not decoded.
-        on_failure: takes the text of the last error reply; empty: no reply came.
+        on_failure: takes the text of the last error reply; empty: the query timed out.
         timeout_s: time-out of the query [s].
         message: payload of the query.
     """
@@ -263,8 +262,7 @@ def ask_later(
 
     def on_reply(reply: zenoh.Reply) -> None:
         nonlocal answered, refused
-        if reply.err is not None:
-            refused = reply.err.payload.to_bytes().decode(errors="replace")
+        refused = _refusal(reply) or refused
         if reply.ok is not None and not answered:
             answered = True
             on_answer(Received(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
@@ -276,3 +274,9 @@ def ask_later(
         consolidation=AS_THEY_COME,
         timeout=timeout_s,
     )
+
+
+def _refusal(reply: zenoh.Reply) -> str:
+    """Return the text of an error reply of another process; empty: it is not one."""
+    text = "" if reply.err is None else reply.err.payload.to_bytes().decode(errors="replace")
+    return "" if text == _TIMED_OUT else text

@@ -12,7 +12,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
-from protocol.steps import OdometryReading, Scan
+from protocol.steps import Observation, OdometryReading, Scan
 from protocol.work import Report, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
@@ -39,6 +39,27 @@ def test_a_message_is_a_plain_map_with_a_versioned_schema_field() -> None:
         "stamp_ns": 1,
         "odom_from_robot": [1.0, 2.0, 3.0],
     }
+
+
+def test_an_observation_on_the_wire_has_these_fields() -> None:
+    observation = Observation(
+        sender="camera",
+        stamp_ns=1,
+        landmark="tag 7",
+        mean=(2.0, -0.5),
+        covariance=(0.25, 0.0, 0.0, 0.25),
+    )
+    plain = {
+        "schema": "observation/1",
+        "sender": "camera",
+        "stamp_ns": 1,
+        "landmark": "tag 7",
+        "mean": [2.0, -0.5],
+        "covariance": [0.25, 0.0, 0.0, 0.25],
+    }
+    defaults = {"outlier_probability": 0.05, "correlation_s": 30.0}
+    assert msgpack.unpackb(encode(observation)) == plain | defaults
+    assert decode(msgpack.packb(plain), Observation) == observation
 
 
 def test_an_unknown_field_of_a_later_release_is_ignored() -> None:
