@@ -83,7 +83,7 @@ def test_every_block_says_how_it_is_run_or_why_not(block: Block) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The files that the pages name: a map, a recording made in it, and where the robot was."""
+    """Return a folder with the files that the pages name: map, recording, true poses, landmarks."""
     folder = tmp_path_factory.mktemp("pages")
     hall = world("hall")
     write_map(hall.map, folder, "map")
@@ -100,6 +100,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         truth.append(f"{stamp_s:.3f} {x:.4f} {y:.4f} 0 0 0 {turn}")
     (folder / "robot.log").write_text("\n".join(log) + "\n")
     (folder / "truth.tum").write_text("\n".join(truth) + "\n")
+    tags = (REPOSITORY / "docs/tutorials/tags.md").read_text()
+    (folder / "landmarks.yaml").write_text(tags.split("```yaml\n")[1].split("```")[0])
     return folder
 
 
