@@ -1,5 +1,6 @@
 """The tutorial about certificates, line by line as it is printed; only the port is another."""
 
+import json
 import re
 import shlex
 import shutil
@@ -8,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -51,31 +53,67 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def system(folder: Path) -> Iterator[Path]:
-    """The folder, with all processes running in it."""
+class System:
+    """All processes of the page, in the folder of the certificates; ended with the stack."""
+
+    def __init__(self, folder: Path, ended: ExitStack) -> None:
+        self._folder, self._ended, self._started = folder, ended, 0
+        *_, self.coordinator = [self.start(line) for line in START.splitlines()]
+
+    def start(self, line: str) -> RunningProcess:
+        """Start a process; a coordinator keeps no state on disk, that others could read there."""
+        small = [] if "router" in line else [*SMALL_FILTER, "--set", "coordinator.state_folder=off"]
+        command, self._started = [*argv(line), *small], self._started + 1
+        process = RunningProcess(command, self._folder, str(self._started), cwd=self._folder)
+        self._ended.callback(process.kill)
+        return process
+
+    def typed(self, line: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            argv(line), cwd=self._folder, capture_output=True, text=True, timeout=60, check=False
+        )
+
+    def asked(self, line: str) -> dict[str, Any]:
+        """The answer to a query; empty without one."""
+        return dict(json.loads(self.typed(f"{line} --json").stdout or "{}"))
+
+
+@pytest.fixture
+def system(folder: Path) -> Iterator[System]:
     with ExitStack() as ended:
-        for number, line in enumerate(START.splitlines()):
-            small = [] if "router" in line else SMALL_FILTER
-            process = RunningProcess([*argv(line), *small], folder, str(number), cwd=folder)
-            ended.callback(process.kill)
-        yield folder
+        yield System(folder, ended)
 
 
-def typed(folder: Path, line: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        argv(line), cwd=folder, capture_output=True, text=True, timeout=60, check=False
-    )
+def assert_denied(done: subprocess.CompletedProcess[str]) -> None:
+    assert done.returncode == 3
+    assert "does this certificate's role allow it?" in done.stderr
+    assert done.stderr.count("\n") == 1
 
 
 @pytest.mark.timeout(180)
-def test_the_tutorial_holds_as_it_is_typed(system: Path) -> None:
-    look, refused, allowed, nobody = ASK.splitlines()
-    status = look.replace("pose", "status")
-    wait_until(lambda: "worker-1-0" in typed(system, status).stdout, deadline_s=90.0)
-    wait_until(lambda: "with probability" in typed(system, look).stdout, deadline_s=60.0)
-    denied = typed(system, refused)
-    assert denied.returncode == 3
-    assert "does this certificate's role allow it?" in denied.stderr
-    assert typed(system, allowed).returncode == 0
-    assert typed(system, nobody + " --set zenoh.connect_timeout_s=0.5").returncode == 3
+def test_the_tutorial_holds_as_it_is_typed_and_a_standby_takes_over_with_the_belief(
+    system: System,
+) -> None:
+    look, refused, allowed, nobody = (line.partition(" #")[0].strip() for line in ASK.splitlines())
+    status, places = look.replace("pose", "status"), look.replace("pose", "hypotheses")
+    wait_until(lambda: "worker-1-0" in system.asked(status).get("workers", {}))
+    wait_until(lambda: system.asked(places).get("hypotheses"))
+    assert_denied(system.typed(refused))
+    assert_denied(system.typed(refused.replace("relocalize", "set-pose 1 2 0")))
+    assert_denied(system.typed(look.replace("viewer", "worker-1")))
+    assert system.typed(nobody + " --set zenoh.connect_timeout_s=0.5").returncode == 3
+
+    standby = system.start(START.splitlines()[-1] + " --name standby --standby")
+    standby.wait_for("standing by")
+    before = system.asked(status)
+    wait_until(lambda: oldest_steps(system.asked(places)) > 10)
+    system.coordinator.kill()
+    wait_until(lambda: system.asked(status).get("term", 0) > before["term"])
+    wait_until(lambda: system.asked(places).get("hypotheses"))
+    assert oldest_steps(system.asked(places)) > 10, "it continues with the same places"
+    assert system.typed(allowed).returncode == 0
+
+
+def oldest_steps(answer: dict[str, Any]) -> int:
+    """Age of the oldest place [steps]; 0 without any."""
+    return max((place["age_steps"] for place in answer.get("hypotheses", ())), default=0)
