@@ -179,7 +179,7 @@ def test_handing_on_a_step(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     run = Run(None)
     events, orders = run.events(), [SendOrder("w", order())] * 3
     still = Still([*orders, PublishBelief(MESSAGES["belief of 10 clusters"], MESSAGES["pose"])])
-    recorder = FlightRecorder(still, STARTED, Ring(tmp_path, 1, 50_000_000))
+    recorder = FlightRecorder(still, Ring(tmp_path, 1, 50_000_000))
     recorder._begin_file = False  # a stub has no snapshot
     recorder._recording = True
 

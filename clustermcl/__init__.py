@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from protocol.errors import SettingsError as SettingsError
     from protocol.errors import StateFileError as StateFileError
     from protocol.errors import UnreachableError as UnreachableError
-    from recordings.map_file import load_map_with_obstacles as load_map  # noqa: F401 - public
+    from recordings.map_file import load_map_with_obstacles
+
+    load_map = load_map_with_obstacles
 
 _NAMES = {
     "clustermcl.client": ("Client", "NotLocalizedError"),

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grid_maps.grid_map import GridMap
+from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 from tests.fuzz.effort import cases
@@ -47,5 +48,7 @@ def test_a_damaged_cache_is_computed_again(
     file.write_bytes(content)
     model = sensor_model(walled(), SETTINGS, folder)
     np.testing.assert_array_equal(model.jumps, computed.jumps)
+    assert isinstance(model, LikelihoodFieldModel)
+    assert isinstance(computed, LikelihoodFieldModel)
     np.testing.assert_array_equal(model.field.codes, computed.field.codes)
     assert model.field.log_step == computed.field.log_step

@@ -5,6 +5,7 @@ Each is checked against what the simulation itself has seen, not against what th
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from coordinator import events
 from coordinator.checkpoint import arrival, state_in
@@ -143,7 +144,10 @@ class Life:
 
 
 class WatchedState(CoordinatorState, dict=True):
-    """Tells a `Life` what is continued from and what is decided."""
+    """A state that reports to a `Life` what it continues from and decides."""
+
+    if TYPE_CHECKING:
+        life: Life  # not a field of the state: it is not encoded
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
         step = super().resume(checkpoint, now_ns)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from clustermcl.client import Client, CommandRefusedError
+from clustermcl.client import Client
 from clustermcl.stack import COORDINATOR
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
@@ -21,6 +21,7 @@ from protocol import keys
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
+from protocol.errors import CommandRefusedError
 from protocol.steps import LaserReading, MapReading, OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world

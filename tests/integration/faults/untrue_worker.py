@@ -48,7 +48,7 @@ class UntrueWorker:
             assert query.payload is not None
             asked = decode(query.payload.to_bytes(), TakeOver)
             told = WorkerState(
-                sender=self.name, term=asked.term, holds=(), checkpoint=b"",
+                sender=self.name, term=asked.term, holds=(),
                 reports=(),
             )  # fmt: skip
             query.reply(query.key_expr, encode(told))

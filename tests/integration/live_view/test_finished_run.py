@@ -40,12 +40,12 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
         ) as answer:
             cells = zlib.decompress(answer.read())
         assert viewer.end(signal.SIGINT) == 0, viewer.err
-    page = tmp_path / "run.html"
+    saved = tmp_path / "run.html"
     with typed(
-        "view", str(file), "--save", str(page), folder=tmp_path, environment=dict(os.environ)
+        "view", str(file), "--save", str(saved), folder=tmp_path, environment=dict(os.environ)
     ) as saving:
         assert saving.popen.wait(PATIENCE_S) == 0, saving.err
-    assert steps_in(page.read_text()) == list(range(STEPS))
+    assert steps_in(saved.read_text()) == list(range(STEPS))
     assert cells == ground.cells.tobytes()
     assert shown["step"]["step"] == STEPS - 1
     assert not shown["system"]["commands"]

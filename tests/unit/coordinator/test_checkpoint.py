@@ -12,9 +12,8 @@ from coordinator.checkpoint import (
     to_bytes,
 )
 from coordinator.coordinator import Coordinator, Started
-from coordinator.events import ScanArrived, WorkerJoined, WorkerStateArrived
+from coordinator.events import ScanArrived, WorkerJoined, WorkerSnapshot, WorkerStateArrived
 from coordinator.instructions import PublishCheckpoint
-from coordinator.recovery import WorkerSnapshot
 from coordinator.state import CoordinatorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings

@@ -15,6 +15,7 @@ from coordinator.events import (
     TimePassed,
     WorkerJoined,
     WorkerLeft,
+    WorkerSnapshot,
     WorkerStateArrived,
 )
 from coordinator.instructions import (
@@ -27,7 +28,6 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from coordinator.recovery import WorkerSnapshot
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose

@@ -55,6 +55,7 @@ def test_the_settings_of_the_applied_scan_hold_and_a_successor_keeps_them(
     assert tested.coordinator.status(tested._now_ns, {}).settings == LIVE
     tested.coordinator = None
     tested.revive()
+    assert tested.coordinator
     assert goes_by(state_of(tested)) == (0.4, 0.4, 0.5, 0.7)
     assert tested.coordinator.status(tested._now_ns, {}).settings == LIVE
     monkeypatch.undo()

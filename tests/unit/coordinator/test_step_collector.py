@@ -1,7 +1,7 @@
+from coordinator.jobs import HAND_OVER_NS
 from coordinator.step_collector import (
     BULKY_REPORTS,
     FETCH_NS,
-    HAND_OVER_NS,
     KEPT_AHEAD,
     REPORTS_AHEAD,
     StepCollector,

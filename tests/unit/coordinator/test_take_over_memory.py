@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from coordinator.recovery import WorkerSnapshot
+from coordinator.events import WorkerSnapshot
 from particle_filter.sensor_model import SensorModel
 from tests.unit.coordinator.living import Living, symmetric_room
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation import evaluate
 from evaluation.course import Case, SimulatedRobot
 from evaluation.evaluate import EvaluateOptions, Task, run_evaluate, run_task
 from evaluation.in_process import outcomes
+from evaluation.run import ALGORITHMS
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
 from protocol.answers import Hypothesis
@@ -44,7 +44,7 @@ class Recorded:
                 self.outcomes.append(outcome)
                 yield scan, outcome
 
-        monkeypatch.setitem(evaluate.ALGORITHMS, "cluster-mcl", overheard)
+        monkeypatch.setitem(ALGORITHMS, "cluster-mcl", overheard)
         options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
         case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
         run_task(Task(options=options, case=case, seed=3, settings=SMALL))

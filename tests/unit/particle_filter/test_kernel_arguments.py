@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -60,4 +60,4 @@ def test_cells_of_any_layout_are_for_one_kernel() -> None:
     cells = plain_room()
     for same in (np.asfortranarray(cells), cells.repeat(2, axis=0)[::2]):
         np.testing.assert_array_equal(ray_casting.jump_field(same), JUMPS)
-    assert len(ray_casting._squares.signatures) == 1
+    assert len(cast(Any, ray_casting._squares).signatures) == 1

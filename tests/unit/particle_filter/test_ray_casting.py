@@ -123,6 +123,6 @@ def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) ->
 def test_a_direction_of_minus_zero_is_along_an_axis() -> None:
     cells = np.ones((5, 7), np.int8)
     cells[1:-1, 1:-1] = 0
-    rays = np.array([[1.0, -0.0], [-1.0, -0.0], [-0.0, 1.0], [-0.0, -1.0]])
-    lengths = [cast_ray(flat(jump_field(cells)), 2.5, 2.5, *ray, 9.0) for ray in rays]
+    rays = ((1.0, -0.0), (-1.0, -0.0), (-0.0, 1.0), (-0.0, -1.0))
+    lengths = [cast_ray(flat(jump_field(cells)), 2.5, 2.5, dx, dy, 9.0) for dx, dy in rays]
     assert lengths == [3.5, 1.5, 1.5, 1.5]

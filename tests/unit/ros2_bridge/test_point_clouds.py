@@ -82,7 +82,7 @@ def naive(points: NDArray[np.float64], mount: Rigid, settings: Ros2Settings) -> 
     for point in points:
         if not np.isfinite(point).all():
             continue
-        place = mount.of(Rigid(*point, 0.0, 0.0, 0.0, 1.0))
+        place = mount.of(Rigid(point[0], point[1], point[2], 0.0, 0.0, 0.0, 1.0))
         x, y = place.x - mount.x, place.y - mount.y
         if not settings.min_height_m <= place.z <= settings.max_height_m:
             continue
@@ -134,7 +134,7 @@ def test_the_slice_equals_one_computed_point_by_point(
 def on_an_edge(points: NDArray[np.float64], mount: Rigid) -> int:
     count = 0
     for point in points[np.isfinite(points).all(axis=1)]:
-        place = mount.of(Rigid(*point, 0.0, 0.0, 0.0, 1.0))
+        place = mount.of(Rigid(point[0], point[1], point[2], 0.0, 0.0, 0.0, 1.0))
         beam = (math.atan2(place.y - mount.y, place.x - mount.x) + math.pi) / STEP_RAD
         heights = (SETTINGS.min_height_m, SETTINGS.max_height_m)
         count += abs(beam - round(beam)) < 1e-6 or min(abs(place.z - h) for h in heights) < 1e-5

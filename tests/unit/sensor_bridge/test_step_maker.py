@@ -11,9 +11,9 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, Scan
+from protocol.steps import LaserReading, Reading, Scan
 from sensor_bridge.stages import MAX_WAITING_SCANS, RESTART_AFTER
-from sensor_bridge.step_maker import MotionGate, Reading, StepMaker, steps_from
+from sensor_bridge.step_maker import MotionGate, StepMaker, steps_from
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 

@@ -9,12 +9,19 @@ import numpy as np
 import pytest
 
 from grid_maps.grid_map import GridMap
-from particle_filter.sensor_model import LaserScan, MapArrays
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.sensor_model import LaserScan, MapArrays, SensorModel
 from particle_filter.settings import SensorSettings
 from worker import map_model
 from worker.map_model import sensor_model
 
 SETTINGS = SensorSettings()
+
+
+def field_of(model: SensorModel) -> LikelihoodField:
+    assert isinstance(model, LikelihoodFieldModel)
+    return model.field
 
 
 def grid_map(*, box: bool = True) -> GridMap:
@@ -30,14 +37,14 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
     for _ in range(2):  # the first call writes, the second only reads
         cached = sensor_model(grid_map(), SETTINGS, tmp_path)
         for ours, theirs in (
-            (cached.field.codes, computed.field.codes),
-            (cached.field.grid.cells, computed.field.grid.cells),
+            (field_of(cached).codes, field_of(computed).codes),
+            (field_of(cached).grid.cells, field_of(computed).grid.cells),
             (cached.jumps, computed.jumps),
         ):
             np.testing.assert_array_equal(ours, theirs)
             assert ours.dtype == theirs.dtype
-        assert cached.field.log_floor == computed.field.log_floor
-        assert cached.field.log_step == computed.field.log_step
+        assert field_of(cached).log_floor == field_of(computed).log_floor
+        assert field_of(cached).log_step == field_of(computed).log_step
 
 
 def test_the_most_recently_used_cache_entries_are_kept(tmp_path: Path) -> None:
@@ -90,7 +97,7 @@ def test_cached_arrays_of_another_map_are_computed_again(
 
 
 def test_the_arrays_are_mapped_from_one_file(tmp_path: Path) -> None:
-    array: object = sensor_model(grid_map(), SETTINGS, tmp_path).field.codes
+    array: object = field_of(sensor_model(grid_map(), SETTINGS, tmp_path)).codes
     while isinstance(array, np.ndarray) and not isinstance(array, np.memmap):
         array = array.base
     assert isinstance(array, np.memmap), "a view of a view of it, never a copy"
@@ -107,7 +114,7 @@ def test_another_map_or_other_settings_are_another_entry(tmp_path: Path) -> None
 def test_a_broken_cache_entry_is_reported_and_computed_again(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    expected = sensor_model(grid_map(), SETTINGS, None).field.codes
+    expected = field_of(sensor_model(grid_map(), SETTINGS, None)).codes
     sensor_model(grid_map(), SETTINGS, tmp_path)
     (entry,) = tmp_path.glob("field-*")
     codes = entry / "codes.npy"
@@ -122,11 +129,11 @@ def test_a_broken_cache_entry_is_reported_and_computed_again(
             np.save(codes, np.zeros((3, 3), np.uint16))
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(
-            sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, expected
+            field_of(sensor_model(grid_map(), SETTINGS, tmp_path)).codes, expected
         )
     assert "cannot be used" in caplog.text
     np.testing.assert_array_equal(
-        sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, expected
+        field_of(sensor_model(grid_map(), SETTINGS, tmp_path)).codes, expected
     )
     assert len(list(tmp_path.glob("field-*"))) == 1
 
@@ -173,7 +180,7 @@ def test_a_folder_that_cannot_be_written_costs_only_a_warning(
     with caplog.at_level(logging.WARNING):
         model = sensor_model(grid_map(), SETTINGS, in_the_way)
     assert "cannot be used" in caplog.text
-    assert model.field.codes.shape == (32, 42)
+    assert field_of(model).codes.shape == (32, 42)
 
 
 def test_of_many_processes_one_computes_and_the_others_read(
@@ -191,7 +198,7 @@ def test_of_many_processes_one_computes_and_the_others_read(
         models = list(threads.map(lambda _: sensor_model(grid_map(), SETTINGS, tmp_path), range(4)))
     assert len(computed) == 1
     for model in models:
-        np.testing.assert_array_equal(model.field.codes, models[0].field.codes)
+        np.testing.assert_array_equal(field_of(model).codes, field_of(models[0]).codes)
 
 
 def test_a_full_disk_leaves_nothing_behind(
