@@ -36,12 +36,12 @@ WORLD = "cross"
 
 
 @contextmanager
-def with_bridge(world_name: str) -> Iterator[System]:
+def with_bridge(world_name: str, settings: Settings = SMALL) -> Iterator[System]:
     """The system with a bridge that waits for a robot's readings."""
     with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
         map_file = write_map(world(world_name).map, Path(folder), "map")
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
-        with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested:
+        with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
             yield tested
 
@@ -107,15 +107,11 @@ def with_live_robot(
     settings: Settings = SMALL, *, rate_hz: float = 20.0
 ) -> Iterator[tuple[System, RunningProcess]]:
     """Start the system and a separate robot that drives regardless of the system's state."""
-    with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
-        map_file = write_map(world(WORLD).map, Path(folder), "map")
-        bridge = BridgeSettings(map=str(map_file), source="zenoh")
-        with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
-            words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
-            command = python_module("robot_simulator.driver", *words, "--rate-hz", str(rate_hz))
-            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
-            robot = RunningProcess(command, Path(folder), "robot")
-            try:
-                yield tested, robot
-            finally:
-                robot.kill()
+    with with_bridge(WORLD, settings) as tested:
+        words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
+        command = python_module("robot_simulator.driver", *words, "--rate-hz", str(rate_hz))
+        robot = RunningProcess(command, tested.folder, "robot")
+        try:
+            yield tested, robot
+        finally:
+            robot.kill()

@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -61,107 +61,66 @@ class Detour:
         )
 
 
-@pytest.fixture
-def detour(short_folder: str, start_process: StartProcess) -> Detour:
-    made = Detour(Path(short_folder), start_process)
-    made.leads_to("here")
-    made.start()
-    return made
+TOKENS = {
+    "worker": ("worker/w-0/alive", keys.COORDINATOR_ALIVE),
+    "coordinator": (keys.COORDINATOR_ALIVE, "worker/other/alive"),
+    "sensor_bridge": (keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
+}
+"""Each process, its own token, and that of another process of its robot."""
 
 
-def session_at(short_folder: str, router: str) -> Iterator[zenoh.Session]:
-    settings = ZenohSettings(router=f"unixsock-stream/{short_folder}/{router}.sock")
-    with (
-        open_router(settings),
-        open_session(settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session,
-    ):
-        yield session
+@contextmanager
+def sessions_at(folder: str, router: str) -> Iterator[dict[str, zenoh.Session]]:
+    """Start a router; yield a session of each process's robot, which is named like the process."""
+    settings = ZenohSettings(router=f"unixsock-stream/{folder}/{router}.sock")
+    with open_router(settings), ExitStack() as opened:
+        yield {
+            name: opened.enter_context(
+                open_session(settings, RobotSettings(name=name), StopFlag(), wait_s=PATIENCE_S)
+            )
+            for name in TOKENS
+        }
 
 
-@pytest.fixture
-def here(short_folder: str) -> Iterator[zenoh.Session]:
-    """A session at the router of all others."""
-    yield from session_at(short_folder, "here")
+def are_at(sessions: dict[str, zenoh.Session]) -> list[bool]:
+    return [is_alive(sessions[name], own, LOOK_S) for name, (own, _) in TOKENS.items()]
 
 
-@pytest.fixture
-def nowhere(short_folder: str) -> Iterator[zenoh.Session]:
-    """A session at the empty router."""
-    yield from session_at(short_folder, "nowhere")
-
-
-def comes_back(
-    tokens: list[str],
-    detour: Detour,
-    here: zenoh.Session,
-    nowhere: zenoh.Session,
+def test_processes_that_receive_nothing_next_to_others_open_other_sessions_and_keep_their_state(
+    short_folder: str, start_process: StartProcess, tmp_path: Path
 ) -> None:
-    """Lead the processes with these tokens astray, and wait until they are back.
-
-    Args:
-        tokens: by which is seen where they are.
-        detour: on which they are led.
-        here: where they were, and come back to.
-        nowhere: where they are led.
-    """
-
-    def are_at(session: zenoh.Session) -> bool:
-        return all(is_alive(session, token, LOOK_S) for token in tokens)
-
-    wait_until(lambda: are_at(here))
-    detour.leads_to("nowhere")
-    detour.start()
-    wait_until(lambda: not any(is_alive(here, token, LOOK_S) for token in tokens))
-    wait_until(lambda: are_at(nowhere))
+    detour = Detour(Path(short_folder), start_process)
     detour.leads_to("here")
-    wait_until(lambda: are_at(here))
-
-
-@pytest.mark.parametrize(
-    ("module", "arguments", "token", "other"),
-    [
-        ("worker", ("--name", "w", "--count", "1"), "worker/w-0/alive", keys.COORDINATOR_ALIVE),
-        ("coordinator", (), keys.COORDINATOR_ALIVE, "worker/other/alive"),
-    ],
-)
-def test_a_process_that_receives_nothing_next_to_others_opens_another_session(
-    module: str,
-    arguments: tuple[str, ...],
-    token: str,
-    other: str,
-    detour: Detour,
-    here: zenoh.Session,
-    nowhere: zenoh.Session,
-    start_process: StartProcess,
-) -> None:
-    router = ("--set", f"zenoh.router={detour.settings.router}")
-    process = start_process(python_module(module, *arguments, *router))
-    wait_until(lambda: is_alive(here, token, LOOK_S))
-    with here.liveliness().declare_token(other):
-        comes_back([token], detour, here, nowhere)
-    assert process.is_running()
-    assert STALE in process.err
-
-
-def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
-    detour: Detour,
-    here: zenoh.Session,
-    nowhere: zenoh.Session,
-    start_process: StartProcess,
-    tmp_path: Path,
-) -> None:
-    router = ("--set", f"zenoh.router={detour.settings.router}")
-    arguments = ("--source", "zenoh", "--map", str(write_room(tmp_path)))
-    bridge = start_process(python_module("sensor_bridge", *arguments, *router))
-    wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S))
-    robot = Robot(here)
-    robot.publish(laser_reading(1.0, ORIGIN))
-    wait_until(robot.steps)
-    before = robot.steps()
-    with here.liveliness().declare_token(keys.COORDINATOR_ALIVE):
-        comes_back([keys.BRIDGE_ALIVE], detour, here, nowhere)
-    assert robot.steps() == before
-    assert STALE in bridge.err
+    detour.start()
+    arguments = {
+        "worker": ("--name", "w", "--count", "1"),
+        "coordinator": (),
+        "sensor_bridge": ("--source", "zenoh", "--map", str(write_room(tmp_path))),
+    }
+    processes = []
+    for name, words in arguments.items():
+        settings = (f"zenoh.router={detour.settings.router}", f"robot.name={name}")
+        given = [word for setting in settings for word in ("--set", setting)]
+        processes.append(start_process(python_module(name, *words, *given)))
+    with sessions_at(short_folder, "here") as here, sessions_at(short_folder, "nowhere") as nowhere:
+        wait_until(lambda: all(are_at(here)))
+        robot = Robot(here["sensor_bridge"])
+        robot.publish(laser_reading(1.0, ORIGIN))
+        wait_until(robot.steps)
+        before = robot.steps()
+        with ExitStack() as declared:
+            for name, (_, other) in TOKENS.items():
+                declared.enter_context(here[name].liveliness().declare_token(other))
+            detour.leads_to("nowhere")
+            detour.start()
+            wait_until(lambda: not any(are_at(here)))
+            wait_until(lambda: all(are_at(nowhere)))
+            detour.leads_to("here")
+            wait_until(lambda: all(are_at(here)))
+        assert robot.steps() == before
+    for process in processes:
+        assert process.is_running()
+        assert STALE in process.err
 
 
 @pytest.mark.parametrize("has_leader", [True, False])

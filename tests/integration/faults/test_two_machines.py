@@ -84,10 +84,10 @@ def held(machines: TwoMachines, fault: AbstractContextManager[None], seconds: fl
 
 
 @pytest.mark.parametrize(
-    ("from_here", "from_there"), [(True, True), (True, False), (False, True)],
-    ids=["both ways", "to the far machine", "from the far machine"],
+    ("from_here", "from_there"), [(True, False), (False, True)],
+    ids=["to the far machine", "from the far machine"],
 )  # fmt: skip
-def test_a_cable_that_is_cut_costs_the_robot_no_answer(
+def test_a_cable_that_is_cut_one_way_costs_the_robot_no_answer(
     machines: TwoMachines, from_here: bool, from_there: bool
 ) -> None:
     held(machines, machines.cable.cut(from_here=from_here, from_there=from_there), CUT_S)

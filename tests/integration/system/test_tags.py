@@ -17,7 +17,7 @@ from protocol.answers import Status
 from protocol.codec import encode
 from protocol.steps import Observation, OdometryReading
 from robot_simulator.simulation import Simulation
-from tests.integration.faults.live_robot import BRIDGE
+from tests.integration.faults.live_robot import BRIDGE, PACE
 from tests.integration.faults.system import SMALL, system
 from tests.integration.waiting import wait_until
 from tests.unit.clustermcl.tags import CROSS, SIGMA_M, TAGS, is_right, sight
@@ -42,7 +42,7 @@ def test_a_tag_tells_equal_arms_apart() -> None:
             rng, zero_ns, truth = np.random.default_rng(SEED), time.time_ns(), {}
             for tick in islice(Simulation(CROSS, SEED), 150):
                 for reading in tick.readings:
-                    stamp_ns = zero_ns + reading.stamp_ns
+                    stamp_ns = zero_ns + reading.stamp_ns // PACE
                     time.sleep(max(stamp_ns - time.time_ns(), 0) / 1e9)
                     stamped = msgspec.structs.replace(reading, stamp_ns=stamp_ns)
                     if isinstance(stamped, OdometryReading):

@@ -1,0 +1,252 @@
+"""docs/failures.md: workers die, hang, never report or flood; others continue their clusters.
+
+`test_same_beliefs` shows that a cluster that moves keeps its particles; here are the times.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import psutil
+import pytest
+import zenoh
+from msgspec.structs import replace
+
+from clustermcl.stack import COORDINATOR, WORKERS
+from coordinator.belief.ensemble import ELSEWHERE
+from process_runtime.settings import CoordinatorSettings, WorkerSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.arrays import ArrayBlob
+from protocol.codec import decode, encode
+from protocol.work import (
+    OrderAnswer,
+    Particles,
+    Report,
+    TakeOver,
+    TrackReport,
+    WorkerState,
+    WorkOrder,
+)
+from tests.integration.faults.system import IMPATIENT, SMALL, System, system
+from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
+from zenoh_link.session import open_session
+
+SIX_WORKERS = replace(SMALL, worker=WorkerSettings(count=6))
+"""Four clusters, and a look elsewhere: one stands by."""
+DEADLINE_S = 1.0
+"""Below the lease of a link: afterwards another worker has the job, and no report is missing."""
+LIARS = [f"aa-liar-{n}" for n in range(60)]
+"""Before the honest ones by name."""
+ASKED = 30
+FLOOD = 40
+PARTICLES = 1_000_000
+"""The most that a message can carry: 32 MB."""
+
+
+def jobs_of(tested: System) -> dict[str, tuple[str, ...]]:
+    with tested.client as client:
+        return dict(client.status().workers)
+
+
+def signal_one_that_tracks(tested: System, number: int) -> tuple[str, str, int]:
+    """Send a signal to a worker with a cluster; return its name, its job and its process id."""
+    name, (job, *_) = next(
+        (name, jobs) for name, jobs in jobs_of(tested).items() if set(jobs) - {ELSEWHERE}
+    )
+    pid = tested.worker_pids()[int(name.removeprefix("worker-"))]
+    os.kill(pid, number)
+    return name, job, pid
+
+
+def test_the_cluster_of_a_killed_worker_is_on_a_standby_worker_within_a_second() -> None:
+    with system(SIX_WORKERS) as tested:
+        tested.wait_until_it_tracks()
+        clusters, step, jobs = tested.clusters(), tested.step, jobs_of(tested).values()
+        expected = {f"c{number}" for number in clusters} | {ELSEWHERE}
+        assert {job for one in jobs for job in one} == expected
+        assert set(map(len, jobs)) == {0, 1}, "some stand by"
+        killed_s = time.monotonic()
+        name, job, _ = signal_one_that_tracks(tested, signal.SIGKILL)
+        wait_until(lambda: any(job in jobs for n, jobs in jobs_of(tested).items() if n != name))
+        assert time.monotonic() - killed_s < stretched_s(1.0)
+        wait_until(lambda: len(tested.since(step)) > 10)
+        assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
+        assert tested.clusters() == clusters
+
+
+def test_a_frozen_worker_delays_the_others_by_one_deadline_and_is_replaced() -> None:
+    coordinator = CoordinatorSettings(step_deadline_s=DEADLINE_S)
+    with system(replace(SIX_WORKERS, coordinator=coordinator)) as tested:
+        tested.wait_until_it_tracks()
+        tested.wait_for_steps(10)
+        clusters, usual_s = tested.clusters(), max(tested.gaps_s()[-5:])
+        heard, step = len(tested.gaps_s()), tested.step
+        name, job, pid = signal_one_that_tracks(tested, signal.SIGSTOP)
+        try:
+            wait_until(lambda: any(job in belief.missing for belief in tested.since(step)))
+            wait_until(lambda: len(tested.since(step)) > 12 and tested.tracks())
+            assert max(tested.gaps_s()[heard:]) < usual_s + stretched_s(DEADLINE_S + 0.4)
+            assert {job_id for belief in tested.since(step) for job_id in belief.missing} == {job}
+            assert tested.clusters() == clusters
+            assert jobs_of(tested).get(name, ()) == ()
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        wait_until(lambda: name in jobs_of(tested))
+        assert jobs_of(tested)[name] == (), "it stands by"
+        step = tested.step
+        tested.wait_for_steps(10)
+        assert not any(belief.missing for belief in tested.since(step))
+        assert tested.clusters() == clusters
+
+
+def test_without_workers_status_and_pose_report_this_until_a_worker_appears() -> None:
+    belief = replace(IMPATIENT.belief, transition_probability=0.0)  # evidence alone counts
+    coordinator = CoordinatorSettings(stale_after_s=5.0)
+    with system(replace(IMPATIENT, belief=belief, coordinator=coordinator)) as tested:
+        tested.wait_until_it_tracks()
+        clusters = tested.clusters()
+        tested.hurt(WORKERS, signal.SIGSTOP)  # their parent, so that it starts no others
+        try:
+            for pid in tested.worker_pids():
+                os.kill(pid, signal.SIGKILL)
+            with tested.client as client:
+                wait_until(lambda: client.pose().workers == 0)
+                assert client.status().workers == {}
+                step = tested.step
+                wait_until(lambda: len(tested.since(step)) >= 4)
+                without = tested.since(step)[-2:]
+                assert all(len(belief.missing) == 5 for belief in without), "and elsewhere"
+                first, second = (
+                    {h.cluster: h.probability for h in belief.hypotheses} for belief in without
+                )
+                assert first == pytest.approx(second), "no evidence, no change"
+                pose = client.pose()
+                assert pose.freshness == "dead_reckoning", "odometry alone carries the pose on"
+                assert pose.age_s < pose.scan_age_s
+        finally:
+            tested.hurt(WORKERS, signal.SIGCONT)
+        with tested.client as client:
+            wait_until(lambda: client.pose().workers == 4)
+            step = tested.step
+            wait_until(lambda: len(tested.since(step)) > 5 and tested.tracks())
+        assert tested.clusters() == clusters, "each goes on from its last state"
+
+
+class UntrueWorker:
+    """Answers every order and question, and computes nothing.
+
+    Args:
+        session: what it speaks with.
+        name: its own.
+    """
+
+    def __init__(self, session: zenoh.Session, name: str) -> None:
+        self.name = name
+        self._epochs: dict[str, int] = {}
+        session.declare_queryable(keys.worker_order(name), self._on_order)
+        session.declare_queryable(keys.worker_state(name), self._on_state)
+        self._token = session.liveliness().declare_token(keys.worker_alive(name))
+
+    def _on_order(self, query: zenoh.Query) -> None:
+        with query:
+            assert query.payload is not None
+            order = decode(query.payload.to_bytes(), WorkOrder)
+            self._epochs = dict(order.keep) | {one.job_id: one.epoch for one in order.begin}
+            answer = OrderAnswer(
+                sender=self.name, order=order.order, term=order.term,
+                jobs=tuple((job_id, epoch, -1) for job_id, epoch in self._epochs.items()),
+            )  # fmt: skip
+            query.reply(query.key_expr, encode(answer))
+
+    def _on_state(self, query: zenoh.Query) -> None:
+        with query:
+            assert query.payload is not None
+            asked = decode(query.payload.to_bytes(), TakeOver)
+            told = WorkerState(sender=self.name, term=asked.term, holds=(), reports=())
+            query.reply(query.key_expr, encode(told))
+
+
+@contextmanager
+def untrue_workers(tested: System) -> Iterator[list[UntrueWorker]]:
+    """Add some to the honest ones, and remove them afterwards."""
+    zenoh_settings, robot = tested.settings.zenoh, tested.settings.robot
+    with open_session(zenoh_settings, robot, StopFlag(), wait_s=PATIENCE_S) as session:
+        yield [UntrueWorker(session, name) for name in LIARS]
+
+
+def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reckoning() -> None:
+    coordinator = CoordinatorSettings(step_deadline_s=1.0, stale_after_s=5.0)
+    with system(replace(IMPATIENT, coordinator=coordinator)) as tested, tested.client as client:
+        tested.wait_until_it_tracks()
+        with untrue_workers(tested):
+            wait_until(lambda: client.pose().workers >= len(LIARS))
+            step = tested.step
+            client.relocalize()
+            wait_until(lambda: tested.step > step + 5 and tested.tracks())
+            told = []
+            for _ in range(ASKED):
+                tested.wait_for_steps(1)
+                told.append(client.pose().freshness)
+            assert told.count("fresh") > 0.9 * ASKED
+            assert max(len(belief.missing) for belief in tested.beliefs[-ASKED:]) <= 1
+
+
+class Flooder:
+    """Publishes reports in the name of a worker that tracks a cluster."""
+
+    def __init__(self, tested: System) -> None:
+        self._session = tested.session
+        self._heard: dict[str, TrackReport] = {}
+        tested.session.declare_subscriber(keys.ALL_REPORTS, self._on_report)
+        wait_until(lambda: self._heard)
+        self._key = min(self._heard)
+
+    def _on_report(self, sample: zenoh.Sample) -> None:
+        report: Report = decode(sample.payload.to_bytes(), Report)  # type: ignore[arg-type] # a union
+        if isinstance(report, TrackReport):
+            self._heard[str(sample.key_expr)] = report
+
+    def report(self, step: int, snapshot: Particles | None = None) -> None:
+        """Publish the worker's last report with another step and other particles."""
+        report = replace(self._heard[self._key], step=step, snapshot=snapshot)
+        block = zenoh.CongestionControl.BLOCK
+        self._session.put(self._key, encode(report), congestion_control=block)
+
+
+def resident_mb(tested: System) -> float:
+    """Return the resident memory of the coordinator's process [MB]."""
+    return float(psutil.Process(tested.pid(COORDINATOR)).memory_info().rss) / 1e6
+
+
+def huge_cloud() -> Particles:
+    poses = np.zeros((PARTICLES, 3))
+    return Particles(
+        step=0,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(poses[:, 0], "float64"),
+    )
+
+
+def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept() -> None:
+    with system() as tested, tested.client as client:
+
+        def counter(name: str) -> int:
+            return client.status().counters.get(name, 0)
+
+        tested.wait_until_it_tracks()
+        flooder, before_mb, huge = Flooder(tested), resident_mb(tested), huge_cloud()
+        for n in range(FLOOD):
+            step = (tested.step if n % 2 else 1_000_000) + n
+            flooder.report(step, replace(huge, step=step))
+        for n in range(FLOOD):
+            flooder.report(2_000_000 + n)
+        wait_until(lambda: counter("report far ahead, or too many wait") >= FLOOD)
+        assert counter("snapshot with too many particles") > 0
+        wait_until(lambda: resident_mb(tested) - before_mb < 300.0)
+        step = tested.step
+        wait_until(lambda: tested.step > step + 10 and tested.tracks())
