@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-import numpy as np
 import psutil
 
+from protocol import keys
+from protocol.codec import decode
+from protocol.steps import LaserReading, OdometryReading
 from robot_simulator.driver import KIDNAP_KEY
-from tests.soak import malformed
+from tests.integration.system.rubbish import PUBLISHED, SERVED, bad_readings, no_messages
 from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
 from tests.soak.promises import DoneFault
 from tests.soak.schedule import Fault, Kind
@@ -72,12 +74,10 @@ class Injector:
     Args:
         faults: in the order of time.
         targets: the processes.
-        seed: of the malformed messages.
     """
 
-    def __init__(self, faults: Sequence[Fault], targets: Targets, seed: int) -> None:
+    def __init__(self, faults: Sequence[Fault], targets: Targets) -> None:
         self._waiting, self._targets = list(faults), targets
-        self._rng = np.random.default_rng([seed, 0xBAD])
         self._later: list[tuple[int, Callable[[], object]]] = []
         self._cut_off: set[int] = set()
         self._stopped: set[psutil.Process] = set()
@@ -204,16 +204,20 @@ class Injector:
         if kind is Kind.ROBOT_KIDNAPPED:
             targets.publish(KIDNAP_KEY, b"")
             return ROBOT
+        messages = list(no_messages())
         if kind is Kind.WRONG_READINGS:
-            messages = malformed.wrong_readings(targets.seen)
-        else:
-            messages = malformed.malformed(self._rng, targets.seen)
+            seen = targets.seen
+            if not {keys.LASER_READING, keys.ODOMETRY_READING, keys.SCAN} <= seen.keys():
+                return ""
+            laser = decode(seen[keys.LASER_READING], LaserReading)
+            odometry = decode(seen[keys.ODOMETRY_READING], OdometryReading)
+            messages = [*bad_readings(laser, odometry), (keys.SCAN, seen[keys.SCAN])]
         for key, payload in messages:
-            if key in malformed.ASKED:
+            if key in SERVED:
                 targets.query(key, payload)
-            if key in malformed.PUBLISHED:
+            if key in PUBLISHED:
                 targets.publish(key, payload)
-        return f"{len(messages)} messages" if messages else ""
+        return f"{len(messages)} messages"
 
 
 def _done(fault: Fault, victim: Part, now_ns: int) -> DoneFault:

@@ -138,7 +138,6 @@ class _Soak:
                 publish=self._observer.publish,
                 query=self._observer.query,
             ),
-            robot.seed,
         )
 
     def run(self) -> None:

@@ -5,12 +5,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import psutil
 import pytest
 
 from clustermcl.client import Client
@@ -55,20 +54,6 @@ class System:
         if self._stack is not None:
             self._stack.stop()
             self._stack = None
-
-    @contextmanager
-    def frozen_workers(self) -> Iterator[None]:
-        """No worker reports, and none is started in its place."""
-        assert self._stack is not None
-        parent = psutil.Process(self._stack.pids()["worker"])
-        frozen = [parent, *parent.children(recursive=True)]
-        for process in frozen:
-            process.suspend()
-        try:
-            yield
-        finally:
-            for process in frozen:
-                process.resume()
 
     def causes(self) -> list[str]:
         """The events of clusters and searches up to now."""

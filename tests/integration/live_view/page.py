@@ -165,11 +165,6 @@ class Page:
         pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         return Snapshot(taken["step"], taken["view"], tuple(taken["size"]), pixels)
 
-    def plot(self) -> bytes:
-        """The picture of the probabilities."""
-        url: str = self.run("return document.getElementById('plot').toDataURL()")
-        return base64.b64decode(url.partition(",")[2])
-
     def console(self) -> list[str]:
         """Messages on the browser's console since the last look."""
         return [entry["message"] for entry in self.driver.get_log("browser")]

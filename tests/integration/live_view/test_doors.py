@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import signal
 import ssl
 import subprocess
 from collections.abc import Iterator
@@ -26,23 +27,20 @@ def nobody(tmp_path: Path) -> str:
     return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
 
 
-@pytest.fixture
-def port(start_process: StartProcess, nobody: str) -> int:
-    """Of a page on loopback."""
-    chosen = free_port()
-    served(start_process, nobody, "--listen", f"127.0.0.1:{chosen}")
-    return chosen
-
-
-@pytest.fixture
-def open_to_all(start_process: StartProcess, nobody: str) -> Iterator[tuple[int, str]]:
-    """Port and token of a page that other machines reach."""
-    chosen = free_port()
-    process = served(start_process, nobody, "--listen", f"0.0.0.0:{chosen}")
-    token = re.search(r"\?token=([\w-]+)", process.err)
-    assert token is not None
-    yield chosen, token[1]
-    assert process.is_running()
+@pytest.fixture(scope="module")
+def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """Of a page of two robots on loopback, started as a person types it; no router is there."""
+    folder, chosen = tmp_path_factory.mktemp("page"), free_port()
+    words = ["view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1", "--robot", "r2"]
+    words += ["--quiet", "--set", f"zenoh.router=unixsock-stream/{folder}/r.sock"]
+    process = RunningProcess(python_module("clustermcl", *words), folder, "view")
+    process.wait_for("look at")
+    assert process.err == f"clustermcl: look at http://127.0.0.1:{chosen}/\n"
+    yield chosen
+    with opened(chosen) as page:
+        page.recv(PATIENCE_S)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0, "an open page does not hold it"
 
 
 def served(start_process: StartProcess, nobody: str, *arguments: str) -> RunningProcess:
@@ -69,113 +67,76 @@ def opened(
     return open_page(f"{link}/", path, origin=origin or link, additional_headers=headers)
 
 
-def test_the_command_view_passes_its_options_to_the_page(
-    start_process: StartProcess, nobody: str
-) -> None:
-    port = free_port()
-    words = ["view", "--listen", f"127.0.0.1:{port}", "--robot", "r1", "--robot", "r2"]
-    process = start_process([*python_module("clustermcl"), *words, "--quiet", "--set", nobody])
-    process.wait_for(f"look at http://127.0.0.1:{port}/")
-    assert [got(port, f"/robot/{robot}/")[0] for robot in ("r1", "r2", "r3")] == [200, 200, 404]
-    assert process.err == f"clustermcl: look at http://127.0.0.1:{port}/\n"
-
-
-def test_the_page_is_served_and_may_load_nothing_from_elsewhere(port: int) -> None:
-    status, headers, text = got(port, "/")
-    assert status == 200
-    policy = headers["content-security-policy"]
-    assert "default-src 'none'" in policy
-    assert "unsafe" not in policy
-    assert "://" not in policy
-    for file in re.findall(r'(?:src|href)="([^"]+)"', text):
-        found, about, content = got(port, f"/{file}")
-        assert found == 200, file
-        assert about["x-content-type-options"] == "nosniff"
-        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
-
-
-@pytest.mark.parametrize("path", ["/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js"])
-def test_other_paths_are_not_served(port: int, path: str) -> None:
-    assert got(port, path)[0] == 404
-
-
-def test_a_foreign_page_is_refused(port: int) -> None:
-    for origin in ("http://evil.example", "null"):
-        with pytest.raises(InvalidStatus) as refused:
-            opened(port, origin=origin)
-        assert refused.value.response.status_code == 403
-
-
-def test_a_foreign_host_name_for_this_machine_is_refused(port: int) -> None:
-    assert got(port, "/", host=f"evil.example:{port}")[0] == 403
-
-
-def test_away_from_loopback_nothing_is_served_without_the_token(
-    open_to_all: tuple[int, str],
-) -> None:
-    port, token = open_to_all
-    assert got(port, "/")[0] == 403
-    assert got(port, "/app.js")[0] == 403
-    status, headers, _ = got(port, f"/?token={token}")
-    assert status == 200
-    cookie = headers["set-cookie"].partition(";")[0]
-    with opened(port, cookie=cookie) as page:
-        assert json.loads(page.recv(PATIENCE_S))["system"]["link"] == "no router"
-    with pytest.raises(InvalidStatus):
-        opened(port)
-
-
-def test_away_from_loopback_a_page_may_only_look(open_to_all: tuple[int, str]) -> None:
-    port, token = open_to_all
-    cookie = got(port, f"/?token={token}")[1]["set-cookie"].partition(";")[0]
-    with opened(port, cookie=cookie) as page:
-        assert json.loads(page.recv(PATIENCE_S))["system"]["commands"] is False
-        page.send('{"type": "relocalize"}')
-        while "done" not in (told := json.loads(page.recv(PATIENCE_S))):  # pictures were under way
-            page.send('{"type": "drawn"}')
-        assert "is read-only" in told["done"]["problem"]
-
-
-def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
-    with opened(port) as page:
-        page.recv(PATIENCE_S)
-        page.send('{"type": "drawn"}')
-        page.send('{"type": "relocalize"}')
-        told = [json.loads(page.recv(PATIENCE_S))]
-        while "done" not in told[-1]:  # the picture goes on meanwhile
-            page.send('{"type": "drawn"}')
-            told.append(json.loads(page.recv(PATIENCE_S)))
-        assert "no answer" in told[-1]["done"]["problem"]
-
-
-@pytest.mark.parametrize(
-    "rubbish", ["{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}']
-)
-def test_a_browser_that_sends_rubbish_is_disconnected_and_harms_no_other(
-    port: int, rubbish: str
-) -> None:
-    with opened(port) as page:
-        page.recv(PATIENCE_S)
-        page.send(rubbish)
-        with pytest.raises(ConnectionClosedError):
-            all(page.recv(PATIENCE_S) for _ in range(20))  # some pictures were under way
-    with opened(port) as page:
-        assert "system" in json.loads(page.recv(PATIENCE_S))
-
-
-def test_each_robot_has_a_page_of_its_own(start_process: StartProcess, nobody: str) -> None:
-    port = free_port()
-    names = ("--robot", "r1", "--robot", "r2")
-    served(start_process, nobody, "--listen", f"127.0.0.1:{port}", *names)
-    assert got(port, "/robot/r2/")[0] == 200
-    assert got(port, "/robot/r2/app.js")[0] == 200
-    assert got(port, "/robot/r3/")[0] == 404
+def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -> None:
+    for at in ("/", "/robot/r2/"):
+        status, headers, text = got(port, at)
+        assert status == 200
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "://" not in policy
+        for file in re.findall(r'(?:src|href)="([^"]+)"', text):
+            found, about, content = got(port, f"{at}{file}")
+            assert found == 200, file
+            assert about["x-content-type-options"] == "nosniff"
+            assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
+    for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js", "/robot/r3/"):
+        assert got(port, path)[0] == 404, path
     for name, path in (("r1", "live"), ("r1", "robot/r1/live"), ("r2", "robot/r2/live")):
         with opened(port, path=path) as page:
             system = json.loads(page.recv(PATIENCE_S))["system"]
             assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
+
+
+def test_foreign_pages_and_host_names_are_refused(port: int) -> None:
+    assert got(port, "/", host=f"evil.example:{port}")[0] == 403
+    for path, origin in (("live", "http://evil.example"), ("live", "null"), ("robot/r3/live", "")):
+        with pytest.raises(InvalidStatus) as refused:
+            opened(port, origin=origin, path=path)
+        assert refused.value.response.status_code == (404 if "r3" in path else 403)
+
+
+def done(page: ClientConnection) -> str:
+    """Send a command; return the reason why it is refused."""
+    page.send('{"type": "relocalize"}')
+    while "done" not in (told := json.loads(page.recv(PATIENCE_S))):  # pictures are under way
+        page.send('{"type": "drawn"}')
+    return str(told["done"]["problem"])
+
+
+def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
+    with opened(port) as page:
+        assert "no answer" in done(page)
+
+
+def test_a_browser_that_sends_rubbish_is_disconnected_and_harms_no_other(port: int) -> None:
+    for rubbish in ("{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}'):
+        with opened(port) as page:
+            page.recv(PATIENCE_S)
+            page.send(rubbish)
+            with pytest.raises(ConnectionClosedError):
+                all(page.recv(PATIENCE_S) for _ in range(20))  # some pictures were under way
+    with opened(port) as page:
+        assert "system" in json.loads(page.recv(PATIENCE_S))
+
+
+def test_away_from_loopback_the_page_needs_the_token_and_may_only_look(
+    start_process: StartProcess, nobody: str
+) -> None:
+    port = free_port()
+    process = served(start_process, nobody, "--listen", f"0.0.0.0:{port}")
+    token = re.search(r"\?token=([\w-]+)", process.err)
+    assert token is not None
+    assert [got(port, path)[0] for path in ("/", "/app.js")] == [403, 403]
+    status, headers, _ = got(port, f"/?token={token[1]}")
+    assert status == 200
     with pytest.raises(InvalidStatus):
-        opened(port, path="robot/r3/live")
+        opened(port)
+    with opened(port, cookie=headers["set-cookie"].partition(";")[0]) as page:
+        system = json.loads(page.recv(PATIENCE_S))["system"]
+        assert (system["link"], system["commands"]) == ("no router", False)
+        assert "is read-only" in done(page)
+    assert process.is_running()
 
 
 def test_with_a_certificate_the_page_is_served_by_https(
@@ -196,28 +157,22 @@ def test_with_a_certificate_the_page_is_served_by_https(
     connection.close()
 
 
-@pytest.mark.parametrize("given", [["--certificate"], ["--private-key"]])
-def test_half_a_certificate_is_refused_in_one_line(
-    start_process: StartProcess, nobody: str, tmp_path: Path, given: list[str]
+def test_wrong_certificates_and_a_port_in_use_are_refused_in_one_line(
+    start_process: StartProcess, nobody: str, tmp_path: Path, port: int
 ) -> None:
-    files = dict(zip(("--certificate", "--private-key"), self_signed(tmp_path), strict=True))
-    command = python_module("live_view", "--set", nobody, *given, str(files[given[0]]))
-    process = start_process(command)
-    assert process.wait() == 2
-    assert "HTTPS needs both" in process.err
-    assert process.err.count("\n") == 1
-
-
-def test_an_invalid_certificate_is_refused_in_one_line(
-    start_process: StartProcess, nobody: str, tmp_path: Path
-) -> None:
+    certificate, key = map(str, self_signed(tmp_path))
     rubbish = tmp_path / "rubbish.pem"
     rubbish.write_text("rubbish")
-    files = ("--certificate", str(rubbish), "--private-key", str(rubbish))
-    process = start_process(python_module("live_view", "--set", nobody, *files))
-    assert process.wait() == 2
-    assert "rubbish.pem" in process.err
-    assert process.err.count("\n") == 1
+    for words, problem in (
+        (("--certificate", certificate), "HTTPS needs both"),
+        (("--private-key", key), "HTTPS needs both"),
+        (("--certificate", str(rubbish), "--private-key", str(rubbish)), "rubbish.pem"),
+        (("--listen", f"127.0.0.1:{port}"), "in use"),
+    ):
+        process = start_process(python_module("live_view", "--set", nobody, *words))
+        assert process.wait() == 2
+        assert problem in process.err
+        assert process.err.count("\n") == 1
 
 
 def self_signed(folder: Path) -> tuple[Path, Path]:
@@ -229,24 +184,3 @@ def self_signed(folder: Path) -> tuple[Path, Path]:
         check=True, capture_output=True,
     )  # fmt: skip
     return certificate, key
-
-
-def test_a_port_in_use_is_reported_in_one_line(
-    start_process: StartProcess, nobody: str, port: int
-) -> None:
-    second = python_module("live_view", "--set", nobody, "--listen", f"127.0.0.1:{port}")
-    process = start_process(second)
-    assert process.wait() == 2
-    assert "in use" in process.err
-    assert process.err.count("\n") == 1
-
-
-def test_the_process_ends_on_a_signal_despite_an_open_page(
-    start_process: StartProcess, nobody: str
-) -> None:
-    port = free_port()
-    process = served(start_process, nobody, "--listen", f"127.0.0.1:{port}")
-    with opened(port) as page:
-        page.recv(PATIENCE_S)
-        process.send_signal(15)
-        assert process.wait() == 0

@@ -3,19 +3,13 @@
 import itertools
 import math
 import re
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
-from particle_filter.arrays import FREE, OCCUPIED
-from robot_simulator.worlds.catalogue import world
 from tests.integration.live_view.conftest import System
 from tests.integration.live_view.page import Page, Snapshot, press
 from tests.integration.waiting import wait_until
@@ -49,9 +43,6 @@ def colours(file: str, pattern: str) -> list[tuple[int, int, int]]:
 
 
 PALETTE = colours("palette.js", r'"#([0-9A-F]{6})"')
-(FREE_COLOUR, *_), (OCCUPIED_COLOUR, *_) = (
-    colours("style.css", rf"--map-{kind}: #([0-9a-f]{{6}})") for kind in ("free", "occupied")
-)
 
 
 def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
@@ -67,22 +58,6 @@ def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None
     wait_until(lambda: running.text("worker-count") == "2")
     running.driver.find_element("css selector", "#system summary").click()
     wait_until(lambda: running.text("latency").startswith("scan to belief"))
-
-
-def test_the_map_is_drawn_at_its_pose(running: Page) -> None:
-    wait_until(lambda: running.run("return liveView.view.map !== null"))
-    snapshot, drawn = running.snapshot(), world("cross").map
-    assert drawn.map_from_grid[2] == 0.0
-    right, looked_at = 0, 0
-    for kind, colour in ((FREE, FREE_COLOUR), (OCCUPIED, OCCUPIED_COLOUR)):
-        for row, col in np.argwhere(drawn.cells == kind)[::7]:
-            x_m = drawn.map_from_grid[0] + (col + 0.5) * drawn.cell_m
-            y_m = drawn.map_from_grid[1] + (row + 0.5) * drawn.cell_m
-            distance = np.abs(np.subtract(snapshot.pixel_at(x_m, y_m), colour)).max()
-            right += distance < 40  # a small cell is blended with its neighbours
-            looked_at += 1
-    assert looked_at > 500
-    assert right > 0.85 * looked_at  # clusters, ways and scan hide the others
 
 
 def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictures: Path) -> None:
@@ -125,14 +100,6 @@ def apart(place: dict[str, list[float]], other: dict[str, list[float]]) -> float
     return math.dist(place["pose"][:2], other["pose"][:2])
 
 
-def test_the_plot_grows_with_the_steps(running: Page) -> None:
-    before, picture = len(running.history()), running.plot()
-    wait_until(lambda: len(running.history()) >= before + 10)
-    assert running.plot() != picture
-    steps = [row[0] for row in running.history()]
-    assert steps == sorted(set(steps))
-
-
 def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) -> None:
     wait_until(lambda: running.snapshot().step["places"])
     running.click("set-pose")
@@ -173,37 +140,6 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("confirm-yes")
     wait_until(lambda: "forgotten" in system.causes())
     wait_until(lambda: "forgotten by a command" in running.text("events"))
-
-
-MEAN_OF_CLOUD = """
-const {view} = liveView;
-import("./particles.js").then(({carried}) => {
-  const place = view.step.places.find((one) => view.clouds.has(one.cluster));
-  if (!place) return done(null);
-  const points = carried(view.clouds.get(place.cluster), view.step.odom);
-  const mean = [0, 0];
-  points.forEach((value, i) => { mean[i % 2] += value / (points.length / 2); });
-  done([...place.pose.slice(0, 2), ...mean]);
-});
-"""
-
-
-def test_particles_are_drawn_where_their_cluster_is(running: Page) -> None:
-    def apart_m() -> float:
-        x, y, mean_x, mean_y = running.run_async(MEAN_OF_CLOUD) or (0.0, 0.0, 99.0, 0.0)
-        return math.hypot(mean_x - x, mean_y - y)
-
-    wait_until(lambda: apart_m() < NEAR_M)
-
-
-def test_the_page_looks_back_while_the_system_runs(running: Page) -> None:
-    wait_until(lambda: len(running.history()) > 5)
-    first = running.history()[0][0]
-    running.run(f"liveView.travel.goTo({first})")
-    wait_until(lambda: running.snapshot().step["step"] == first)
-    assert running.snapshot().step["scan"]
-    running.click("to-now")
-    wait_until(lambda: running.snapshot().step["step"] > first)
 
 
 def truth(page: Page) -> list[float]:
@@ -254,24 +190,6 @@ def turns(page: Page) -> list[float]:
     return [math.remainder(b - a, math.tau) for a, b in itertools.pairwise(headings)]
 
 
-@pytest.mark.parametrize("kind", ["png", "html"])
-def test_a_snapshot_of_a_running_system(
-    running: Page, system: System, tmp_path: Path, kind: str
-) -> None:
-    assert running.system == "running"
-    file = tmp_path / f"now.{kind}"
-    router = f"zenoh.router={system.settings.zenoh.router}"
-    subprocess.run(
-        [sys.executable, "-I", "-m", "clustermcl", "snapshot", str(file), "--set", router],
-        check=True, timeout=60,
-    )  # fmt: skip
-    if kind == "png":
-        with Image.open(file) as image:
-            assert max(image.size) > 1000
-    else:
-        assert '"link":"saved"' in file.read_text()
-
-
 def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
     def pressed(keys: str) -> dict[str, float]:
         press(running, keys)
@@ -287,15 +205,6 @@ def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
     assert not running.run("return liveView.view.follow")
 
 
-def test_the_page_says_that_no_worker_is_alive(running: Page, system: System) -> None:
-    wait_until(lambda: running.text("freshness").endswith("s old"))
-    with system.frozen_workers():
-        wait_until(lambda: running.text("freshness") == "dead reckoning: no worker is alive")
-        wait_until(lambda: running.text("banner-text").startswith("No worker is alive"))
-    wait_until(lambda: running.text("worker-count") == "2")
-    wait_until(lambda: not running.is_visible("banner"))
-
-
 def test_the_page_survives_a_restart_of_the_system(running: Page, system: System) -> None:
     wait_until(lambda: len(running.history()) > 20)
     before = running.history()[-1][0]
@@ -307,11 +216,3 @@ def test_the_page_survives_a_restart_of_the_system(running: Page, system: System
     wait_until(lambda: running.system == "running")
     wait_until(lambda: len(running.history()) > 0 and running.history()[-1][0] < before)
     wait_until(lambda: not running.is_visible("banner"))
-
-
-def test_a_page_that_is_loaded_again_shows_the_steps_so_far(running: Page) -> None:
-    wait_until(lambda: len(running.history()) > 10)
-    steps = [row[0] for row in running.history()]
-    running.driver.refresh()
-    wait_until(lambda: running.system == "running")
-    wait_until(lambda: {*steps} <= {row[0] for row in running.history()})

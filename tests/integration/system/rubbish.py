@@ -15,7 +15,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.health import Health
 from protocol.message import Message
-from protocol.steps import OdometryReading, Scan
+from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.work import Assignment, Checkpoint, SearchReport, TrackJob, TrackReport, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
@@ -51,6 +51,40 @@ NO_MESSAGES = {
 }
 
 
+HOUR_NS = 3600 * 10**9
+
+
+def no_messages() -> Iterator[tuple[str, bytes]]:
+    """Yield everything of `NO_MESSAGES` for each key that is published or queried."""
+    for key in (*PUBLISHED, *SERVED):
+        for data in NO_MESSAGES.values():
+            if data or key != keys.RELOCALIZE:  # whose query needs none
+                yield key, data
+
+
+def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tuple[str, bytes]]:
+    """Yield impossible readings, each with one wrong number of these: key and bytes."""
+
+    def ranges(values: list[float]) -> ArrayBlob:
+        return ArrayBlob.of(np.array(values), "float32")
+
+    x, y, heading = odometry.odom_from_robot
+    for change in (
+        {"ranges": ranges([NAN] * 3)}, {"ranges": ranges([0.0, -1.0, math.inf])},
+        {"ranges": ranges([])}, {"ranges": ranges([1.0] * 30_000)},
+        {"ranges": ArrayBlob(dtype="float32", shape=(3,), data=b"12")},
+        {"ranges": ArrayBlob(dtype="int8", shape=(2**40, 2**40), data=b"")},
+        {"angle_step_rad": 5.0}, {"angle_min_rad": NAN}, {"range_max_m": -1.0},
+        {"robot_from_laser": (1e300, 0.0, 0.0)}, {"stamp_ns": 2**63 - 1},
+        {"stamp_ns": laser.stamp_ns + HOUR_NS}, {"stamp_ns": laser.stamp_ns - HOUR_NS},
+        {"odom_from_robot": (100.0 + x, y, heading)}, {"odom_from_robot": (NAN, 0.0, 0.0)},
+    ):  # fmt: skip
+        yield keys.LASER_READING, encode(msgspec.structs.replace(laser, **change))
+    for pose in ((x + 100.0, y, heading), (math.inf, 0.0, 0.0), (0.0, 1e9, 0.0)):
+        changed = msgspec.structs.replace(odometry, odom_from_robot=pose)
+        yield keys.ODOMETRY_READING, encode(changed)
+
+
 @dataclass
 class Stranger:
     """A stranger on the network.
@@ -67,8 +101,8 @@ class Stranger:
         """Everything once."""
         with self.session.liveliness().declare_token(keys.worker_alive(NO_NAME)):
             pass
-        for key in PUBLISHED:
-            for data in NO_MESSAGES.values():
+        for key, data in no_messages():
+            if key in PUBLISHED:
                 self._put(key, data)
         for key, message in self._poison():
             self._put(key, encode(message))
@@ -79,10 +113,9 @@ class Stranger:
             *(keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
             keys.worker_order(WORKER),
         )
-        for key in SERVED:
-            for data in NO_MESSAGES.values():
-                if data or key != keys.RELOCALIZE:
-                    self._get(key, data)
+        for key, data in no_messages():
+            if key in SERVED:
+                self._get(key, data)
         for key in commands:
             for message in self._bad_commands():
                 self._get(key, encode(message))

@@ -6,34 +6,54 @@ import os
 import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from PIL import Image
+from prometheus_client.parser import text_string_to_metric_families
+from prometheus_client.samples import Sample
 
 from clustermcl.as_text import event_line
 from clustermcl.client import Client, NotLocalizedError
-from process_runtime.settings import Settings
+from process_runtime.settings import MetricsSettings, Settings
 from protocol.answers import PoseAnswer
 from protocol.errors import UnreachableError
 from robot_simulator.worlds.catalogue import world
-from tests.integration.processes import RunningProcess
+from tests.integration.free_port import free_port
 from tests.integration.system.commands import typed as started
 from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
+from tests.integration.waiting import PATIENCE_S, patient, patient_client, stretched_s, wait_until
+
+STEPS = 30
+PROCESSES = {"coordinator", "robot_simulator", *(f"worker-{n}" for n in range(4))}
 
 
 @pytest.fixture(scope="module")
 def system(start_stack: StartStack) -> Settings:
-    """A robot that has driven thirty steps and stands still since."""
+    """A robot that has driven thirty steps and stands still since, and a port for metrics."""
     hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
-    stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=30)
+    metrics = MetricsSettings(port=free_port())
+    settings = msgspec.structs.replace(SMALL, bridge=hall, metrics=metrics)
+    stack, settings = start_stack(settings, steps=STEPS)
     stack.start_all()
     settings = patient_client(settings)
     with Client(settings) as client:
-        wait_until(lambda: client.pose().step == 29)
+        wait_until(lambda: client.pose().step == STEPS - 1)
+        wait_until(lambda: {p.sender for p in client.status().processes} == PROCESSES)
+        wait_until(lambda: all(p.done for p in client.status().processes))
+        wait_until(lambda: _done(client, "robot_simulator", "steps") == STEPS)
+        wait_until(lambda: _done(client, "coordinator", "scans") >= STEPS)
     return settings
+
+
+def _done(client: Client, process: str, what: str) -> int:
+    return next(p.done.get(what, 0) for p in client.status().processes if p.sender == process)
 
 
 def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
@@ -50,13 +70,85 @@ def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
-def test_the_pose_is_near_the_truth_and_has_an_age(system: Settings) -> None:
-    answer = json.loads(typed(system, "pose", "--json").stdout)
-    assert answer["step"] == 29
-    assert answer["workers"] == 4
-    assert answer["probability"] > 0.3
-    assert answer["freshness"] in ("fresh", "stale")
-    assert len(answer["pose"]["covariance"]) == 3
+def asked(settings: Settings, *words: str) -> Any:
+    done = typed(settings, *words, "--json")
+    assert done.stderr == ""
+    return json.loads(done.stdout)
+
+
+def test_pose_hypotheses_and_status_are_printed_as_json(system: Settings) -> None:
+    pose, answer = asked(system, "pose"), asked(system, "hypotheses")
+    assert (pose["step"], pose["workers"]) == (STEPS - 1, 4)
+    assert pose["probability"] > 0.3
+    assert pose["freshness"] in ("fresh", "stale")
+    assert len(pose["pose"]["covariance"]) == 3
+    probabilities = [place["probability"] for place in answer["hypotheses"]]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert sum(probabilities) + answer["elsewhere_probability"] == pytest.approx(1.0)
+    above = asked(system, "hypotheses", "--above", "0.2")["hypotheses"]
+    assert [place["probability"] for place in above] == [p for p in probabilities if p >= 0.2]
+    status = asked(system, "status")
+    counted = [status[name] for name in ("steps_applied", "steps_lost", "reports_missing")]
+    assert counted == [STEPS, 0, 0]
+    assert set(status["workers"]) == {name for name in PROCESSES if name.startswith("worker")}
+    assert {process["name"] for process in status["processes"]} == PROCESSES
+    assert status["clusters"] >= 1
+    text = typed(system, "status").stdout
+    assert "processes\n  coordinator (coordinator) " in text
+    assert f"steps: {STEPS}, " in text
+
+
+@pytest.mark.parametrize("kind", ["png", "html"])
+def test_a_snapshot_of_a_running_system(system: Settings, tmp_path: Path, kind: str) -> None:
+    file = tmp_path / f"now.{kind}"
+    assert typed(system, "snapshot", str(file)).returncode == 0
+    if kind == "png":
+        with Image.open(file) as image:
+            assert max(image.size) > 1000
+    else:
+        assert '"link":"saved"' in file.read_text()
+
+
+def test_the_status_has_the_health_of_every_process(system: Settings) -> None:
+    with Client(system) as client:
+        processes = {process.sender: process for process in client.status().processes}
+    for process in processes.values():
+        assert process.age_s < stretched_s(3.0)
+        assert process.uptime_s > 0.0
+        assert process.memory_bytes > 10_000_000
+    assert processes["robot_simulator"].done["steps"] == STEPS
+    assert processes["coordinator"].done["scans"] >= STEPS
+    for worker in PROCESSES - {"coordinator", "robot_simulator"}:
+        assert 0 < processes[worker].done["scans"] <= STEPS  # one may have come a little late
+    assert processes["robot_simulator"].rates_per_s.keys() >= {"odometry", "scans", "steps"}
+    assert processes["coordinator"].version == processes["worker-0"].version
+
+
+def scraped(settings: Settings) -> Iterator[Sample]:
+    url = f"http://127.0.0.1:{settings.metrics.port}/metrics"
+    with urllib.request.urlopen(url, timeout=PATIENCE_S) as answer:
+        assert answer.headers["Content-Type"].startswith("text/plain")
+        text = answer.read().decode()
+    for family in text_string_to_metric_families(text):
+        assert family.documentation, family.name
+        assert family.name.startswith("clustermcl")
+        yield from family.samples
+
+
+def test_prometheus_scrapes_the_figures_of_the_status_from_this_machine_alone(
+    system: Settings,
+) -> None:
+    values = {
+        (sample.name, sample.labels.get("process")): sample.value for sample in scraped(system)
+    }
+    assert values["clustermcl_up", None] == 1.0
+    assert values["clustermcl_steps_applied_total", None] == STEPS
+    assert values["clustermcl_workers", None] == 4.0
+    for name in PROCESSES:
+        assert values["clustermcl_process_uptime_seconds", name] > 0.0
+    url = f"http://127.0.0.2:{system.metrics.port}/metrics"
+    with pytest.raises(urllib.error.URLError, match="refused"):
+        urllib.request.urlopen(url, timeout=2.0)
 
 
 def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
@@ -70,24 +162,12 @@ def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
 def test_waiting_for_a_robot_that_does_not_become_localized_ends(system: Settings) -> None:
     with Client(system) as client, pytest.raises(NotLocalizedError, match="stale") as refused:
         client.wait_until_localized(timeout_s=0.2)
-    assert refused.value.answer.step == 29
+    assert refused.value.answer.step == STEPS - 1
 
 
 def test_a_stream_of_a_robot_that_stands_ends_in_time(system: Settings) -> None:
     with Client(system) as client, pytest.raises(UnreachableError, match="stand still"):
         next(client.beliefs(timeout_s=0.3))
-
-
-def test_hypotheses_are_sorted_and_sum_to_one(system: Settings) -> None:
-    answer = json.loads(typed(system, "hypotheses", "--json").stdout)
-    probabilities = [place["probability"] for place in answer["hypotheses"]]
-    assert probabilities == sorted(probabilities, reverse=True)
-    assert sum(probabilities) + answer["elsewhere_probability"] == pytest.approx(1.0)
-
-
-def test_hypotheses_above_a_probability_are_those(system: Settings) -> None:
-    above = typed(system, "hypotheses", "--above", "0.2", "--json").stdout
-    assert all(place["probability"] >= 0.2 for place in json.loads(above)["hypotheses"])
 
 
 def test_another_program_gets_the_map_that_poses_are_in(system: Settings) -> None:
@@ -97,15 +177,6 @@ def test_another_program_gets_the_map_that_poses_are_in(system: Settings) -> Non
     assert found.digest == hall.digest
     assert np.array_equal(found.cells, hall.cells)
     assert (found.cell_m, found.map_from_grid) == (hall.cell_m, hall.map_from_grid)
-
-
-def test_status_shows_workers_steps_and_losses(system: Settings) -> None:
-    status = json.loads(typed(system, "status", "--json").stdout)
-    assert status["steps_applied"] == 30
-    assert status["steps_lost"] == 0
-    assert status["reports_missing"] == 0
-    assert sorted(status["workers"]) == [f"worker-{n}" for n in range(4)]
-    assert status["clusters"] >= 1
 
 
 def test_events_show_how_every_place_began_and_why_others_ended(system: Settings) -> None:
@@ -139,20 +210,6 @@ def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Pa
         wait_until(lambda: "was given by a command" in following.out)
         assert following.out.splitlines()[:before] == [event_line(event) for event in told]
         assert following.end(signal.SIGINT) == 0
-
-
-def test_a_second_coordinator_is_refused_and_the_first_goes_on(
-    system: Settings, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("second")
-    endpoint = f"zenoh.router={system.zenoh.router}"
-    second = RunningProcess(
-        [sys.executable, "-I", "-m", "coordinator", "--set", endpoint], folder, "second"
-    )
-    assert second.wait() == 2
-    assert second.err.count("\n") == 1
-    assert "already has a coordinator" in second.err
-    assert typed(system, "status").returncode == 0
 
 
 def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:

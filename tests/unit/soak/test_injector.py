@@ -59,7 +59,7 @@ def injector(
         publish=lambda key, _payload: said.append(key) if said is not None else None,
         query=lambda _key, _payload: None,
     )
-    return Injector(faults, targets, seed=1)
+    return Injector(faults, targets)
 
 
 def test_a_worker_and_the_coordinator_are_killed_together_and_listed_one_by_one(
