@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.poses import compose, wrap_angle
+from particle_filter.sensor_model import ground_log_penalty
 
 _SIGHT_M2 = math.pi * 10.0**2
 """Area over which false sights of landmarks are spread [m^2]: a circle around the robot."""
@@ -133,6 +134,44 @@ def log_average_ratio(
             ratio = right / free_m2 / (math.tau if len(seen.mean) == 3 else 1.0)
         total += seen.share * math.log1p(ratio)
     return total
+
+
+def allowed_poses(
+    observations: Sequence[Observation],
+    landmarks: Landmarks,
+    grid: Grid,
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[Poses, LogWeights]:
+    """Draw poses that the most informative observation allows.
+
+    Returns:
+        At most (count, 3) poses in the free space; and their log weights: `count` times the average
+        of weight times a function estimates the part of its average over the free space that the
+        observation explains.
+    """
+
+    def average(seen: Observation) -> float:
+        return math.expm1(log_average_ratio([replace(seen, share=1.0)], landmarks, grid))
+
+    seen = max(observations, key=average)
+    poses = rng.uniform(-math.pi, math.pi, (count, 3))
+    if seen.landmark:
+        right, any_landmark = _factors(seen, landmarks, grid)
+        odds = any_landmark + right * (np.array(landmarks.names) == seen.landmark)
+        chosen = rng.choice(len(odds), count, p=odds / odds.sum())
+        spread = rng.normal(size=(count, 2)) * np.sqrt(landmarks.variances[chosen, None])
+        x, y = (rng.multivariate_normal(seen.mean, seen.covariance, count) + spread).T
+        cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        from_robot = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+        poses[:, :2] = landmarks.positions[chosen] - from_robot
+    else:
+        poses[:, : len(seen.mean)] = rng.multivariate_normal(seen.mean, seen.covariance, count)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+    poses = poses[ground_log_penalty(poses, grid, -1.0) == 0.0]
+    ratios = np.expm1(log_likelihood_ratio(poses, [replace(seen, share=1.0)], landmarks, grid))
+    # Together with poses spread evenly, each is weighed by the density of both.
+    return poses, -np.log1p(ratios / average(seen))
 
 
 def _factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float, float]:

@@ -6,8 +6,11 @@ import msgspec
 
 from protocol.message import LIST_BYTES, Id, Message, Number, Probability
 
-BeganCause: TypeAlias = Literal["first search", "restart", "prior pose", "given", "split"]
-"""Found by the first search; found by a later one; taken from the last pose; given by a command;
+BeganCause: TypeAlias = Literal[
+    "first search", "restart", "observed", "prior pose", "given", "split"
+]
+"""Found by the first search; found by a later one; allowed by
+an observation; taken from the last pose; given by a command;
 part of a cluster that split. An older release refuses a message with a cause it does not know."""
 
 EndedCause: TypeAlias = Literal[
@@ -106,6 +109,7 @@ def event_text(event: JobEvent) -> str:
 _BEGAN: dict[BeganCause, str] = {
     "first search": "was found by the first search",
     "restart": "was found by a later search",
+    "observed": "was found by an observation",
     "prior pose": "was restored from the last pose",
     "given": "was given by a command",
     "split": "was split off",

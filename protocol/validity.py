@@ -17,7 +17,15 @@ from protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.reading_checks import laser_problem, observation_problem, pose_problem
 from protocol.steps import Observation, Scan, ScanHistory
-from protocol.work import Assignment, Particles, SearchReport, TrackJob, TrackReport, WorkOrder
+from protocol.work import (
+    Assignment,
+    ElsewhereReport,
+    Particles,
+    SearchReport,
+    TrackJob,
+    TrackReport,
+    WorkOrder,
+)
 
 FLATNESS = 1e-6
 """Tolerance for rounding in singular covariances, relative to the largest entry."""
@@ -60,6 +68,11 @@ def _(message: TrackReport) -> str | None:
 @problem_of.register
 def _(message: SearchReport) -> str | None:
     return _fit_problem(message) or found_places_problem(message.places)
+
+
+@problem_of.register
+def _(message: ElsewhereReport) -> str | None:
+    return None if message.places is None else found_places_problem(message.places)
 
 
 @problem_of.register

@@ -210,6 +210,7 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
 class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):
     """A scan's likelihood over the whole map. Sent like `TrackReport`."""
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     job_id: Id
     epoch: Number
     step: Number
@@ -217,7 +218,10 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     """Log of the average likelihood of poses spread evenly over the free space, on the scale of the
     clusters' likelihoods."""
     log_observed: Finite = 0.0
-    """Log of the average likelihood ratio of the step's observations over the free space."""
+    """Log of the average likelihood ratio of the step's observations over the free space, or more
+    where places that they allow also fit the scan."""
+    places: FoundPlaces | None = None
+    """Places that the observations allow, with their shares of elsewhere; None: no observation."""
 
 
 Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport

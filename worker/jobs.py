@@ -7,6 +7,7 @@ from (seed, job, step), so a job that another worker continues gives the same nu
 import dataclasses
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from particle_filter.log_weights import multiplied
 from particle_filter.observations import (
     Landmarks,
     Observation,
+    allowed_poses,
     log_average_ratio,
     log_likelihood_ratio,
 )
@@ -280,13 +282,7 @@ class Searching(RunningJob):
             particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
-            places=FoundPlaces.of(
-                scan.odom_from_robot,
-                [place.share for place in found],
-                [place.mean for place in found],
-                [place.covariance for place in found],
-                [place.sample for place in found],
-            ),
+            places=_found(scan, found),
         )
 
     def _search_rng(self, step: int, use: int) -> np.random.Generator:
@@ -311,7 +307,10 @@ class Elsewhere(RunningJob):
         self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> ElsewhereReport:
-        """Report the log of the average likelihood over the poses, corrected as a cluster's is."""
+        """Report the log of the average likelihood over the poses, corrected as a cluster's is.
+
+        Observations add the places that they allow.
+        """
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
@@ -321,11 +320,39 @@ class Elsewhere(RunningJob):
         )
         correction = self._model.correction(poses, result.particles.weights, beams)
         self.step = scan.step
+        log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
+        log_observed, found = self._observed(scan, beams, log_likelihood, rng)
         return ElsewhereReport(
             **self._head(scan.step),
-            log_likelihood=result.log_weight_sum - math.log(len(poses)) - correction,
-            log_observed=log_average_ratio(*_observed(scan), self._model.grid),
+            log_likelihood=log_likelihood,
+            log_observed=log_observed,
+            places=found,
         )
+
+    def _observed(
+        self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
+    ) -> tuple[float, FoundPlaces | None]:
+        """Return the log evidence of the observations beside the scan's, and the places where both
+        fit."""
+        observations, landmarks = _observed(scan)
+        log_average = log_average_ratio(observations, landmarks, self._model.grid)
+        if not (observations and beams.count):
+            return log_average, None
+        model, count = self._model, self._settings.belief.elsewhere_poses
+        poses, log_weights = allowed_poses(observations, landmarks, model.grid, count, rng)
+        if not len(poses):
+            return log_average, None
+        log_weights += log_likelihood_ratio(poses, observations, landmarks, model.grid)
+        exponent = scan_exponent(beams.count, model.settings)
+        result = cluster_filter.measurement_update(
+            ParticleSet(poses, log_weights), beams, model, exponent
+        )
+        correction = model.correction(poses, result.particles.weights, beams)
+        log_joint = result.log_weight_sum - math.log(count) - correction - log_likelihood
+        log_observed = max(log_joint, log_average)
+        rules = self._settings.search
+        found = places.places_of(result.particles, rules, rules.min_place_share, rng)
+        return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
     def handed_on(self) -> Assignment:
         return replace(self.assignment, job=ElsewhereJob(first_step=self.step + 1))
@@ -387,6 +414,16 @@ def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
         np.array([each.sigma**2 for each in scan.landmarks]),
     )
     return seen, landmarks
+
+
+def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:
+    return FoundPlaces.of(
+        scan.odom_from_robot,
+        [place.share * of_all for place in found],
+        [place.mean for place in found],
+        [place.covariance for place in found],
+        [place.sample for place in found],
+    )
 
 
 def _place(place: places.FoundPlace, scan: Scan) -> Place:

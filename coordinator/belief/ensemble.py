@@ -17,7 +17,7 @@ from coordinator.belief.cluster_set import PERHAPS_LIFTED, Candidate, Cluster, C
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
-from coordinator.belief.search_pool import Pool
+from coordinator.belief.search_pool import Pool, pool_of
 from coordinator.part import Part
 from particle_filter.arrays import Pose
 from particle_filter.evidence_model import UsualFit
@@ -142,18 +142,17 @@ class Ensemble(Part, kw_only=True):
         arrived |= set(self.unhurried)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
-        elsewhere = (
-            (report.log_likelihood, report.log_observed)
-            for report in reports
-            if isinstance(report, ElsewhereReport) and report.step == step
-        )
-        log_elsewhere, observed_elsewhere = next(elsewhere, (math.nan, 0.0))
+        told = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
+        elsewhere = next(told, None)
+        observed = elsewhere.places if elsewhere else None
         new_view = self._new_view(before_from_after)
-        news = 1.0 if before_from_after is None else news_of(before_from_after)
+        news = 1.0
+        if before_from_after is not None and observed is None:
+            news = news_of(before_from_after)
         log_likelihood = self.clusters.weigh(
             tracks,
-            log_elsewhere,
-            observed_elsewhere=observed_elsewhere,
+            elsewhere.log_likelihood if elsewhere else math.nan,
+            observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
             new_view=new_view,
             news=news,
             decoy=self.decoy.best_of(tracks),
@@ -162,6 +161,8 @@ class Ensemble(Part, kw_only=True):
         self.search.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
+        if observed is not None and len(self.clusters):
+            self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
         self.search.note_means(step, self.clusters.all())
         if step % self.settings.belief.merge_every_steps == 0:
             self.events += self.clusters.merge_overlaps()
@@ -356,6 +357,17 @@ class Ensemble(Part, kw_only=True):
         if entering and not own:
             self.clusters.apply_floor(step, first_step)
         return found.asking <= len(room) or len(room) == settings.belief.max_clusters
+
+    def _admit_observed(self, pool: Pool) -> None:
+        """Admit places that an observation allows; elsewhere's probability is theirs by share."""
+        step, log_weight = pool.step, self.clusters.log_elsewhere
+        held = [cluster.mean for cluster in self.clusters.all()]
+        room = self.clusters.room(step)
+        found = admission(pool, held, room, log_weight, self.settings, is_over=False)
+        if found.entering:
+            self.clusters.take_from_elsewhere(found.explained)
+            entering: list[Candidate] = [(place, "observed") for place in found.entering]
+            self._admit(entering, step, protected_until=step + self.settings.belief.grace_steps)
 
     def _admit(
         self,

@@ -155,12 +155,25 @@ class SearchPool(Part):
 
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
-    """Weight the shards by their evidence, and join places that several shards found."""
+    """Weigh the shards by their evidence, and join places that several shards found."""
     shards = np.array([report.log_evidence for report in reports])
     log_sum = np.logaddexp.reduce(shards)
     shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
-    views = _views([report.places for report in reports], shard_weight)
     gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
+    found = [report.places for report in reports]
+    return pool_of(step, found, shard_weight, settings, log_evidence, min(gaps))
+
+
+def pool_of(
+    step: int,
+    found: Sequence[FoundPlaces],
+    weights: NDArray[np.float64],
+    settings: SearchSettings,
+    log_evidence: float = 0.0,
+    left_out_gap: float = math.inf,
+) -> Pool:
+    """Join the same places of several lists, whose shares are multiplied by these weights."""
+    views = _views(found, weights)
     into = merge_overlapping(views.mean, settings.source_radius_m, settings.source_heading_rad)
     groups: dict[int, list[int]] = {}
     for row, first in enumerate(into.tolist()):
@@ -169,7 +182,7 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     joined = [(math.fsum(shares[row] for row in rows), rows) for _, rows in sorted(groups.items())]
     joined.sort(key=lambda place: -place[0])
     share, rows = tuple(share for share, _ in joined), tuple(rows for _, rows in joined)
-    return Pool(step, share, rows, views, log_evidence, min(gaps))
+    return Pool(step, share, rows, views, log_evidence, left_out_gap)
 
 
 def _views(found: Sequence[FoundPlaces], shard_weight: NDArray[np.float64]) -> Views:

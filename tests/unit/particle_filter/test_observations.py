@@ -10,6 +10,7 @@ from particle_filter.grid import Grid
 from particle_filter.observations import (
     Landmarks,
     Observation,
+    allowed_poses,
     log_average_ratio,
     log_likelihood_ratio,
 )
@@ -118,3 +119,21 @@ def test_an_observation_moves_with_the_robot(kind: str) -> None:
 def test_a_false_observation_is_worth_nothing() -> None:
     far = Observation(np.array([30.0, 0.0]), np.eye(2) * 0.01, "tag", 0.05)
     assert log_likelihood_ratio(np.zeros((1, 3)), [far], LANDMARKS, GRID) == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_allowed_poses_and_even_poses_estimate_an_average_together(kind: str) -> None:
+    """Averages of a function over the free space, weighed by the densities of both kinds."""
+    seen, rng = [KINDS[kind]], np.random.default_rng(9)
+
+    def function(poses: Array) -> Array:
+        fits = np.cos(poses[:, 2] - 0.4) - 0.1 * np.hypot(poses[:, 0] - 4.0, poses[:, 1] - 3.0)
+        return np.exp(log_likelihood_ratio(poses, seen, LANDMARKS, GRID) + fits)
+
+    even = rng.uniform((0, 0, -math.pi), (10, 8, math.pi), (1_000_000, 3))
+    average = math.expm1(log_average_ratio(seen, LANDMARKS, GRID))
+    share = np.expm1(log_likelihood_ratio(even, seen, LANDMARKS, GRID)) / average
+    exact = np.mean(function(even) * share / (1.0 + share))
+    poses, log_weights = allowed_poses(seen, LANDMARKS, GRID, 100_000, rng)
+    assert len(poses) > 50_000
+    assert np.sum(np.exp(log_weights) * function(poses)) / 100_000 == pytest.approx(exact, rel=0.03)
