@@ -21,7 +21,7 @@ from recordings.run_log import RunLog
 from robot_simulator.source import simulated_world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System
-from tests.integration.system.commands import COMMAND
+from tests.integration.system.commands import ran
 from tests.integration.waiting import stretched_s, wait_until
 from tests.unit.coordinator.recorder.recorded import head, write_file
 
@@ -30,8 +30,7 @@ LOST_S, STEPS_PER_S = 0.5, 10.0
 
 
 def replay(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, "replay", str(folder), *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+    return ran("replay", str(folder), *words)
 
 
 def objects(done: subprocess.CompletedProcess[str]) -> list[JsonObject]:
@@ -142,9 +141,6 @@ def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     with RunLog(path) as log:
         log.write("/belief", msgspec.Raw(pickled_attack(marker)), 0)
-    looked = subprocess.run(
-        [*COMMAND, "view", str(folder), "--listen", "127.0.0.1:0"],
-        capture_output=True, text=True, timeout=60.0, check=False,
-    )  # fmt: skip
+    looked = ran("view", str(folder), "--listen", "127.0.0.1:0")
     assert not marker.exists()
     assert looked.returncode == 2, looked.stderr

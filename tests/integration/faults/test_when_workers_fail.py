@@ -23,15 +23,12 @@ from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.work import (
-    OrderAnswer,
     Particles,
     Report,
-    TakeOver,
     TrackReport,
-    WorkerState,
-    WorkOrder,
 )
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
+from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from zenoh_link.session import open_session
 
@@ -134,40 +131,6 @@ def test_without_workers_status_and_pose_report_this_until_a_worker_appears() ->
             step = tested.step
             wait_until(lambda: len(tested.since(step)) > 5 and tested.tracks())
         assert tested.clusters() == clusters, "each goes on from its last state"
-
-
-class UntrueWorker:
-    """Answers every order and question, and computes nothing.
-
-    Args:
-        session: what it speaks with.
-        name: its own.
-    """
-
-    def __init__(self, session: zenoh.Session, name: str) -> None:
-        self.name = name
-        self._epochs: dict[str, int] = {}
-        session.declare_queryable(keys.worker_order(name), self._on_order)
-        session.declare_queryable(keys.worker_state(name), self._on_state)
-        self._token = session.liveliness().declare_token(keys.worker_alive(name))
-
-    def _on_order(self, query: zenoh.Query) -> None:
-        with query:
-            assert query.payload is not None
-            order = decode(query.payload.to_bytes(), WorkOrder)
-            self._epochs = dict(order.keep) | {one.job_id: one.epoch for one in order.begin}
-            answer = OrderAnswer(
-                sender=self.name, order=order.order, term=order.term,
-                jobs=tuple((job_id, epoch, -1) for job_id, epoch in self._epochs.items()),
-            )  # fmt: skip
-            query.reply(query.key_expr, encode(answer))
-
-    def _on_state(self, query: zenoh.Query) -> None:
-        with query:
-            assert query.payload is not None
-            asked = decode(query.payload.to_bytes(), TakeOver)
-            told = WorkerState(sender=self.name, term=asked.term, holds=(), reports=())
-            query.reply(query.key_expr, encode(told))
 
 
 @contextmanager

@@ -74,6 +74,12 @@ class Page:
         self.console()
         driver.get(link)
 
+    def actions(self) -> Any:
+        """Actions of keyboard and pointer; `perform` does them."""
+        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
+
+        return ActionChains(self.driver)
+
     def run(self, script: str) -> Any:
         """What a script returns."""
         return self.driver.execute_script(script)
@@ -104,32 +110,26 @@ class Page:
 
     def drag_on_map(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Press, drag and release on the map's canvas [px from its corner]."""
-        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
-
         canvas = self.driver.find_element("id", "map")
         width, height = self.snapshot().size
         x, y = round(start[0] - width / 2), round(start[1] - height / 2)
-        chain = ActionChains(self.driver).move_to_element_with_offset(canvas, x, y)
+        chain = self.actions().move_to_element_with_offset(canvas, x, y)
         chain.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1]))
         chain.release().perform()
 
     def hover_on_map(self, where: tuple[float, float]) -> None:
         """Point at a place of the map's canvas [px from its corner]."""
-        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
-
         canvas = self.driver.find_element("id", "map")
         width, height = self.snapshot().size
         x, y = round(where[0] - width / 2), round(where[1] - height / 2)
-        ActionChains(self.driver).move_to_element_with_offset(canvas, x, y).perform()
+        self.actions().move_to_element_with_offset(canvas, x, y).perform()
 
     @contextmanager
     def holding(self, key: str) -> Iterator[None]:
         """Keep a key pressed."""
-        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
-
-        ActionChains(self.driver).key_down(key).perform()
+        self.actions().key_down(key).perform()
         yield
-        ActionChains(self.driver).key_up(key).perform()
+        self.actions().key_up(key).perform()
 
     @contextmanager
     def on_screen(self, screen: str, scheme: str = "") -> Iterator[None]:
@@ -181,9 +181,7 @@ class Page:
 
 def press(page: Page, keys: str) -> None:
     """Type keys, as a person does."""
-    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
-
-    ActionChains(page.driver).send_keys(keys).perform()
+    page.actions().send_keys(keys).perform()
 
 
 def serious_problems(page: Page) -> list[str]:

@@ -198,13 +198,6 @@ def test_play_shows_step_after_step_and_ends_at_now(stage: Stage, drawn: Page) -
     assert set(drawn.run("return [...seen]")) <= set(range(12))
 
 
-def test_a_click_on_the_plot_looks_back(stage: Stage, drawn: Page) -> None:
-    play(stage, range(200))
-    has_steps(stage, drawn, 200)
-    drawn.click("plot")  # in its middle
-    shows(stage, lambda: 80 < (shown_step(drawn) or 0) < 120)
-
-
 def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) -> None:
     stage.picture.on_belief(belief(0, 1))
     shows(stage, lambda: shown_step(drawn) == 0)
@@ -235,15 +228,13 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
 
 
 def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
-
     drawn.click("set-pose")
     drawn.hover_on_map(drawn.snapshot().screen_of(3.0, 3.0))
     before = drawn.snapshot().view
-    ActionChains(drawn.driver).click_and_hold().move_by_offset(50, 0).perform()
+    drawn.actions().click_and_hold().move_by_offset(50, 0).perform()
     press(drawn, "--")  # narrower
     assert drawn.text("hint") == "± 0.30 m"
-    ActionChains(drawn.driver).release().perform()
+    drawn.actions().release().perform()
     shows(stage, lambda: stage.commands)
     (given,) = stage.commands
     assert isinstance(given, PlaceRobot)
@@ -398,29 +389,6 @@ def is_red(page: Page, element: str) -> bool:
     return is_so
 
 
-def test_a_missing_worker_is_shown_at_the_top(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_status(status())
-    stage.picture.on_belief(belief(5, 1))
-    shows(stage, lambda: drawn.text("worker-count") == "2")
-    assert not drawn.is_visible("banner")
-    stage.picture.on_status(status(workers={}))
-    shows(stage, lambda: drawn.is_visible("banner"))
-    assert drawn.text("banner-text").startswith("No worker is alive")
-
-
-def test_the_headline_shows_the_number_of_places_and_the_cluster_of_its_pose(
-    stage: Stage, drawn: Page
-) -> None:
-    stage.picture.on_belief(many_places(1))
-    shows(stage, lambda: drawn.text("state") == "ambiguous, 64 places")
-    assert drawn.text("of") == "most probable of them:"
-    stage.picture.on_belief(msgspec.structs.replace(many_places(2), state="lost"))
-    shows(stage, lambda: drawn.text("state") == "lost, 64 places")
-    stage.picture.on_belief(msgspec.structs.replace(many_places(3), state="localized"))
-    shows(stage, lambda: drawn.text("state") == "localized")
-    assert not drawn.is_visible("of")
-
-
 @pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
 def test_nothing_covers_a_button(stage: Stage, drawn: Page, pictures: Path, width: int) -> None:
     play(stage, range(5))
@@ -443,12 +411,10 @@ return [...document.querySelectorAll("#stage button, #stage input")].filter((but
 
 
 def test_one_row_of_the_list_is_marked(stage: Stage, drawn: Page) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
-
     stage.picture.on_belief(belief(1, 4, 7))
     shows(stage, lambda: len(drawn.run(ROWS)) == 2)
     row = drawn.driver.find_element("css selector", "#clusters li[data-cluster='4']")
-    ActionChains(drawn.driver).move_to_element(row).perform()
+    drawn.actions().move_to_element(row).perform()
     assert marked(drawn) == ["4"]
     stage.picture.on_belief(belief(2, 7, 4))  # the other one is under the pointer now
     shows(stage, lambda: drawn.run(ROWS)[0] == "7")
@@ -602,12 +568,10 @@ def test_a_picture_is_saved(stage: Stage, drawn: Page, tmp_path: Path) -> None:
 def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
     stage: Stage, drawn: Page
 ) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
-
     play(stage, range(30))
     has_steps(stage, drawn, 30)
     plot = drawn.driver.find_element("id", "plot")
-    ActionChains(drawn.driver).move_to_element(plot).perform()
+    drawn.actions().move_to_element(plot).perform()
     assert drawn.text("plot-at").startswith("step ")
     assert drawn.text("plot-at").endswith("c1 45 %, c2 45 %")
 

@@ -22,6 +22,9 @@ from zenoh_link.session import open_session
 
 StartBridge = Callable[..., RunningProcess]
 OpenRobot = Callable[..., RosRobot]
+OpenSystem = Callable[..., SystemDouble]
+OpenSession = Callable[[], zenoh.Session]
+ACTIVE = Ros2Settings(autostart=True)
 
 
 @pytest.fixture

@@ -15,10 +15,8 @@ from ros2_bridge.message_types import encode, new, type_hash
 from ros2_bridge.messages_out import transform
 from ros2_bridge.topics import DIAGNOSTICS, ROSOUT, Topic
 from ros2_bridge.wire import attachment, data_key, dds_type
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSession, OpenSystem, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot
-from tests.integration.ros2.test_graph import OpenSession
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")

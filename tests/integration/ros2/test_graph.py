@@ -14,8 +14,7 @@ from recordings.rigid import IDENTITY
 from ros2_bridge.topics import AMCL_POSE, BOND
 from ros2_bridge.wire import HUMBLE_HASH
 from tests.integration.processes import RunningProcess
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSession, OpenSystem, StartBridge
 from tests.integration.waiting import stretched_s, wait_until
 
 SENT = {
@@ -63,8 +62,6 @@ PARAMETERS_SERVED = {
 ENDPOINTS = SENT | READ | {f"SS {service} ::,10:,:,:,," for service in SERVED}
 ENDPOINTS |= {f"SS {service} ::,1000:,:,:,," for service in PARAMETERS_SERVED}
 
-OpenSession = Callable[[], zenoh.Session]
-
 
 class Graph:
     """All tokens of a domain, as another session sees them.
@@ -103,12 +100,12 @@ class Graph:
 
 
 @pytest.mark.usefixtures("router")
-def test_another_session_sees_the_node_with_the_topics_and_services_of_amcl(
+def test_another_session_sees_the_topics_and_services_of_amcl_until_the_bridge_is_killed(
     open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     graph, robot = Graph(open_robot_session()), open_robot()
     robot.put_mounts()
-    start_bridge()
+    bridge = start_bridge()
     wait_until(lambda: len(graph.of()) == len(ENDPOINTS) + 1)
     assert graph.endpoints() == ENDPOINTS
     (node,) = (parts for parts in graph.of() if parts[5] == "NN")
@@ -118,15 +115,6 @@ def test_another_session_sees_the_node_with_the_topics_and_services_of_amcl(
     assert {parts[2] for parts in graph.of()} == {node[2]}
     assert all(parts[11].startswith("RIHS01_") for parts in graph.of() if parts[5] != "NN")
 
-
-@pytest.mark.usefixtures("router")
-def test_tokens_of_a_killed_bridge_disappear_at_once(
-    open_robot_session: OpenSession, open_robot: OpenRobot, start_bridge: StartBridge
-) -> None:
-    graph, robot = Graph(open_robot_session()), open_robot()
-    robot.put_mounts()
-    bridge = start_bridge()
-    wait_until(lambda: graph.endpoints() == ENDPOINTS)
     killed_s = time.monotonic()
     bridge.send_signal(signal.SIGKILL)
     wait_until(lambda: not graph.of())
@@ -135,7 +123,7 @@ def test_tokens_of_a_killed_bridge_disappear_at_once(
     wait_until(lambda: graph.endpoints() == ENDPOINTS)
 
 
-def test_after_a_router_restart_the_node_and_its_latched_messages_are_back(
+def test_transform_and_bond_go_on_without_a_router_which_gives_the_node_to_others_again(
     start_router: Callable[[], RunningProcess],
     open_robot_session: OpenSession,
     open_robot: OpenRobot,
@@ -144,32 +132,7 @@ def test_after_a_router_restart_the_node_and_its_latched_messages_are_back(
 ) -> None:
     router = start_router()
     graph, robot, system = Graph(open_robot_session()), open_robot(), open_system()
-    robot.put_mounts(("laser", IDENTITY))
-    start_bridge(ACTIVE)
-    robot.stand_until(lambda: system.lasers)
-    poses = robot.listen(AMCL_POSE)
-    system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
-    wait_until(lambda: poses)
-    router.kill()
-    start_router()
-    late_graph = Graph(open_robot_session())
-    wait_until(lambda: late_graph.endpoints() == ENDPOINTS)
-    assert graph.gone_at_s == []  # nodes keep their direct links
-    late = open_robot(name="late").listen(AMCL_POSE)
-    wait_until(lambda: late)
-    assert late[-1].pose.pose.position.y == 2.0
-    before = len(system.lasers)
-    robot.stand_until(lambda: len(system.lasers) > before)
-
-
-def test_transform_and_bond_go_on_while_the_router_is_away_for_3_s(
-    start_router: Callable[[], RunningProcess],
-    open_robot: OpenRobot,
-    open_system: OpenSystem,
-    start_bridge: StartBridge,
-) -> None:
-    router = start_router()
-    robot, nav2, system = open_robot(), open_robot(name="nav2"), open_system()
+    nav2 = open_robot(name="nav2")
     robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     robot.stand_until(lambda: system.lasers)
@@ -193,6 +156,13 @@ def test_transform_and_bond_go_on_while_the_router_is_away_for_3_s(
         gaps_s = [after - earlier for earlier, after in pairwise(times_s)]
         assert max(gaps_s) < stretched_s(1.0)
         assert times_s[-1] > back_s - stretched_s(1.0)
+
+    late_graph = Graph(open_robot_session())
+    wait_until(lambda: late_graph.endpoints() == ENDPOINTS)
+    assert graph.gone_at_s == []  # nodes keep their direct links
+    late = open_robot(name="late").listen(AMCL_POSE)
+    wait_until(lambda: late)
+    assert late[-1].pose.pose.position.y == 2.0
 
 
 def is_map_to_odom(message: Any) -> bool:

@@ -13,10 +13,9 @@ from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
 from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan
 from tests.integration.ros2.system_double import SystemDouble
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import wait_until
 from tests.unit.ros2_bridge.test_point_clouds import cloud
 

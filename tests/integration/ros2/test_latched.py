@@ -9,9 +9,8 @@ from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION, PARTICLE_CLOUD, STATE
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import RosRobot
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")

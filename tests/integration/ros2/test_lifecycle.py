@@ -15,9 +15,8 @@ from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import RosRobot
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import stretched_s, wait_until
 
 pytestmark = pytest.mark.usefixtures("router")

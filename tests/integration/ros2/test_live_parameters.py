@@ -1,5 +1,6 @@
 """Parameters set while the robot drives reach all our processes, and stay when these are killed."""
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -14,10 +15,11 @@ from protocol.steps import Scan, ScanHistory
 from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
+from ros2_bridge.topics import BOND
 from tests.integration.faults.system import System
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
@@ -49,10 +51,18 @@ def history(tested: System) -> tuple[Scan, ...]:
     return scans
 
 
+def assert_bond_went_on(beats_s: list[float]) -> None:
+    gaps_s = [after - earlier for earlier, after in pairwise(beats_s)]
+    assert max(gaps_s) < stretched_s(1.0)
+    assert len(gaps_s) > 2
+
+
 @pytest.mark.timeout(400)
-def test_live_parameters_apply_from_the_next_step_and_survive_every_take_over() -> None:
+def test_live_parameters_apply_from_the_next_step_and_with_the_bond_survive_every_take_over() -> (
+    None
+):
     with robot_and_system() as (tested, robot), tested.client as client:
-        drive = Drive(robot, tested)
+        bonds, drive = robot.listen(BOND), Drive(robot, tested)
         with drive.driving():
             wait_until(lambda: tested.beliefs and not tested.beliefs[-1].searching, 120.0)
             tested.wait_for_steps(3)
@@ -62,8 +72,12 @@ def test_live_parameters_apply_from_the_next_step_and_survive_every_take_over() 
             assert [result.reason for result in results] == [""] * 5
             wait_until(lambda: newest_scan(tested).settings == EXPECTED)
             tested.wait_for_steps(6)
+            count = len(bonds)
             tested.restart(COORDINATOR)
             tested.wait_for_steps(6)
+            assert_bond_went_on(robot.heard_at_s[BOND.name][count - 1 :])
+            assert all(bond.active for bond in bonds)
+            assert len({bond.instance_id for bond in bonds}) == 1
             scans, beliefs = history(tested), list(tested.beliefs)
             assert client.status().settings == EXPECTED
             tested.restart("sensor_bridge")

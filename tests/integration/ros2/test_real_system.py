@@ -1,18 +1,15 @@
 """A ROS robot on our real processes during faults, searches and a change of the map."""
 
 import math
-import time
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from clustermcl.stack import COORDINATOR
 from particle_filter.poses import wrap_angle
 from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
-from ros2_bridge.topics import AMCL_POSE, BOND
+from ros2_bridge.topics import AMCL_POSE
 from tests.integration.ros2.robot import planar
 from tests.integration.ros2.test_whole_way import (
     WORLD,
@@ -21,27 +18,7 @@ from tests.integration.ros2.test_whole_way import (
     robot_and_system,
     stamp_of,
 )
-from tests.integration.waiting import stretched_s, wait_until
-
-
-@pytest.mark.timeout(300)
-def test_the_bond_goes_on_while_the_coordinator_is_killed_and_replaced() -> None:
-    with robot_and_system() as (tested, robot):
-        bonds, poses = robot.listen(BOND), robot.listen(AMCL_POSE)
-        with Drive(robot, tested).driving():
-            wait_until(lambda: tested.beliefs and tested.beliefs[-1].hypotheses)
-            before = tested.beliefs[-1]
-            count, killed_at_s = len(bonds), time.monotonic()
-            tested.restart(COORDINATOR)
-            wait_until(lambda: tested.beliefs[-1].term > before.term)
-            wait_until(lambda: tested.beliefs[-1].hypotheses and poses, 150.0)
-            took_s = time.monotonic() - killed_at_s
-    beats_s = robot.heard_at_s[BOND.name]
-    gaps_s = [after - earlier for earlier, after in pairwise(beats_s[count - 1 :])]
-    assert max(gaps_s) < stretched_s(1.0)
-    assert len(gaps_s) > took_s / stretched_s(1.0)
-    assert {bond.instance_id for bond in bonds[:-1]} == {bonds[0].instance_id}
-    assert all(bond.active for bond in bonds[:-1])  # the last one ends it
+from tests.integration.waiting import wait_until
 
 
 @pytest.mark.timeout(400)

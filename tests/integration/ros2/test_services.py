@@ -10,8 +10,7 @@ from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.messages_out import pose_stamped
 from ros2_bridge.topics import DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
-from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")

@@ -6,9 +6,8 @@ import pytest
 from process_runtime.ros2_settings import Ros2Settings
 from recordings.rigid import IDENTITY
 from ros2_bridge.topics import AMCL_POSE
-from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.conftest import OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import planar
-from tests.integration.ros2.test_pose import OpenSystem
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")

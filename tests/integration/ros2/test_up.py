@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,10 +12,10 @@ from process_runtime.settings import Settings, ZenohSettings
 from protocol.errors import ClusterMclError
 from recordings.rigid import IDENTITY
 from robot_simulator.worlds.catalogue import world
-from tests.integration.ros2.conftest import OpenRobot
-from tests.integration.ros2.test_graph import ENDPOINTS, Graph, OpenSession
+from tests.integration.ros2.conftest import OpenRobot, OpenSession
+from tests.integration.ros2.test_graph import ENDPOINTS, Graph
 from tests.integration.ros2.test_whole_way import put_map
-from tests.integration.system.commands import SMALL_FILTER, typed
+from tests.integration.system.commands import SMALL_FILTER, ran, typed
 from tests.integration.waiting import wait_until
 
 NAV2 = "amcl:\n  ros__parameters:\n    pf_err: 0.01\n    update_min_d: 0.3\n"
@@ -65,21 +63,14 @@ def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
         up.assert_nothing_runs()
 
 
-def command(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-I", "-m", "clustermcl", *words],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-
-
 def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path: Path) -> None:
     nav2_params = tmp_path / "nav2_params.yaml"
     nav2_params.write_text(NAV2)
-    shown = command("settings", "--from-nav2", str(nav2_params))
+    shown = ran("settings", "--from-nav2", str(nav2_params))
     assert "# pf_err of nav2 has no effect: all places share belief.particles" in shown.stdout
     assert "\ngate_distance_m = 0.3\n" in shown.stdout
     (tmp_path / "settings.toml").write_text(shown.stdout)
-    again = command("settings", "--settings", str(tmp_path / "settings.toml"))
+    again = ran("settings", "--settings", str(tmp_path / "settings.toml"))
     assert again.stdout == "".join(
         line for line in shown.stdout.splitlines(keepends=True) if "has no effect" not in line
     )
@@ -97,7 +88,7 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
     ],
 )
 def test_invalid_ros_settings_are_one_line_of_error(words: list[str], problem: str) -> None:
-    ended = command(*words)
+    ended = ran(*words)
     assert ended.returncode == 2
     assert ended.stderr.startswith("clustermcl: ")
     assert problem in ended.stderr

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from clustermcl.client import Client
 from process_runtime.settings import CoordinatorSettings, RobotSettings, Settings
@@ -12,52 +11,17 @@ from process_runtime.settings_table import settings_as_toml
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
-from protocol.codec import decode, encode
-from protocol.message import Message
-from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
+from protocol.codec import encode
+from protocol.work import Checkpoint
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import client_with, require_openssl
+from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
 require_openssl()
 
 LIAR = "worker-a-0"
-
-
-class LyingWorker:
-    """Says that a later term rules."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        state = Checkpoint(sender=LIAR, term=2**52, serial=1, step=0, founded=True, state=b"")
-        session.put(keys.CHECKPOINT, encode(state))  # the router drops it
-        self.asked: list[TakeOver] = []
-        self.ordered: list[WorkOrder] = []
-        session.declare_queryable(keys.worker_state(LIAR), self._on_state)
-        session.declare_queryable(keys.worker_order(LIAR), self._on_order)
-        self._token = session.liveliness().declare_token(keys.worker_alive(LIAR))
-
-    def _on_state(self, query: zenoh.Query) -> None:
-        assert query.payload is not None
-        self.asked.append(decode(query.payload.to_bytes(), TakeOver))
-        term = self.asked[-1].term + 1
-        self._answer(
-            query,
-            WorkerState(sender=LIAR, term=term, holds=(), reports=()),
-        )
-
-    def _on_order(self, query: zenoh.Query) -> None:
-        assert query.payload is not None
-        order = decode(query.payload.to_bytes(), WorkOrder)
-        self._answer(
-            query,
-            OrderAnswer(sender=LIAR, order=order.order, jobs=(), term=order.term + 1),
-        )
-        self.ordered.append(order)
-
-    @staticmethod
-    def _answer(query: zenoh.Query, message: Message) -> None:
-        query.reply(query.key_expr, encode(message))
 
 
 @pytest.fixture
@@ -82,7 +46,9 @@ def test_a_lying_worker_neither_deposes_the_coordinator_nor_dictates_its_belief(
     zenoh_settings = client_with(certificates, "worker-a", secure_endpoint)
     viewer = Settings(zenoh=client_with(certificates, "viewer", secure_endpoint))
     with open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
-        liar = LyingWorker(session)
+        state = Checkpoint(sender=LIAR, term=2**52, serial=1, step=0, founded=True, state=b"")
+        session.put(keys.CHECKPOINT, encode(state))  # the router drops it
+        liar = UntrueWorker(session, LIAR, lift=1)
         coordinator.wait_for("coordinator ready")
         wait_until(lambda: len(liar.asked) >= 1 and len(liar.ordered) >= 1)
         with Client(patient_client(viewer)) as client:

@@ -23,6 +23,16 @@ SMALL_FILTER = [
 """A filter small enough for tests."""
 
 
+def ran(
+    *words: str, environment: dict[str, str] | None = None, timeout_s: float = PATIENCE_S
+) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end."""
+    return subprocess.run(
+        [*COMMAND, *words],
+        env=environment, capture_output=True, text=True, timeout=timeout_s, check=False,
+    )  # fmt: skip
+
+
 class TypedCommand:
     """A running command with all its child processes."""
 

@@ -2,7 +2,6 @@
 
 import csv
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +9,11 @@ import psutil
 import pytest
 from PIL import Image
 
-from tests.integration.waiting import PATIENCE_S, stretched_s
+from tests.integration.system.commands import COMMAND, ran
+from tests.integration.waiting import stretched_s
 from tests.unit.recordings import recording_or_skip
 
-COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
-
-
-def typed(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
 
 
 def assert_refused(done: subprocess.CompletedProcess[str], *facts: str, code: int = 2) -> None:
@@ -60,42 +53,23 @@ def log_of(folder: Path, *ranges: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("grey", "facts"), [(0, ("map.pgm", "no free space")), (254, ("map.yaml", "occupied"))]
-)
-def test_a_map_without_free_space_or_obstacles_is_refused(
-    tmp_path: Path, grey: int, facts: tuple[str, ...]
-) -> None:
-    uniform = written_map(tmp_path, np.full((20, 20), grey, np.uint8))
-    assert_refused(typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(uniform)), *facts)
-
-
 def test_a_demo_without_a_map_or_in_a_map_without_room_is_refused(tmp_path: Path) -> None:
-    assert_refused(typed("demo", "--map", str(tmp_path / "no.yaml")), "no.yaml")
+    assert_refused(ran("demo", "--map", str(tmp_path / "no.yaml")), "no.yaml")
     for cells, fact in (
         (np.full((60, 60), 205, np.uint8), "no free space"),
         (np.full((60, 60), 254, np.uint8), "no obstacle"),
         (np.pad(np.full((4, 60), 254, np.uint8), 8), "0.6 m wide"),
     ):
-        assert_refused(typed("demo", "--map", str(written_map(tmp_path, cells))), fact)
+        assert_refused(ran("demo", "--map", str(written_map(tmp_path, cells))), fact)
 
 
-def test_a_missing_recording_is_refused(map_file: Path) -> None:
-    assert_refused(typed("evaluate", "nowhere.log", "--map", str(map_file)), "nowhere.log")
-
-
-@pytest.mark.parametrize("ranges", ["nan nan nan", "0 0 0", "inf -1 nan"])
-def test_a_recording_of_scans_without_returns_is_refused(
-    tmp_path: Path, map_file: Path, ranges: str
-) -> None:
-    log = log_of(tmp_path, ranges, ranges)
-    assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
-
-
-def test_a_recording_without_beams_is_refused(tmp_path: Path, map_file: Path) -> None:
-    log = tmp_path / "log.clf"
-    log.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
-    assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
+def test_recordings_without_a_scan_of_use_are_refused(tmp_path: Path, map_file: Path) -> None:
+    no_beams, cut = tmp_path / "beams.clf", tmp_path / "cut.log.xz"
+    no_beams.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
+    cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")
+    no_returns = log_of(tmp_path, "nan nan nan", "0 0 0", "inf -1 nan")
+    for log in (tmp_path / "nowhere.log", no_beams, cut, no_returns):
+        assert_refused(ran("evaluate", str(log), "--map", str(map_file)), log.name)
 
 
 def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
@@ -103,7 +77,7 @@ def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
 ) -> None:
     log = log_of(tmp_path, "1 2 3", "1 2", "1 x 3", "2 2 3")
     out = tmp_path / "out.csv"
-    done = typed("evaluate", str(log), "--map", str(map_file), "--output", str(out))
+    done = ran("evaluate", str(log), "--map", str(map_file), "--output", str(out))
     assert done.returncode == 0, done.stderr
     assert "2 bad lines left out (2, 3)" in done.stderr
     (run,) = csv.DictReader(out.read_text().splitlines())
@@ -114,15 +88,9 @@ def test_a_truncated_recording_is_used_as_far_as_it_goes(tmp_path: Path, map_fil
     whole = recording_or_skip("wean/robotdata1.log.xz").read_bytes()
     cut = tmp_path / "cut.log.xz"
     cut.write_bytes(whole[: len(whole) // 8])
-    done = typed("evaluate", str(cut), "--map", str(map_file), "--steps", "3")
+    done = ran("evaluate", str(cut), "--map", str(map_file), "--steps", "3")
     assert done.returncode == 0, done.stderr
     assert "cut.log.xz" in done.stderr
-
-
-def test_a_recording_cut_before_its_first_scan_is_refused(tmp_path: Path, map_file: Path) -> None:
-    cut = tmp_path / "cut.log.xz"
-    cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")
-    assert_refused(typed("evaluate", str(cut), "--map", str(map_file)), "cut.log.xz")
 
 
 @pytest.mark.parametrize(
@@ -136,7 +104,7 @@ def test_a_recording_cut_before_its_first_scan_is_refused(tmp_path: Path, map_fi
     ids=["unknown setting", "setting of the wrong type", "unknown world", "demo of a live robot"],
 )
 def test_a_command_with_a_mistake_names_what_is_meant(words: str, facts: tuple[str, ...]) -> None:
-    assert_refused(typed(*words.split()), *facts)
+    assert_refused(ran(*words.split()), *facts)
 
 
 def test_without_a_system_all_queries_fail_within_three_seconds() -> None:

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import signal
-import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -16,7 +15,8 @@ from websockets.sync.client import ClientConnection
 
 from tests.integration.free_port import free_port
 from tests.integration.live_view.page import opened
-from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
+from tests.integration.system.commands import SMALL_FILTER, TypedCommand, ran, typed
+from tests.integration.waiting import PATIENCE_S
 from tests.integration.worlds import write_room
 from tests.unit.recordings import recording_or_skip
 
@@ -30,10 +30,7 @@ def environment(short_folder: str, tmp_path: Path) -> dict[str, str]:
 
 
 def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
-    done = subprocess.run(
-        [*COMMAND, *words, "--json"],
-        env=environment, capture_output=True, text=True, timeout=90, check=False,
-    )  # fmt: skip
+    done = ran(*words, "--json", environment=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert list(Path(environment["TMPDIR"]).iterdir()) == [], "nothing is left"
     answer: dict[str, Any] = json.loads(done.stdout)
@@ -75,9 +72,8 @@ def test_a_robot_in_a_map_of_ones_own_is_found(environment: dict[str, str], tmp_
 
 def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
     """Separate processes, as fast as the workers follow, with the defaults a new user has."""
-    recording = recording_or_skip("wean/robotdata1.log.xz")
     answer = as_json(
-        "demo", "--recording", str(recording),
+        "demo", "--recording", str(recording_or_skip("wean/robotdata1.log.xz")),
         "--map", str(recording_or_skip("wean/map.yaml")),
         "--reference", str(recording_or_skip("wean/robotdata1.reference.tum")),
         environment=environment,
@@ -85,28 +81,6 @@ def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
     assert answer["final_error_m"] < 1.0
     assert answer["final_error_rad"] < math.radians(20.0)
     assert answer["steps_lost"] == 0
-
-
-def test_the_page_of_a_recording_draws_its_reference(
-    environment: dict[str, str], tmp_path: Path
-) -> None:
-    recording = recording_or_skip("wean/robotdata1.log.xz")
-    link = f"127.0.0.1:{free_port()}"
-    words = [
-        "demo", "--recording", str(recording),
-        "--map", str(recording_or_skip("wean/map.yaml")),
-        "--reference", str(recording_or_skip("wean/robotdata1.reference.tum")),
-        "--view", "--listen", link, *SMALL_FILTER,
-    ]  # fmt: skip
-    with typed(*words, folder=tmp_path, environment=environment) as demo:
-        demo.wait_for("look at")
-        with opened(f"http://{link}/") as page:
-            while True:
-                frames = json.loads(page.recv(60.0))
-                page.send('{"type": "drawn"}')
-                if frames.get("step", {}).get("truth"):
-                    break
-        assert demo.end(signal.SIGINT) == 130
 
 
 @pytest.mark.parametrize(
@@ -136,17 +110,24 @@ def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedC
         yield demo, f"http://{listen}/"
 
 
-def test_a_demo_with_a_page_prints_its_link_and_waits_for_the_first_browser(
+def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps_beside_it(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
-    with urllib.request.urlopen(link, timeout=10) as page:
+    with urllib.request.urlopen(link, timeout=PATIENCE_S) as page:
         assert b"Cluster-MCL" in page.read()
     demo.wait_for("4 of 4 workers are ready")
     time.sleep(2.0)  # in which several steps would be made
     assert "step 0" not in demo.out
-    with opened(link):
+    with opened(link) as page, opened(link, "robot/robot-amcl/live") as beside:
         demo.wait_for("step 0: ")
+        first = 1 + max(newest_step(each) for each in (page, beside))  # both pages have it whole
+        steps = [past_steps(each, range(first, first + 5)) for each in (page, beside)]
+    for ours, amcl in zip(*steps, strict=True):
+        assert ours["stamp_s"] == amcl["stamp_s"]
+        assert amcl["truth"] == ours["truth"]
+        assert amcl["places"]
+        assert amcl["scan"] == ours["scan"]
     assert demo.end(signal.SIGINT) == 130
     assert demo.err == f"clustermcl: look at {link}\n"
     demo.assert_nothing_runs()
@@ -162,24 +143,10 @@ def test_a_run_that_has_ended_can_still_be_looked_back_at(
         with opened(f"http://{listen}/") as page:
             demo.wait_for("In the end")
             page.send('{"type": "past", "step": 2}')
-            while "past" not in (frames := json.loads(page.recv(20.0))):
-                page.send('{"type": "drawn"}')
-        assert frames["past"]["step"]["step"] == 2
+            past = next(frames["past"] for frames in drawings(page) if "past" in frames)
+        assert past["step"]["step"] == 2
+        assert past["step"]["truth"]
         assert demo.end(signal.SIGINT) == 130
-
-
-def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str]) -> None:
-    demo, link = viewed
-    with opened(link) as page, opened(link, "robot/robot-amcl/live") as beside:
-        first = 1 + max(newest_step(each) for each in (page, beside))  # both pages have it whole
-        steps = [past_steps(each, range(first, first + 5)) for each in (page, beside)]
-    for ours, amcl in zip(*steps, strict=True):
-        assert ours["stamp_s"] == amcl["stamp_s"]
-        assert amcl["truth"] == ours["truth"]
-        assert amcl["places"]
-        assert amcl["scan"] == ours["scan"]
-    assert demo.end(signal.SIGINT) == 130
-    demo.assert_nothing_runs()
 
 
 def drawings(page: ClientConnection) -> Iterator[dict[str, Any]]:
@@ -217,15 +184,14 @@ def test_a_demo_that_is_killed_takes_its_processes_with_it(
     demo.assert_nothing_runs()
 
 
-@pytest.mark.parametrize("killed", ["worker", "live_view"])
-def test_a_demo_whose_process_is_killed_ends_and_names_the_process(
-    viewed: tuple[TypedCommand, str], killed: str
+def test_a_demo_whose_worker_is_killed_ends_and_names_the_process(
+    viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
     with opened(link):
         demo.wait_for("step 0: ")
-    child = next(one for one in demo.meet_family() if killed in one.cmdline())
+    child = next(one for one in demo.meet_family() if "worker" in one.cmdline())
     child.kill()
-    assert demo.popen.wait(20.0) == 2
-    assert f"the {killed} process ended with SIGKILL" in demo.err
+    assert demo.popen.wait(PATIENCE_S) == 2
+    assert "the worker process ended with SIGKILL" in demo.err
     demo.assert_nothing_runs()

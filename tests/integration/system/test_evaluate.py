@@ -4,13 +4,12 @@ import json
 import math
 import os
 import signal
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
+from tests.integration.system.commands import SMALL_FILTER, ran, typed
 from tests.integration.waiting import PATIENCE_S, wait_until
 
 ROBOT = ["evaluate", "sim:cross_feature", *SMALL_FILTER]
@@ -22,10 +21,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 
 def results(*words: str, environment: dict[str, str]) -> dict[str, Any]:
-    done = subprocess.run(
-        [*COMMAND, *words, "--json"],
-        env=environment, capture_output=True, text=True, timeout=2 * PATIENCE_S, check=False,
-    )  # fmt: skip
+    done = ran(*words, "--json", environment=environment, timeout_s=2 * PATIENCE_S)
     assert (done.returncode, done.stderr) == (0, "")
     found: dict[str, Any] = json.loads(done.stdout)
     return found
@@ -78,13 +74,6 @@ def test_every_start_of_a_simulated_robot_has_a_different_seed(
     ]
 
 
-def test_ordinary_mcl_runs_on_the_same_robot(environment: dict[str, str]) -> None:
-    words = [*ROBOT, "--steps", "20", "--algorithm", "mcl"]
-    found = results(*words, environment=environment)
-    assert found["algorithm"] == "mcl"
-    assert found["runs"][0]["steps"] == 20
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
     number: int, tmp_path: Path, environment: dict[str, str]
@@ -98,11 +87,11 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         evaluation.assert_nothing_runs()
 
 
-def test_the_name_of_a_world_is_printed_unchanged(
+def test_ordinary_mcl_and_the_name_of_a_world_are_printed_unchanged(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""
-    words = ("evaluate", "sim:office", "--steps", "1", *SMALL_FILTER)
+    words = ("evaluate", "sim:office", "--steps", "1", "--algorithm", "mcl", *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=environment) as command:
         assert command.popen.wait(2 * PATIENCE_S) == 0, command.err
-        assert "cluster-mcl on sim:office: localized in 0 of 1" in command.out
+        assert "mcl on sim:office: localized in 0 of 1" in command.out

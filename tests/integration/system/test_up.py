@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 
 from clustermcl.client import Client
@@ -14,6 +15,7 @@ from coordinator.recorder.ring import files_in, series_of
 from process_runtime.settings import Settings, ZenohSettings
 from protocol.errors import UnreachableError
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, typed
+from tests.integration.system.test_start import HEAVY
 from tests.integration.waiting import wait_until
 
 
@@ -50,6 +52,11 @@ def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
     wait_until(lambda: pid_of(up, module) not in (0, killed))
 
 
+def heavy_libraries(pid: int) -> set[str]:
+    files = {Path(mapped.path).parts for mapped in psutil.Process(pid).memory_maps()}
+    return {name for name in HEAVY if any(name in parts for parts in files)}
+
+
 def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     up: TypedCommand, settings: Settings, tmp_path: Path
 ) -> None:
@@ -57,6 +64,10 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     with Client(settings) as client:
         wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)
         wait_until(lambda: any(recording.glob("*.mcap")))  # a thread of the coordinator writes it
+        loaded = {
+            module: heavy_libraries(pid_of(up, module))
+            for module in ("coordinator", "zenoh_link.router", "worker")
+        }
         for module in ("coordinator", "worker", "robot_simulator"):
             kill_and_wait_for_the_next(up, module)
         step = client.pose().step
@@ -67,6 +78,8 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     up.assert_nothing_runs()
     series = {series_of(file) for file in files_in(recording)}
     assert len(series) == 2, "of both coordinators, without being asked"
+    assert loaded.pop("worker") & {"numba", "llvmlite"}
+    assert loaded == {"coordinator": set(), "zenoh_link.router": set()}, "no mathematics"
 
 
 def test_a_second_system_at_the_same_router_address_is_refused(

@@ -1,9 +1,12 @@
 """Messages and faults of a soak, made up."""
 
-from protocol.answers import Belief, Hypothesis, PoseAnswer
+from msgspec.structs import replace
+
+from protocol.answers import Belief, Hypothesis
 from protocol.message import PoseTuple
 from tests.soak.promises import DoneFault, Outages, Question
 from tests.soak.schedule import Kind
+from tests.unit.live_view import messages
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -25,30 +28,14 @@ def fault(kind: Kind, begin_s: float, lasts_s: float = 0.0, target: str = "") ->
 
 
 def place(cluster: int, probability: float, mean: PoseTuple = (0.0, 0.0, 0.0)) -> Hypothesis:
-    return Hypothesis(
-        cluster=cluster,
-        probability=probability,
-        log_probability=0.0,
-        mean=mean,
-        covariance=(0.0,) * 9,
-        effective_sample_size=1.0,
-        age_steps=1,
-    )
+    return replace(messages.hypothesis(cluster, probability), mean=mean)
 
 
 def belief(
     step: int, *places: Hypothesis, stamp_s: float = 0.0, missing: tuple[str, ...] = ()
 ) -> Belief:
-    return Belief(
-        sender="coordinator",
-        step=step,
-        stamp_ns=at(stamp_s),
-        odom_from_robot=(0.0, 0.0, 0.0),
-        state="ambiguous",
-        hypotheses=places,
-        searching=False,
-        missing=missing,
-    )
+    made = messages.belief(step)
+    return replace(made, stamp_ns=at(stamp_s), hypotheses=places, missing=missing)
 
 
 def unanswered(asked_s: float) -> Question:
@@ -58,16 +45,6 @@ def unanswered(asked_s: float) -> Question:
 def answered(
     asked_s: float, *, stamp_s: float, age_s: float, fresh: bool = True, took_s: float = 0.01
 ) -> Question:
-    answer = PoseAnswer(
-        sender="coordinator",
-        state="localized",
-        freshness="fresh" if fresh else "stale",
-        stamp_ns=at(stamp_s),
-        age_s=age_s,
-        step=1,
-        probability=1.0,
-        map_from_robot=(0.0, 0.0, 0.0),
-        covariance=(0.0,) * 9,
-        workers=1,
-    )
+    freshness = "fresh" if fresh else "stale"
+    answer = messages.pose(1, freshness=freshness, stamp_ns=at(stamp_s), age_s=age_s)
     return Question(at(asked_s), at(asked_s + took_s), answer)
