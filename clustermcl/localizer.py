@@ -318,6 +318,7 @@ class ClusterMCL(RobotCommands):
     def _set_belief(self, outcome: Outcome, scan: Scan) -> Belief:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
+        self._maker.judge(self.belief)
         return self.belief
 
 

@@ -6,7 +6,7 @@ that of an observation of nothing, so a pose that explains an observation badly 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +31,14 @@ class Landmarks:
     """(L, 2) x, y in the map [m]."""
     variances: NDArray[np.float64]
     """(L,) variance of a position along each axis [m^2]."""
+
+    @classmethod
+    def of(cls, rows: Iterable[tuple[str, float, float, float]]) -> "Landmarks":
+        """Return the landmarks of rows: name, x [m], y [m], standard deviation [m]."""
+        table = list(rows)
+        sigmas = np.array([row[3] for row in table])
+        positions = np.array([row[1:3] for row in table]).reshape(-1, 2)
+        return cls(tuple(row[0] for row in table), positions, sigmas**2)
 
 
 @dataclass(frozen=True)
@@ -78,10 +86,7 @@ class Observation:
         return replace(self, mean=mean, covariance=covariance)
 
 
-NOTHING_OBSERVED: tuple[tuple[Observation, ...], Landmarks] = (
-    (),
-    Landmarks((), np.empty((0, 2)), np.empty(0)),
-)
+NOTHING_OBSERVED: tuple[tuple[Observation, ...], Landmarks] = ((), Landmarks.of(()))
 
 
 def log_likelihood_ratio(

@@ -369,6 +369,8 @@ class Bridge:
         self._has_coordinator = token.alive
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
+        if self._maker is not None:
+            self._maker.judge(belief)
         searching = belief.state == "searching"
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
 

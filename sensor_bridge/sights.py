@@ -14,12 +14,14 @@ from particle_filter.trajectory import MAX_LATE_NS, Trajectory
 from protocol.message import PoseTuple
 from protocol.reading_checks import observation_problem
 from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation, Seen
+from sensor_bridge.sources import Source, Sources, source_name
 from sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
 
 UNKNOWN_LANDMARK = "unknown_landmark"
 OBSERVATION_AHEAD = "observation_from_the_future"
 TOO_MANY_OBSERVATIONS = "too_many_observations"
 TOO_FAR = "observation_too_far_back"
+BROKEN_SOURCE = "broken_source"
 MAX_WAITING = 64
 """Observations that wait for odometry."""
 VIEW_M = 0.5
@@ -57,7 +59,9 @@ class Sights:
         self._names = frozenset(landmark.name for landmark in landmarks)
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
-        self._placed: list[tuple[Placed, Pose]] = []
+        self._placed: list[tuple[Source, Placed, Pose]] = []
+        self._sources = Sources(landmarks)
+        self.judge = self._sources.judge
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def see(self, observation: Observation) -> None:
@@ -84,25 +88,28 @@ class Sights:
         self._waiting = [each for each in self._waiting if each.stamp_ns > stamp_ns]
         return max(map(self._place, ready), default=0.0) > FIRST_SHARE
 
-    def take(self, odom_from_robot: PoseTuple) -> tuple[Seen, ...]:
-        """Return the observations since the last step, relative to the robot's pose there."""
+    def take(self, step: int, odom_from_robot: PoseTuple) -> tuple[Seen, ...]:
+        """Return the observations for the next step, relative to the robot's pose there."""
         after, placed = np.array(odom_from_robot), self._placed
-        self._placed = []
-        moved = [seen.moved(between(before, after)) for seen, before in placed]
-        found = [
-            Seen(
-                landmark=seen.landmark,
-                mean=tuple(seen.mean.tolist()),
-                covariance=tuple(seen.covariance.ravel().tolist()),
-                outlier_probability=seen.outlier_probability,
-                share=seen.share,
+        self._placed, usable = [], []
+        for source, there, before in placed:
+            here = there.moved(between(before, after))
+            seen = Seen(
+                landmark=here.landmark,
+                mean=tuple(here.mean.tolist()),
+                covariance=tuple(here.covariance.ravel().tolist()),
+                outlier_probability=here.outlier_probability,
+                share=here.share,
             )
-            for seen in moved
-        ]
-        # A step with an impossible observation would be refused by every worker.
-        usable = [seen for seen in found if observation_problem(seen) is None]
-        if len(usable) < len(found):
-            self._dropped[TOO_FAR] += len(found) - len(usable)
+            # A step with an impossible observation would be refused by every worker.
+            if observation_problem(seen) is not None:
+                self._dropped[TOO_FAR] += 1
+                continue
+            self._sources.saw(step, source, here)
+            if self._sources.is_broken(source):
+                self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
+            else:
+                usable.append(seen)
         return tuple(usable)
 
     def landmarks_of(self, seen: Sequence[Seen]) -> tuple[Landmark, ...]:
@@ -129,7 +136,7 @@ class Sights:
         covariance = np.reshape(observation.covariance, (len(mean), len(mean)))
         odds = observation.outlier_probability
         seen = Placed(mean, covariance, observation.landmark, odds, share)
-        self._placed.append((seen, odom_from_robot))
+        self._placed.append(((observation.sender, observation.landmark), seen, odom_from_robot))
         return share
 
     def _share(self, sight: _Sight, correlation_s: float) -> float:

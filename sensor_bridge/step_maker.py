@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from particle_filter.poses import between, compose, wrap_angle
 from particle_filter.settings import section_with
 from process_runtime.settings import BridgeSettings
+from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
@@ -147,6 +148,10 @@ class StepMaker:
         """Take an observation of another sensor; the next step has it."""
         self._sights.see(observation)
 
+    def judge(self, belief: Belief) -> None:
+        """Compare the observations of a step with the belief after it."""
+        self._sights.judge(belief)
+
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._sights.moved(stamp_ns, odom_from_robot):
             self._gate.open_next()
@@ -217,7 +222,7 @@ class StepMaker:
         if not self._gate.on_scan(pose):
             self._lasers[reading.laser].unused = reading
             return
-        beams, seen = beams_of(reading), self._sights.take(pose)
+        beams, seen = beams_of(reading), self._sights.take(self._next_step, pose)
         self._next_step += 1
         yield Scan(
             sender=self._sender,

@@ -408,12 +408,7 @@ def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
         )
         for each in scan.observations
     ]
-    landmarks = Landmarks(
-        tuple(each.name for each in scan.landmarks),
-        np.array([(each.x, each.y) for each in scan.landmarks]).reshape(-1, 2),
-        np.array([each.sigma**2 for each in scan.landmarks]),
-    )
-    return seen, landmarks
+    return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
 
 
 def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:

@@ -29,12 +29,16 @@ SEEN_WITHIN_M = 3.0
 
 
 def sight(
-    tick: Tick, rng: np.random.Generator, false: float = 0.0, tags: tuple[Landmark, ...] = TAGS
+    tick: Tick,
+    rng: np.random.Generator,
+    false: float = 0.0,
+    tags: tuple[Landmark, ...] = TAGS,
+    within_m: float = SEEN_WITHIN_M,
 ) -> tuple[str, np.ndarray] | None:
     """Name and position in the robot's frame of the tag that a camera sees, if it sees one."""
     for tag in tags:
         seen = between(np.array(tick.map_from_robot), np.array([tag.x, tag.y, 0.0]))[:2]
-        if math.hypot(*seen) < SEEN_WITHIN_M:
+        if math.hypot(*seen) < within_m:
             name = tag.name if rng.random() >= false else str(rng.choice([t.name for t in tags]))
             return name, seen + rng.normal(size=2) * SIGMA_M
     return None

@@ -36,11 +36,11 @@ def test_a_sight_moves_to_the_pose_of_the_step() -> None:
     sights = Sights(TAGS, Counter())
     sights.see(seen(0.5))
     driven(sights, 1)
-    (moved,) = sights.take((1.0, 0.0, 0.0))
+    (moved,) = sights.take(0, (1.0, 0.0, 0.0))
     assert moved.mean == pytest.approx((1.5, 0.0))
     assert moved.share == 1.0
     assert sights.landmarks_of([moved]) == TAGS
-    assert sights.take((1.0, 0.0, 0.0)) == ()
+    assert sights.take(0, (1.0, 0.0, 0.0)) == ()
 
 
 def test_a_tag_looked_at_for_a_minute_is_not_sixty_tags() -> None:
@@ -48,7 +48,7 @@ def test_a_tag_looked_at_for_a_minute_is_not_sixty_tags() -> None:
     for second in range(60):
         sights.see(seen(second))
         sights.moved(second * SECOND, (0.0, 0.0, 0.0))
-        shares += [each.share for each in sights.take((0.0, 0.0, 0.0))]
+        shares += [each.share for each in sights.take(0, (0.0, 0.0, 0.0))]
     assert shares[0] == 1.0
     assert 1.5 < sum(shares) < 4.0
 
@@ -60,7 +60,7 @@ def test_a_wrong_name_does_not_make_a_sight_of_the_same_thing_new() -> None:
     sights.see(seen(0.0, name="other"))
     sights.see(seen(0.0, y=1.5, name="other"))
     sights.moved(0, (0.0, 0.0, 0.0))
-    assert [(each.mean[1], each.share) for each in sights.take((0.0, 0.0, 0.0))] == [
+    assert [(each.mean[1], each.share) for each in sights.take(0, (0.0, 0.0, 0.0))] == [
         (0.0, 1.0),
         (1.5, 1.0),
     ]
@@ -83,7 +83,7 @@ def test_a_flood_of_observations_is_bounded() -> None:
     for number in range(1000):
         sights.see(seen(5.5, x=3.0 * number))
     driven(sights, 6)
-    assert len(sights.take((6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
+    assert len(sights.take(0, (6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
     assert dropped == {TOO_MANY_OBSERVATIONS: 1000 - MAX_OBSERVATIONS}
     assert MAX_WAITING < 1000
 
@@ -116,6 +116,6 @@ def test_what_a_motion_moves_out_of_range_does_not_spoil_the_step() -> None:
     sights.see(seen(0.0, x=1e8 - 0.5))
     sights.see(seen(0.0))
     driven(sights, 1, speed=-1.0)
-    (kept,) = sights.take((-1.0, 0.0, 0.0))
+    (kept,) = sights.take(0, (-1.0, 0.0, 0.0))
     assert kept.mean == pytest.approx((3.0, 0.0))
     assert dropped == {TOO_FAR: 1}

@@ -1,0 +1,86 @@
+"""How often a source of observations is wrong."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from particle_filter.observations import Observation
+from protocol.answers import Belief, Hypothesis
+from protocol.steps import Landmark
+from sensor_bridge.sources import MAX_SOURCES, Source, Sources, source_name
+
+TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
+EYE: Source = ("eye", "tag")
+AT = (0.0, 2.0, 0.0)
+HERE = Hypothesis(
+    cluster=0, probability=1.0, log_probability=0.0, mean=AT, effective_sample_size=9.0,
+    covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01), age_steps=5,
+)  # fmt: skip
+SURE = Belief(
+    sender="c", step=0, stamp_ns=0, odom_from_robot=AT, state="localized", hypotheses=(HERE,),
+    searching=False,
+)  # fmt: skip
+RIGHT, WRONG = (1.0, 0.0), (4.0, 1.0)
+
+
+def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> Observation:
+    covariance = 0.01 * np.eye(len(mean))
+    return Observation(np.array(mean), covariance, landmark, 0.05, share)
+
+
+def judged(sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE) -> bool:
+    """Whether the source is broken after one more observation."""
+    sources.saw(belief.step, of, seen)
+    sources.judge(belief)
+    return sources.is_broken(of)
+
+
+def test_two_wrong_sights_break_a_source_and_right_ones_mend_it() -> None:
+    sources = Sources(TAGS)
+    assert [judged(sources, sight(WRONG)) for _ in range(3)] == [False, True, True]
+    for _ in range(20):
+        judged(sources, sight(WRONG))
+    mended = [judged(sources, sight(RIGHT)) for _ in range(10)]
+    assert mended[0]
+    assert not mended[-1]
+    assert not sources.is_broken(("eye", "other"))
+
+
+@pytest.mark.parametrize("mean", [AT[:2], AT])
+def test_poses_are_judged_too(mean: tuple[float, ...]) -> None:
+    sources, gnss = Sources(()), ("gnss", "")
+    for _ in range(10):
+        assert not judged(sources, sight(mean, landmark=""), of=gnss)
+    away = (30.0, *mean[1:])
+    assert [judged(sources, sight(away, landmark=""), of=gnss) for _ in range(20)][-1]
+
+
+def test_a_repeated_sight_counts_by_what_is_new() -> None:
+    sources = Sources(TAGS)
+    assert not any(judged(sources, sight(WRONG, share=0.02)) for _ in range(50))
+
+
+def test_an_uncertain_belief_judges_nothing() -> None:
+    sources = Sources(TAGS)
+    for belief in (replace(SURE, state="ambiguous"), replace(SURE, hypotheses=())):
+        assert not any(judged(sources, sight(WRONG), belief) for _ in range(5))
+    sources.saw(7, EYE, sight(WRONG))
+    sources.judge(SURE)  # of an earlier step
+    assert not sources.is_broken(EYE)
+
+
+def test_a_belief_without_spread_is_used() -> None:
+    """Rounding may give a variance just below zero."""
+    flat = replace(SURE, hypotheses=(replace(HERE, covariance=(-1e-18,) * 9),))
+    sources = Sources(TAGS)
+    assert [judged(sources, sight(WRONG), flat) for _ in range(2)][-1]
+
+
+def test_a_flood_of_senders_is_bounded() -> None:
+    sources = Sources(TAGS)
+    names = [(f"eye{number}", "tag") for number in range(MAX_SOURCES + 5)]
+    broken = [[judged(sources, sight(WRONG), of=name) for _ in range(2)][-1] for name in names]
+    assert broken == [True] * MAX_SOURCES + [False] * 5
+    assert len(source_name(("e\n" * 200, "tag"))) < 70
