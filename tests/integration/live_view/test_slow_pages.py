@@ -4,13 +4,11 @@ import json
 from contextlib import suppress
 from typing import Any
 
-import pytest
 from websockets.exceptions import ConnectionClosed
 
-from live_view.room import MESSAGES_AHEAD
 from tests.integration.live_view.page import opened
 from tests.integration.live_view.stage import Stage
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import wait_until
 from tests.unit.live_view.messages import belief
 
 STEPS, PLACES = 1000, 16
@@ -43,17 +41,3 @@ def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_othe
 
             wait_until(has_newest_step)
             assert told["step"]["step"] == STEPS - 1
-
-
-def test_a_page_without_acknowledgements_gets_a_few_steps_and_then_the_newest() -> None:
-    with Stage() as stage, opened(stage.server.link) as slow:
-        wait_until(lambda: stage.room.browsers)
-        for step in range(50):
-            stage.picture.on_belief(belief(step, 1))
-            stage.pump()
-        for _ in range(MESSAGES_AHEAD):
-            slow.recv(PATIENCE_S)
-        with pytest.raises(TimeoutError):
-            slow.recv(0.5)
-        slow.send(json.dumps({"type": "drawn", "count": MESSAGES_AHEAD}))
-        assert json.loads(slow.recv(PATIENCE_S))["step"]["step"] == 49

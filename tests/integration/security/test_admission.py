@@ -53,22 +53,15 @@ def test_without_a_certificate_a_connection_is_refused(client_of: ClientOf) -> N
     assert "a client without a certificate: the router requires a certificate" in said
 
 
-def test_a_certificate_of_an_unknown_authority_is_refused(
+def test_certificates_of_unknown_authorities_are_refused_by_router_and_client(
     client_of: ClientOf, tmp_path: Path
 ) -> None:
     make_certificates(tmp_path, "viewer")
     ours = client_of("viewer")
     theirs = client_with(tmp_path, "viewer", ours.router)
+    assert "the router's certificate is not trusted" in refusal(theirs)
     theirs = msgspec.structs.replace(theirs, tls_ca_certificate=ours.tls_ca_certificate)
     assert "it is not signed by the router's authority" in refusal(theirs)
-
-
-def test_a_router_of_an_unknown_authority_is_not_trusted(
-    client_of: ClientOf, tmp_path: Path
-) -> None:
-    make_certificates(tmp_path, "viewer")
-    theirs = client_with(tmp_path, "viewer", client_of("viewer").router)
-    assert "the router's certificate is not trusted" in refusal(theirs)
 
 
 def test_an_expired_certificate_is_refused(client_of: ClientOf, scratch: Path) -> None:
@@ -79,17 +72,14 @@ def test_an_expired_certificate_is_refused(client_of: ClientOf, scratch: Path) -
     assert settings.tls_certificate in said
 
 
-def test_the_routers_own_certificate_does_not_make_a_client(client_of: ClientOf) -> None:
+def test_the_routers_certificate_makes_no_client_and_other_errors_blame_no_certificate(
+    client_of: ClientOf,
+) -> None:
+    viewer = client_of("viewer")
     assert "it is not a client's certificate" in refusal(client_of("router"))
-
-
-def test_plain_tcp_is_refused(client_of: ClientOf) -> None:
-    plain = client_of("viewer").router.replace("tls/", "tcp/")
+    plain = viewer.router.replace("tls/", "tcp/")
     assert "no router at tcp/" in refusal(ZenohSettings(router=plain))
-
-
-def test_without_a_router_the_error_does_not_blame_certificates(client_of: ClientOf) -> None:
-    away = msgspec.structs.replace(client_of("viewer"), router="tls/localhost:1")
+    away = msgspec.structs.replace(viewer, router="tls/localhost:1")
     assert refusal(away).startswith("no router at tls/localhost:1 within")
 
 

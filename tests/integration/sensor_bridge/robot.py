@@ -9,6 +9,7 @@ from protocol import keys
 from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
+from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -30,8 +31,8 @@ def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
 class Robot:
     """Publishes readings, and asks what the bridge makes of them."""
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
+    def __init__(self, session: zenoh.Session, bridge: RunningProcess | None = None) -> None:
+        self._session, self.bridge = session, bridge
         self._inbox: Events = Inbox({"health": 10})
         self._health: Health | None = None
         subscribe(session, keys.BRIDGE_HEALTH, self._inbox, "health")

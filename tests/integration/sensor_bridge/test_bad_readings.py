@@ -3,13 +3,12 @@
 import time
 from pathlib import Path
 
-from process_runtime.settings import BridgeSettings, ZenohSettings
-from process_runtime.supervisor import python_module
+from process_runtime.settings import BridgeSettings
 from protocol import keys
 from protocol.steps import Reading, Scan
 from recordings.map_file import load_map
 from sensor_bridge.step_maker import StepMaker
-from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.system.rubbish import bad_readings, no_messages
 from tests.integration.waiting import wait_until
@@ -50,17 +49,9 @@ def spoil(robot: Robot, at_s: float) -> None:
             robot.steps()
 
 
-def test_rubbish_among_readings_changes_no_step(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient, tmp_path: Path
-) -> None:
+def test_rubbish_among_readings_changes_no_step(start_bridge: StartBridge, tmp_path: Path) -> None:
     map_file, started_s = write_room(tmp_path), time.monotonic()
-    bridge = start_process(
-        python_module(
-            "sensor_bridge", "--map", str(map_file), "--set", f"zenoh.router={router.router}"
-        )
-    )
-    robot = Robot(open_client())
-    wait_until(lambda: robot.dropped() is not None)
+    robot = start_bridge(map_file)
     for number, reading in enumerate(quiet_drive()):
         robot.publish(reading)
         robot.steps()  # each key has a thread of its own: scans and odometry might change places
@@ -72,7 +63,10 @@ def test_rubbish_among_readings_changes_no_step(
     assert robot.steps() == steps_of_a_quiet_drive(load_map(map_file).digest)
     assert dropped["reading refused: outlier in time or place"] >= 3
     assert "reading refused: odometry jumped" not in dropped
-    logged = [line for line in bridge.err.splitlines() if "reading refused: no returns" in line]
+    assert robot.bridge is not None
+    logged = [
+        line for line in robot.bridge.err.splitlines() if "reading refused: no returns" in line
+    ]
     assert 1 <= len(logged) <= 1 + (time.monotonic() - started_s) / 60.0, "once a minute"
 
 

@@ -5,14 +5,13 @@ from threading import Timer
 import zenoh
 from msgspec.structs import replace
 
-from process_runtime.settings import ZenohSettings
-from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.codec import encode
 from protocol.message import MAX_SCAN_STEP
 from protocol.steps import Scan
-from tests.integration.conftest import OpenClient, StartProcess
-from tests.integration.sensor_bridge.robot import Robot, answering
+from tests.integration.conftest import OpenClient
+from tests.integration.sensor_bridge.conftest import StartBridge
+from tests.integration.sensor_bridge.robot import answering
 from tests.integration.sensor_bridge.test_published_map import FIRST
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
@@ -23,7 +22,7 @@ GOES_ON = max(STATUS.step, STATUS.newest_step) + 1
 
 
 def test_steps_go_on_though_a_busy_coordinator_answers_late(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+    start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     def answer_late(query: zenoh.Query) -> None:
         def answer() -> None:
@@ -33,11 +32,11 @@ def test_steps_go_on_though_a_busy_coordinator_answers_late(
         Timer(LATE_S, answer).start()
 
     open_client().declare_queryable(keys.STATUS, answer_late)
-    assert first_step(router, start_process, open_client) == GOES_ON
+    assert first_step(start_bridge, open_client) == GOES_ON
 
 
 def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_back(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+    start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     """It refused once, and all places were forgotten: seen after a router had locked up."""
     asked = list[zenoh.Query]()
@@ -51,12 +50,12 @@ def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_bac
                 query.reply(keys.STATUS, encode(STATUS))
 
     open_client().declare_queryable(keys.STATUS, refuse_at_first)
-    assert first_step(router, start_process, open_client) == GOES_ON
+    assert first_step(start_bridge, open_client) == GOES_ON
     assert len(asked) > REFUSALS
 
 
 def test_near_the_highest_possible_step_numbering_restarts(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+    start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     far = replace(STATUS, newest_step=MAX_SCAN_STEP // 2)
 
@@ -65,16 +64,13 @@ def test_near_the_highest_possible_step_numbering_restarts(
             query.reply(keys.STATUS, encode(far))
 
     open_client().declare_queryable(keys.STATUS, answer)
-    assert first_step(router, start_process, open_client) == 0
+    assert first_step(start_bridge, open_client) == 0
 
 
-def first_step(router: ZenohSettings, start_process: StartProcess, open_client: OpenClient) -> int:
+def first_step(start_bridge: StartBridge, open_client: OpenClient) -> int:
     """The number of the first step that a bridge makes."""
     with answering(open_client(), FIRST):
-        endpoint = f"zenoh.router={router.router}"
-        start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
-        robot = Robot(open_client())
-        wait_until(lambda: robot.dropped() is not None)
+        robot = start_bridge()
         standing = Standing(robot)
 
         def steps() -> list[Scan]:

@@ -7,13 +7,13 @@ import pytest
 from clustermcl.client import Client
 from grid_maps.map_message import from_reading
 from process_runtime.settings import Settings, ZenohSettings
-from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.message import LARGEST_BYTES
 from protocol.steps import MapReading
-from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.conftest import OpenClient
+from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
@@ -46,13 +46,9 @@ def patient_links(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def robot(router: ZenohSettings, start_process: StartProcess, open_client: OpenClient) -> Robot:
+def robot(start_bridge: StartBridge) -> Robot:
     """Of a bridge that was started without a map."""
-    endpoint = f"zenoh.router={router.router}"
-    start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
-    made = Robot(open_client())
-    wait_until(lambda: made.dropped() is not None)
-    return made
+    return start_bridge()
 
 
 def digest_of(reading: MapReading) -> str:

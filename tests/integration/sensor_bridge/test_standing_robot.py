@@ -1,6 +1,5 @@
 """A robot that stands: the real bridge makes steps of its scans when it is asked to."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -8,35 +7,16 @@ import pytest
 
 from clustermcl.client import Client
 from process_runtime.settings import Settings, ZenohSettings
-from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.answers import CommandDone, Update
 from protocol.message import PoseTuple
-from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.conftest import OpenClient
+from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import PATIENCE_S
 from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 from zenoh_link.wire import ask
-
-StartBridge = Callable[[], Robot]
-
-
-@pytest.fixture
-def start_bridge(
-    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient, tmp_path: Path
-) -> StartBridge:
-    """Starts a bridge with a map, and returns a robot for it."""
-
-    def start() -> Robot:
-        map_file = str(write_room(tmp_path))
-        endpoint = f"zenoh.router={router.router}"
-        start_process(python_module("sensor_bridge", "--map", map_file, "--set", endpoint))
-        robot = Robot(open_client())
-        wait_until(lambda: robot.dropped() is not None)
-        return robot
-
-    return start
 
 
 class Standing:
@@ -56,9 +36,9 @@ class Standing:
 
 
 def test_an_update_makes_one_step_of_a_robot_that_stands(
-    start_bridge: StartBridge, router: ZenohSettings
+    start_bridge: StartBridge, router: ZenohSettings, tmp_path: Path
 ) -> None:
-    robot = start_bridge()
+    robot = start_bridge(write_room(tmp_path))
     standing = Standing(robot)
     for _ in range(3):
         standing.scan()
@@ -71,9 +51,9 @@ def test_an_update_makes_one_step_of_a_robot_that_stands(
 
 
 def test_an_update_requested_twice_makes_one_step(
-    start_bridge: StartBridge, open_client: OpenClient
+    start_bridge: StartBridge, open_client: OpenClient, tmp_path: Path
 ) -> None:
-    robot, session = start_bridge(), open_client()
+    robot, session = start_bridge(write_room(tmp_path)), open_client()
     standing = Standing(robot)
     standing.scan()
     update = Update(sender="test", command_id="once")
@@ -86,8 +66,10 @@ def test_an_update_requested_twice_makes_one_step(
     assert len(robot.steps()) == 2
 
 
-def test_scans_of_two_lasers_make_one_step_over_the_wire(start_bridge: StartBridge) -> None:
-    robot = start_bridge()
+def test_scans_of_two_lasers_make_one_step_over_the_wire(
+    start_bridge: StartBridge, tmp_path: Path
+) -> None:
+    robot = start_bridge(write_room(tmp_path))
     for tick in range(12):  # a tenth of a metre each
         at_s, pose = tick / 10, (tick / 10, 0.0, 0.0)
         robot.publish(odometry_reading(at_s, pose))

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 import psutil
 import pytest
 
-from robot_simulator.driver import KIDNAP_KEY
 from tests.soak.fleet import COORDINATOR, WORKER, Part
 from tests.soak.injector import TRY_FOR_S, Injector, Targets
 from tests.soak.schedule import Fault, Kind
@@ -42,7 +41,6 @@ def injector(
     trackers: list[str],
     *faults: Fault,
     cables: Cables | None = None,
-    said: list[str] | None = None,
 ) -> Injector:
     parts = [
         Part("r", role, f"r/{name}", psutil.Process(sleepers[name].pid))
@@ -56,7 +54,7 @@ def injector(
         leader=lambda: "coordinator",
         seen={},
         set_cables=cables or Cables(),
-        publish=lambda key, _payload: said.append(key) if said is not None else None,
+        publish=lambda _key, _payload: None,
         query=lambda _key, _payload: None,
     )
     return Injector(faults, targets)
@@ -132,12 +130,3 @@ def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_o
     tested.end_all()
     tested.end_all()
     assert cables.set[3:] == [(worker, True, True)]
-
-
-def test_the_robot_gets_a_wrong_pose(
-    sleepers: dict[str, subprocess.Popen[bytes]],
-) -> None:
-    said: list[str] = []
-    fault = Fault(at_s=1.0, kind=Kind.ROBOT_KIDNAPPED, lasts_s=0.0, choice=0.0)
-    assert len(injector(sleepers, [], fault, said=said).tick(AT_NS, 0)) == 1
-    assert said == [KIDNAP_KEY]

@@ -1,6 +1,8 @@
 from collections.abc import Iterable
 
-from tests.soak.promises import Outages, StepsOnce
+import pytest
+
+from tests.soak.promises import DoneFault, Outages, StepsOnce
 from tests.soak.schedule import Kind
 from tests.unit.soak.made_up import at, fault, outages
 
@@ -13,8 +15,19 @@ def published(steps: Iterable[int], known: Outages | None = None) -> StepsOnce:
     return promise
 
 
-def test_each_step_once_keeps_the_promise() -> None:
-    assert published([4, 5, 6]).verdict().kept is True
+@pytest.mark.parametrize(
+    ("steps", "faults", "kept"),
+    [
+        ([4, 5, 6], [], True),
+        ([1, 2, 2], [], False),
+        ([1, 2, 5], [fault(Kind.WORKER_KILLED, 1.5)], False),
+    ],
+    ids=["each step once", "a step twice", "a killed worker excuses no lost step"],
+)
+def test_the_promise_is_kept_by_steps_that_come_once(
+    steps: list[int], faults: list[DoneFault], kept: bool
+) -> None:
+    assert published(steps, outages(*faults)).verdict().kept is kept
 
 
 def test_a_step_that_is_missing_is_lost() -> None:
@@ -27,14 +40,6 @@ def test_a_step_lost_while_the_network_is_down_is_excused_and_counted() -> None:
     verdict = published([1, 2, 5], outages(fault(Kind.ROUTER_KILLED, 1.5))).verdict()
     assert verdict.kept is True
     assert verdict.figures["lost_in_outages"] == 2
-
-
-def test_a_killed_worker_excuses_no_lost_step() -> None:
-    assert published([1, 2, 5], outages(fault(Kind.WORKER_KILLED, 1.5))).verdict().kept is False
-
-
-def test_a_step_decided_again_without_a_fault_breaks_it() -> None:
-    assert published([1, 2, 2]).verdict().kept is False
 
 
 def test_a_new_coordinator_may_publish_a_belief_again() -> None:

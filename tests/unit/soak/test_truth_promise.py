@@ -78,17 +78,12 @@ def test_a_place_is_held_within_a_metre_and_twenty_degrees(
     assert (not robot.broken()) is held
 
 
-def test_two_clusters_in_one_room_hold_no_other() -> None:
+def test_another_rooms_cluster_and_places_of_a_search_do_not_hold_a_room() -> None:
     robot = Robot(START)
     robot.believes(1, *all_held())
     robot.believes(2, *all_held(c7=COPIES[0]))
     assert len(robot.broken()) == 1
-
-
-def test_places_of_a_search_do_not_hold_a_room() -> None:
-    robot = Robot(START)
-    robot.believes(1, *all_held())
-    robot.believes(2, *(place(-1 - n, 1 / PLACES, copy) for n, copy in enumerate(COPIES)))
+    robot.believes(3, *(place(-1 - n, 1 / PLACES, copy) for n, copy in enumerate(COPIES)))
     assert len(robot.broken()) == PLACES
 
 

@@ -1,0 +1,30 @@
+"""The real bridge as a process, and a robot for it."""
+
+from collections.abc import Callable
+
+import pytest
+
+from process_runtime.settings import ZenohSettings
+from process_runtime.supervisor import python_module
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.sensor_bridge.robot import Robot
+from tests.integration.waiting import wait_until
+
+StartBridge = Callable[..., Robot]
+
+
+@pytest.fixture
+def start_bridge(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> StartBridge:
+    """Starts a bridge with a map, ``zenoh`` or a file; returns a robot once it answers."""
+
+    def start(grid_map: object = "zenoh") -> Robot:
+        endpoint = f"zenoh.router={router.router}"
+        words = ("--map", str(grid_map), "--set", endpoint)
+        process = start_process(python_module("sensor_bridge", *words))
+        robot = Robot(open_client(), process)
+        wait_until(lambda: robot.dropped() is not None)
+        return robot
+
+    return start
