@@ -72,7 +72,7 @@ def run_simulator(invocation: Invocation) -> None:
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
-    serve_robot(invocation, grid_map, source, extend)
+    serve_robot(invocation, grid_map, source, extend, landmarks=world.landmarks)
 
 
 class _Operator:

@@ -9,7 +9,7 @@ import numpy as np
 
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
+from protocol.steps import LaserReading, Observation, OdometryReading
 from robot_simulator import people as walkers
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
@@ -33,6 +33,8 @@ class Tick:
     laser: LaserReading
     map_from_robot: PoseTuple
     """Ground truth at the time of the scan."""
+    observations: tuple[Observation, ...] = ()
+    """Those of other sensors at the time of the scan."""
 
     @property
     def stamp_ns(self) -> int:
@@ -74,7 +76,7 @@ class Simulation:
         sender: str = "robot_simulator",
         remembered_s: float = 3600.0,
     ) -> None:
-        rngs = [np.random.default_rng([seed, purpose]) for purpose in range(5)]
+        rngs = [np.random.default_rng([seed, purpose]) for purpose in range(6)]
         self.world = world
         self._free_space = FreeSpace(world.truth)
         self._place_rng = rngs[0]
@@ -87,6 +89,7 @@ class Simulation:
         model = lidar if lidar is not None else LidarModel(range_max_m=world.lidar_range_m)
         self._lidar = Lidar(model, world.truth, rngs[3])
         self._people = walkers.People(people, self._free_space, rngs[4])
+        self._observation_rng = rngs[5]
         self._sender, self._start_ns, self._now_ns = sender, start_ns, start_ns
         self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
             maxlen=max(int(remembered_s * 1e9 / _PIECE_NS), 1)
@@ -107,7 +110,8 @@ class Simulation:
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
         second = self._drive_on()
         self._people.walk(self._robot.map_from_robot, _TICK_NS * 1e-9)
-        return Tick((first, second), laser, scan_pose)
+        seen = tuple(self._observe(laser.stamp_ns, scan_pose))
+        return Tick((first, second), laser, scan_pose, seen)
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
         """Move the robot, unseen by odometry, and return its new pose.
@@ -169,6 +173,13 @@ class Simulation:
             range_max_m=model.range_max_m,
             robot_from_laser=model.robot_from_laser,
         )
+
+    def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> Iterator[Observation]:
+        world, rng = self.world, self._observation_rng
+        if world.camera is not None:
+            yield from world.camera.observe(stamp_ns, map_from_robot, world.landmarks, rng)
+        if world.gnss is not None:
+            yield from world.gnss.observe(stamp_ns, map_from_robot, rng)
 
     def _far_pose(self) -> PoseTuple:
         """Return one of the ten farthest of forty random poses."""

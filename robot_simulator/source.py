@@ -9,7 +9,7 @@ import msgspec
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
-from protocol.steps import Reading, Scan
+from protocol.steps import Observation, Reading, Scan
 from recordings.map_file import load_map_with_obstacles
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world, world_names
@@ -45,14 +45,17 @@ class SimulatedSource:
         self.steps = steps
         self._simulation, self._kidnap_at = simulation, kidnap_at
         self._steps_made = 0
-        self._tick: deque[Reading] = deque()
+        self._tick: deque[Reading | Observation] = deque()
+        self.landmarks = simulation.world.landmarks
 
-    def next_reading(self) -> Reading | None:
+    def next_reading(self) -> Reading | Observation | None:
         """Return the next reading in the order of time; None after the last step."""
         if not self._tick:
             if self._steps_made == self.steps:
                 return None
-            self._tick.extend(next(self._simulation).readings)
+            tick = next(self._simulation)
+            before, scan, after = tick.readings
+            self._tick.extend((before, *tick.observations, scan, after))
         return self._tick.popleft()
 
     def step_made(self, scan: Scan) -> PoseTuple:
@@ -68,9 +71,13 @@ def simulated_steps(
     source: SimulatedSource, settings: BridgeSettings, map_digest: str
 ) -> Iterator[tuple[Scan, PoseTuple]]:
     """Yield the steps that a bridge would make of a source, each with the true pose."""
-    maker = StepMaker(settings, map_digest, sender="robot_simulator")
+    sender, landmarks = "robot_simulator", source.landmarks
+    maker = StepMaker(settings, map_digest, sender, landmarks=landmarks)
     made = 0
     while (reading := source.next_reading()) is not None:
+        if isinstance(reading, Observation):
+            maker.observe(reading)
+            continue
         scan = maker.on_reading(reading)
         if scan is not None:
             made += 1

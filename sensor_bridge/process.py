@@ -186,7 +186,7 @@ class Bridge:
         self._maker: StepMaker | None = None
         self._refused: Counter[str] = Counter()
         self._has_coordinator = False
-        self._next: Reading | None = None
+        self._next: Reading | Observation | None = None
         self._steps_left = source.steps if source else None
         self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
         self._live_settings: LiveSettings | None = None
@@ -234,7 +234,10 @@ class Bridge:
         if wait_s > 0.0:
             return min(wait_s, POLL_S)
         reading, self._next = self._next, None
-        self._on_reading(reading)
+        if isinstance(reading, Observation):
+            self._on_observation(reading)
+        else:
+            self._on_reading(reading)
         return 0.0
 
     def _on_reading(self, reading: Reading, _received: Received | None = None) -> None:
@@ -260,7 +263,7 @@ class Bridge:
         if scan is not None:
             self._send(scan)
 
-    def _on_observation(self, observation: Observation, _received: Received) -> None:
+    def _on_observation(self, observation: Observation, _received: Received | None = None) -> None:
         maker = self._maker_of(observation)
         if maker is None:
             return

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
-from protocol.steps import Reading, Scan
+from protocol.steps import Observation, Reading, Scan
 from recordings.recording import Recording, open_recording
 from sensor_bridge.step_maker import StepMaker, steps_from
 
@@ -19,7 +19,7 @@ class Source(Protocol):
     steps: int | None
     """Number of steps that it makes; None: endless."""
 
-    def next_reading(self) -> Reading | None:
+    def next_reading(self) -> Reading | Observation | None:
         """Return the next reading in the order of time; None at the end."""
 
 

@@ -3,14 +3,14 @@
 from robot_simulator.worlds.eight_rooms import eight_rooms
 from robot_simulator.worlds.halls import hall, hall_last_year, hall_moved, hall_symmetric
 from robot_simulator.worlds.office import office
-from robot_simulator.worlds.rooms import cross, cross_feature, gates, rectangle
+from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags, gates, rectangle
 from robot_simulator.worlds.world import UnknownWorldError, World
 
 _WORLDS = {
     draw.__name__: draw
     for draw in (
-        cross, cross_feature, rectangle, gates, office, hall, hall_symmetric, hall_moved,
-        hall_last_year, eight_rooms,
+        cross, cross_feature, cross_tags, rectangle, gates, office, hall, hall_symmetric,
+        hall_moved, hall_last_year, eight_rooms,
     )
 }  # fmt: skip
 

@@ -1,7 +1,11 @@
 """Symmetric crosses and rooms; some have one feature that breaks the symmetry."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from protocol.steps import Landmark
+from robot_simulator.observing import Camera
 from robot_simulator.worlds.world import Canvas, Waypoint, World, world_from_map
 
 _CROSS_M = 22.0
@@ -12,6 +16,18 @@ _CORRIDOR_M = 1.25
 def cross() -> World:
     """Return a cross of four equal arms that no scan can distinguish."""
     return world_from_map(_cross_plan().grid_map())
+
+
+def cross_tags() -> World:
+    """Return the cross with a tag in each of two arms, from a start between these."""
+    tags = (("east", 7.7, 0.0), ("north", 0.0, 7.7))
+    return replace(
+        cross(),
+        start=(4.0, 0.0, np.pi),
+        route=((0.0, 0.0), (0.0, 5.5)),
+        landmarks=tuple(Landmark(name=name, x=x, y=y, sigma=0.05) for name, x, y in tags),
+        camera=Camera(false_names=0.05),
+    )
 
 
 def cross_feature() -> World:

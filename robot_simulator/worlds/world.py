@@ -8,6 +8,8 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
+from protocol.steps import Landmark
+from robot_simulator.observing import Camera, Gnss
 
 Waypoint = tuple[float, float]
 """x [m], y [m] in the map."""
@@ -31,6 +33,9 @@ class World:
         start: start pose of the robot: x [m], y [m], heading [rad]; None: random.
         route: points that the robot visits before it drives to random goals.
         lidar_range_m: range of the laser.
+        landmarks: of the map.
+        camera: sees them; None: the robot has none.
+        gnss: receiver of satellite positions; None: the robot has none.
     """
 
     map: GridMap
@@ -38,6 +43,9 @@ class World:
     start: PoseTuple | None = None
     route: tuple[Waypoint, ...] = ()
     lidar_range_m: float = 12.0
+    landmarks: tuple[Landmark, ...] = ()
+    camera: Camera | None = None
+    gnss: Gnss | None = None
 
 
 def world_from_map(

@@ -1,0 +1,35 @@
+"""A simulated robot whose camera sees tags, through all processes, and in the flight recorder."""
+
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from process_runtime.settings import RecorderSettings
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from tests.integration.system.commands import ran
+from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.system.listening import beliefs_of, outcomes_of
+from tests.integration.system.test_same_beliefs import STEPS, assert_same
+from tests.integration.worlds import world_of
+
+TAGS = replace(SMALL, bridge=replace(SMALL.bridge, source="sim:cross_tags"))
+
+
+def test_tags_are_seen_through_all_processes_and_replayed(
+    start_stack: StartStack, tmp_path: Path
+) -> None:
+    """Beliefs of processes, of one process, and of the replay are the same, bit for bit."""
+    recorder = RecorderSettings(folder=str(tmp_path), max_mb=5.0)
+    stack, settings = start_stack(replace(TAGS, recorder=recorder), steps=STEPS)
+    beliefs = beliefs_of(stack, settings)
+    assert_same(beliefs, outcomes_of(TAGS, steps=STEPS))
+    replayed = ran("replay", str(tmp_path / settings.robot.name))
+    assert replayed.stdout.splitlines()[-1].endswith("all are the recorded ones, bit for bit")
+    world = world_of(TAGS)
+    source = SimulatedSource(Simulation(world, TAGS.seed), steps=STEPS)
+    made = list(simulated_steps(source, TAGS.bridge, world.map.digest))
+    first = next(scan.step for scan, _ in made if scan.observations)
+    assert 0 < first < STEPS - 10
+    assert {belief.state for belief in beliefs[:first]} <= {"searching", "ambiguous"}
+    assert beliefs[-1].state == "localized"
