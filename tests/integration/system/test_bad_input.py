@@ -11,6 +11,7 @@ from PIL import Image
 
 from tests.integration.system.commands import COMMAND, ran
 from tests.integration.waiting import stretched_s
+from tests.integration.worlds import write_room
 from tests.unit.recordings import recording_or_skip
 
 NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
@@ -29,9 +30,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], *facts: str, code: in
 
 @pytest.fixture
 def map_file(tmp_path: Path) -> Path:
-    cells = np.full((60, 80), 254, np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    return written_map(tmp_path, cells)
+    return write_room(tmp_path, cells=(60, 80))
 
 
 def written_map(folder: Path, cells: np.ndarray) -> Path:

@@ -26,6 +26,7 @@ from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import patient_client, wait_until
+from tests.unit.recordings.logs import flaser
 
 pytestmark = pytest.mark.timeout(300)  # a block is several commands
 
@@ -90,11 +91,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=(0.0, 0.0, 0.0)))
     log, truth = [], []
     for _, tick in zip(range(300), robot, strict=False):
-        x, y, heading = tick.odometry[0].odom_from_robot
-        ranges = np.nan_to_num(tick.laser.ranges.array(), posinf=81.83)
-        words = " ".join(f"{r:.3f}" for r in ranges)
-        pose, stamp_s = f"{x:.4f} {y:.4f} {heading:.5f}", tick.stamp_ns / 1e9
-        log.append(f"FLASER {len(ranges)} {words} {pose} {pose} {stamp_s:.3f} host {stamp_s:.3f}")
+        ranges, stamp_s = (
+            np.nan_to_num(tick.laser.ranges.array(), posinf=81.83),
+            tick.stamp_ns / 1e9,
+        )
+        pose = tick.odometry[0].odom_from_robot
+        log.append(flaser(f"{stamp_s:.3f}", pose, ranges.tolist()))
         x, y, heading = tick.map_from_robot
         turn = f"{np.sin(heading / 2):.6f} {np.cos(heading / 2):.6f}"
         truth.append(f"{stamp_s:.3f} {x:.4f} {y:.4f} 0 0 0 {turn}")

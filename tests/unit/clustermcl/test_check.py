@@ -3,30 +3,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from typer.testing import CliRunner
 
 from clustermcl.check import MOST_CELLS
 from clustermcl.command import app
+from grid_maps.grid_map import GridMap
+from grid_maps.ros_map import write_map
+from particle_filter.arrays import OCCUPIED, UNKNOWN
 from protocol.errors import MapFileError, RecordingError
 
 
 @pytest.fixture
 def two_rooms(tmp_path: Path) -> Path:
     """Twins: two rooms that mirror each other about the door between them, turned."""
-    cells = np.full((100, 240), 205, np.uint8)
-    room = np.full((100, 120), 254, np.uint8)
-    room[[0, 1, -2, -1], :] = room[:, [0, 1]] = 0
-    room[20:40, 30:60] = 0
-    room[:40, -2:] = room[60:, -2:] = 0
+    cells = np.full((100, 240), UNKNOWN, np.int8)
+    room = np.zeros((100, 120), np.int8)
+    room[[0, 1, -2, -1], :] = room[:, [0, 1]] = OCCUPIED
+    room[20:40, 30:60] = OCCUPIED
+    room[:40, -2:] = room[60:, -2:] = OCCUPIED
     cells[:, :120], cells[:, 120:] = room, room[::-1, ::-1]
-    Image.fromarray(cells).save(tmp_path / "rooms.png")
-    yaml = tmp_path / "rooms.yaml"
-    yaml.write_text(
-        "image: rooms.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    return yaml
+    return write_map(GridMap(cells, 0.05, (0.0, 0.0, 0.0)), tmp_path, "rooms")
 
 
 def test_places_that_look_alike_are_printed_as_text(two_rooms: Path) -> None:
@@ -60,14 +56,9 @@ def test_an_unreadable_file_is_refused(two_rooms: Path) -> None:
 def test_a_map_that_is_too_large_is_refused(tmp_path: Path) -> None:
     """Looking at 16,384 x 16,384 known cells took 5.8 GB, or ended with a traceback."""
     side = round(MOST_CELLS**0.5) + 1
-    pixels = np.full((side, side), 254, np.uint8)
-    pixels[0] = 0
-    Image.fromarray(pixels).save(tmp_path / "large.png", compress_level=1)
-    file = tmp_path / "large.yaml"
-    file.write_text(
-        "image: large.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
+    cells = np.zeros((side, side), np.int8)
+    cells[0] = OCCUPIED
+    file = write_map(GridMap(cells, 0.05, (0.0, 0.0, 0.0)), tmp_path, "large")
     refused = CliRunner().invoke(app, ["check", str(file)]).exception
     assert isinstance(refused, MapFileError)
     assert "8193 x 8193 cells are known; the limit of check is 67108864" in str(refused)

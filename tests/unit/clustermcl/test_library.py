@@ -82,10 +82,9 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
     map_file = write_map(hall.map, tmp_path, "map")
     lines = []
     for tick in islice(Simulation(hall, 0), 120):
-        x, y, heading = tick.odometry[0].odom_from_robot
-        words = " ".join(f"{r:.3f}" for r in np.nan_to_num(tick.laser.ranges.array(), posinf=81.8))
-        pose, at = f"{x:.4f} {y:.4f} {heading:.5f}", f"{tick.stamp_ns / 1e9:.3f}"
-        lines.append(f"FLASER 181 {words} {pose} {pose} {at} host {at}")
+        ranges = np.nan_to_num(tick.laser.ranges.array(), posinf=81.8)
+        pose = tick.odometry[0].odom_from_robot
+        lines.append(logs.flaser(f"{tick.stamp_ns / 1e9:.3f}", pose, ranges.tolist()))
     log.write_text("\n".join(lines) + "\n")
     grid_map = load_map(map_file)
     bridge = BridgeSettings()

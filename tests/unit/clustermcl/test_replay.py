@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -16,6 +17,8 @@ from coordinator.belief import cluster_set
 from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
+from grid_maps.grid_map import GridMap
+from grid_maps.ros_map import write_map
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError
@@ -166,10 +169,8 @@ def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> No
 
 
 def test_the_map_must_be_the_one_of_the_recording(recording: Path, tmp_path: Path) -> None:
-    (tmp_path / "map.pgm").write_bytes(b"P5 2 2 255\n" + bytes([254, 0, 254, 254]))
-    (tmp_path / "map.yaml").write_text(
-        "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    file = write_map(
+        GridMap(np.array([[0, 0], [0, 1]], np.int8), 0.1, (0.0, 0.0, 0.0)), tmp_path, "map"
     )
-    text = complaint(recording, "--map", tmp_path / "map.yaml")
+    text = complaint(recording, "--map", file)
     assert "recorded in the map 'map', but this one is '" in text

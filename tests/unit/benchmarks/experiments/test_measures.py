@@ -122,39 +122,6 @@ def test_scores_add_up_right_places_and_the_log_score_is_bounded(
     assert made.brier == pytest.approx(brier)
 
 
-def test_places_of_a_first_search_are_scored_but_are_no_estimate() -> None:
-    searching = facts(1, at(0.95), state="searching")
-    assert (searching.facts.claims, searching.facts.tracked) == ((), False)
-    made = measures_of([searching, facts(2, at(0.5), at(0.5, OPPOSITE))])
-    assert made.log_score == pytest.approx((math.log(0.95) + math.log(0.5)) / 2)
-    assert made.brier == pytest.approx((0.05**2 + 0.5) / 2)
-    assert made.sure_and_right_at_update is made.truth_lowest_once_sure is None
-
-
-def test_sure_and_right_is_the_first_estimate_with_nine_tenths() -> None:
-    run = [
-        facts(1, at(0.95, NOWHERE), at(0.05)),
-        facts(2, at(0.5), at(0.45, (5.5, 0.5, 0.1)), at(0.05, NOWHERE)),
-        facts(3, at(0.9), at(0.1, NOWHERE)),
-        facts(4, at(0.7, NOWHERE), at(0.3)),
-        facts(5, at(1.0)),
-    ]
-    made = measures_of(run)
-    assert made.sure_and_right_at_update == 3  # what the places of update 2 add up to is no one's
-    assert made.truth_lowest_once_sure == 0.3
-    assert measures_of(run[:2]).sure_and_right_at_update is None
-
-
-def test_updates_without_ground_truth_are_in_no_score() -> None:
-    unknown = update_of(1, 0, outcome("localized", at(1.0, NOWHERE), elsewhere=0.7), ())
-    told = update_of(2, 0, outcome("localized", at(0.8), elsewhere=0.2), COPIES)
-    made = measures_of([unknown, told])
-    assert made.log_score == pytest.approx(math.log(0.8))
-    assert made.brier == pytest.approx(0.04)
-    assert measures_of([unknown]).brier is measures_of([]).log_score is None
-    assert measures_of([facts(1, at(1.0))]).elsewhere_probability is None
-
-
 def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
     states: list[State] = ["searching", "ambiguous", "lost", "localized", "localized"]
     run = [
