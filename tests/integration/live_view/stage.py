@@ -17,23 +17,39 @@ from live_view.room import Commanded, FromBrowser, Room
 from protocol.steps import MapMessage
 
 
-class Stage:
-    """Tests change `picture`, and call `pump` until the page shows it."""
+class Actor:
+    """A robot that pages may look at: tests change `picture`, and call `pump`."""
 
-    def __init__(self, *others: str) -> None:
-        robots = ["r", *others]
+    def __init__(self, name: str, robots: list[str]) -> None:
         self.picture = Picture(
-            {"robot": "r", "router": "none", "commands": True, "robots": robots if others else []}
+            {"robot": name, "router": "none", "commands": True, "robots": robots}
         )
         self.picture.on_link("running")
         self.commands: list[Command] = []
-        self.map: MapMessage | None = None
         self._events: queue.Queue[FromBrowser] = queue.Queue()
-        address = parsed_address("127.0.0.1:0")
-        self.room = Room("r", self._events.put)
-        self.others = {name: _Other(name) for name in others}
+        self.room = Room(name, self._events.put)
+
+    def pump(self) -> None:
+        """Answer what browsers have said, and send them what has changed."""
+        while not self._events.empty():
+            match self._events.get():
+                case Commanded(command=command):
+                    self.commands.append(command)
+                case asked:
+                    answer_browser(self.room, self.picture, asked)
+        if changes := self.picture.changes():
+            self.room.publish(changes)
+
+
+class Stage(Actor):
+    """The robot ``r``, others by their names, and the server of their pages."""
+
+    def __init__(self, *others: str) -> None:
+        super().__init__("r", ["r", *others] if others else [])
+        self.map: MapMessage | None = None
+        self.others = {name: Actor(name, []) for name in others}
         rooms = [self.room, *(other.room for other in self.others.values())]
-        self.server = PageServer(address, "", rooms, commands=True)
+        self.server = PageServer(parsed_address("127.0.0.1:0"), "", rooms, commands=True)
 
     def __enter__(self) -> Self:
         self.server.__enter__()
@@ -73,32 +89,7 @@ class Stage:
         self.picture.on_map(message)
 
     def pump(self) -> None:
-        """Answer what browsers have said, and send them what has changed."""
+        """Answer the browsers of all robots, and send them what has changed."""
         for other in self.others.values():
             other.pump()
-        while not self._events.empty():
-            match self._events.get():
-                case Commanded(command=command):
-                    self.commands.append(command)
-                case asked:
-                    answer_browser(self.room, self.picture, asked)
-        if changes := self.picture.changes():
-            self.room.publish(changes)
-
-
-class _Other:
-    """Another robot: pages may look at it."""
-
-    def __init__(self, name: str) -> None:
-        self.picture = Picture({"robot": name, "router": "none", "commands": True})
-        self.picture.on_link("running")
-        self._events: queue.Queue[FromBrowser] = queue.Queue()
-        self.room = Room(name, self._events.put)
-
-    def pump(self) -> None:
-        while not self._events.empty():
-            asked = self._events.get()
-            if not isinstance(asked, Commanded):
-                answer_browser(self.room, self.picture, asked)
-        if changes := self.picture.changes():
-            self.room.publish(changes)
+        super().pump()
