@@ -83,7 +83,8 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         wait_until(lambda: len(evaluation.meet_family()) >= 3)  # 2 and a tracker
         code = evaluation.end(number)
         assert code == (-signal.SIGKILL if number == signal.SIGKILL else 130)
-        assert evaluation.err == ""
+        if number == signal.SIGINT:  # else a child that is just starting may say that it cannot
+            assert evaluation.err == ""
         evaluation.assert_nothing_runs()
 
 
