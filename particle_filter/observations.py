@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.poses import compose, wrap_angle
-from particle_filter.sensor_model import ground_log_penalty
 
 _SIGHT_M2 = math.pi * 10.0**2
 """Area over which false sights of landmarks are spread [m^2]: a circle around the robot."""
@@ -173,6 +172,8 @@ def allowed_poses(
     else:
         poses[:, : len(seen.mean)] = rng.multivariate_normal(seen.mean, seen.covariance, count)
         poses[:, 2] = wrap_angle(poses[:, 2])
+    from particle_filter.sensor_model import ground_log_penalty  # noqa: PLC0415 - loads numba
+
     poses = poses[ground_log_penalty(poses, grid, -1.0) == 0.0]
     ratios = np.expm1(log_likelihood_ratio(poses, [replace(seen, share=1.0)], landmarks, grid))
     # Together with poses spread evenly, each is weighed by the density of both.
