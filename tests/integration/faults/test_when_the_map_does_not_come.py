@@ -1,4 +1,4 @@
-"""A worker that waits for its map still answers, and loses no message meanwhile."""
+"""A worker that waits for its map still answers queries and other orders."""
 
 import threading
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ from protocol.codec import decode, encode
 from protocol.errors import ClusterMclError
 from protocol.health import Health
 from protocol.steps import ScanHistory
-from protocol.work import OrderAnswer, TrackReport, WorkOrder
+from protocol.work import OrderAnswer, WorkOrder
 from tests.integration.conftest import OpenClient
 from tests.integration.waiting import stretched_s, wait_until
-from tests.unit.worker.test_job_table import cloud, scan, track
+from tests.unit.worker.test_job_table import cloud, track
 from worker.process import WorkerLoop
 from zenoh_link.node import Node
 from zenoh_link.wire import ask, ask_later
@@ -67,12 +67,7 @@ class Coordinator:
     def __init__(self, session: zenoh.Session, bridge: Bridge) -> None:
         self._session, self._digest = session, bridge.map_digest
         self.answers: dict[int, OrderAnswer] = {}
-        self.reports: list[TrackReport] = []
         self.healths: list[Health] = []
-        session.declare_subscriber(
-            keys.worker_report(NAME),
-            lambda sample: self.reports.append(decode(sample.payload.to_bytes(), TrackReport)),
-        )
         session.declare_subscriber(
             keys.worker_health(NAME),
             lambda sample: self.healths.append(decode(sample.payload.to_bytes(), Health)),
@@ -96,10 +91,6 @@ class Coordinator:
     def state(self) -> OrderAnswer:
         key = keys.worker_state(NAME)
         return ask(self._session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
-
-    def scan(self, step: int) -> None:
-        message = replace(scan(step), map_digest=self._digest)
-        self._session.put(keys.SCAN, encode(message))
 
 
 @contextmanager
@@ -160,23 +151,3 @@ def test_a_worker_that_waits_for_its_map_answers_queries_and_other_orders(
     bridge.answer()
     wait_until(lambda: 3 in coordinator.answers)
     assert [job for job, _, _ in coordinator.answers[3].jobs] == ["c1"], "c0 was taken back"
-
-
-def test_the_newest_order_is_followed_when_the_map_comes_with_the_scans_of_meanwhile(
-    bridge: Bridge, coordinator: Coordinator
-) -> None:
-    coordinator.order(1, "c0")
-    wait_until(lambda: bridge.asked)
-    coordinator.order(2, "c0")
-    wait_until(lambda: 1 in coordinator.answers, stretched_s(SOON_S))
-    for step in (1, 2, 3):
-        coordinator.scan(step)
-    wait_until(lambda: coordinator.healths and coordinator.healths[-1].done.get("scans") == 3)
-    assert 2 not in coordinator.answers
-    bridge.answer()
-    wait_until(lambda: 2 in coordinator.answers)
-    assert coordinator.answers[2].problem == ""
-    wait_until(lambda: len(coordinator.reports) >= 3)
-    assert [(report.job_id, report.step) for report in coordinator.reports] == [
-        ("c0", step) for step in (1, 2, 3)
-    ]
