@@ -74,6 +74,7 @@ def completed(*words: str) -> list[str]:
 
 def test_a_shell_offers_commands_worlds_settings_and_algorithms() -> None:
     assert completed("hyp") == ["hypotheses"]
-    assert completed("demo", "--recording", "sim:cross") == ["sim:cross", "sim:cross_feature"]
+    worlds = completed("demo", "--recording", "sim:cross")
+    assert worlds == ["sim:cross", "sim:cross_feature", "sim:cross_tags"]
     assert completed("up", "--set", "cluster.part") == ["cluster.particles="]
     assert "mcl" in completed("evaluate", "a.log", "--algorithm", "m")
