@@ -63,7 +63,7 @@ def _facts(outcome: Outcome) -> Iterator[object]:
     yield sorted(outcome.begin), sorted(outcome.end)
     for place in outcome.hypotheses:
         yield place.cluster, place.probability, place.log_probability, place.age_steps
-        yield place.mean, place.covariance, place.effective_sample_size
+        yield place.pose, place.covariance, place.effective_sample_size
 
 
 def main() -> None:

@@ -74,7 +74,7 @@ class Imitation:
                 map_digest=self._map.digest,
             )
         )  # fmt: skip
-        self._put[keys.TRUTH].put(TruePose(sender="s", step=step, map_from_robot=pose))
+        self._put[keys.TRUTH].put(TruePose(sender="s", step=step, pose=pose))
         for cluster in range(self._clusters):
             self._put[keys.worker_report("w-0")].put(self._report(step, cluster))
         self._put[keys.BELIEF].put(self._belief(step, pose))
@@ -98,7 +98,7 @@ class Imitation:
         share = 1.0 / self._clusters
         return Hypothesis(
             cluster=cluster, probability=share, log_probability=float(np.log(share)),
-            mean=(pose[0] + 0.1 * cluster, pose[1], pose[2]), covariance=COVARIANCE,
+            pose=(pose[0] + 0.1 * cluster, pose[1], pose[2]), covariance=COVARIANCE,
             effective_sample_size=100.0, age_steps=self._step,
         )  # fmt: skip
 
@@ -112,7 +112,7 @@ class Imitation:
     def _pose(self, step: int, pose: tuple[float, float, float]) -> PoseAnswer:
         return PoseAnswer(
             sender="c", state="ambiguous", freshness="fresh", stamp_ns=step, age_s=0.0, step=step,
-            probability=0.25, map_from_robot=pose, covariance=COVARIANCE, workers=1, term=1,
+            probability=0.25, pose=pose, covariance=COVARIANCE, workers=1, term=1,
         )  # fmt: skip
 
     def _report(self, step: int, cluster: int) -> TrackReport:
@@ -127,7 +127,7 @@ class Imitation:
         return TrackReport(
             sender="w-0", job_id=f"c{cluster}", epoch=1, step=step, log_weight_sum=0.0,
             particles=PARTICLES, log_likelihood_per_beam=0.0, effective_sample_size=1.0,
-            mean=(0.0, 0.0, 0.0), covariance=COVARIANCE, snapshot=snapshot,
+            pose=(0.0, 0.0, 0.0), covariance=COVARIANCE, snapshot=snapshot,
         )  # fmt: skip
 
     def _status(self) -> Status:

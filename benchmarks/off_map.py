@@ -452,7 +452,7 @@ def _row(
         sds=answer.sds,
         cpu_s=process.cpu_s,
         decoy_cpu_s=process.decoy_cpu_s,
-        places=[(p.probability, p.mean, 0.0) for p in places[:KEPT_PLACES]],
+        places=[(p.probability, p.pose, 0.0) for p in places[:KEPT_PLACES]],
         mount=mount,
         max_range_m=max_range_m,
         beams=np.ascontiguousarray(beams, "<f8").tobytes(),

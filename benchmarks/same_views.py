@@ -144,10 +144,10 @@ def told(outcome: Outcome, truth: PoseTuple) -> Told:
     """Accuracy of a belief with known ground truth."""
     if not outcome.hypotheses:
         return Told(0.0, 0.0, False, math.nan, math.nan, outcome.state)
-    right = [pose_error(each.mean, truth).right for each in outcome.hypotheses]
+    right = [pose_error(each.pose, truth).right for each in outcome.hypotheses]
     first = outcome.hypotheses[0]
-    off = np.array(first.mean) - np.array(truth)
-    off[2] = heading_distance(first.mean[2], truth[2])
+    off = np.array(first.pose) - np.array(truth)
+    off[2] = heading_distance(first.pose[2], truth[2])
     covariance = covariance_matrix(first.covariance)[:2, :2] + np.eye(2) * 1e-6
     sds = math.sqrt(off[:2] @ np.linalg.solve(covariance, off[:2]))
     probabilities = [each.probability for each in outcome.hypotheses]

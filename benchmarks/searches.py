@@ -137,7 +137,7 @@ def _judged(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -
         took_s += time.process_time() - start_s
         best = outcome.hypotheses[0] if outcome.hypotheses else None
         told = best is not None and outcome.state not in ("searching", "lost")
-        right.append(told and pose_error(best.mean, truth).right)
+        right.append(told and pose_error(best.pose, truth).right)
         sure.append(told and best.probability >= CONFIDENT_PROBABILITY)
     return {
         "right_before": right[after - 1] if after else None,

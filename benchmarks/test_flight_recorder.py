@@ -145,7 +145,7 @@ class Run:
             step=self._step, log_weight_sum=float(self._rng.normal()), particles=2_000,
             log_likelihood_per_beam=float(self._rng.normal(-1.0, 0.01)),
             effective_sample_size=float(self._rng.uniform(100, 2_000)),
-            mean=(10.0 * number, *self._pose()[1:]), covariance=self._covariance(),
+            pose=(10.0 * number, *self._pose()[1:]), covariance=self._covariance(),
             snapshot=PARTICLES if due else None,
         )  # fmt: skip
 

@@ -27,7 +27,7 @@ PARTICLES = Particles(
 def report(snapshot: Particles | None) -> TrackReport:
     return TrackReport(
         sender="worker-1", job_id="c1", epoch=1, step=7, log_weight_sum=1.0, particles=2_000,
-        log_likelihood_per_beam=-1.0, effective_sample_size=900.0, mean=POSE,
+        log_likelihood_per_beam=-1.0, effective_sample_size=900.0, pose=POSE,
         covariance=COVARIANCE, snapshot=snapshot,
     )  # fmt: skip
 
@@ -42,7 +42,7 @@ def order() -> WorkOrder:
 
 HYPOTHESES = tuple(
     Hypothesis(
-        cluster=number, probability=0.1, log_probability=-2.3, mean=POSE, covariance=COVARIANCE,
+        cluster=number, probability=0.1, log_probability=-2.3, pose=POSE, covariance=COVARIANCE,
         effective_sample_size=900.0, age_steps=5,
     )
     for number in range(10)
@@ -67,7 +67,7 @@ MESSAGES: dict[str, Message] = {
     ),
     "pose": PoseAnswer(
         sender="coordinator", state="localized", freshness="fresh", stamp_ns=1, age_s=0.1, step=7,
-        probability=0.9, map_from_robot=POSE, covariance=COVARIANCE, workers=12,
+        probability=0.9, pose=POSE, covariance=COVARIANCE, workers=12,
     ),
 }  # fmt: skip
 

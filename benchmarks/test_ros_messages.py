@@ -20,7 +20,7 @@ def belief() -> Belief:
         hypotheses=tuple(
             Hypothesis(
                 cluster=number, probability=1.0 / PLACES, log_probability=0.0,
-                mean=(1.0, 2.0, 0.5), covariance=COVARIANCE, effective_sample_size=900.0,
+                pose=(1.0, 2.0, 0.5), covariance=COVARIANCE, effective_sample_size=900.0,
                 age_steps=5,
             )
             for number in range(PLACES)

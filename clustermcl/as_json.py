@@ -16,8 +16,8 @@ def dumped(value: JsonObject) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
-def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
-    x_m, y_m, heading_rad = map_from_robot
+def pose_object(pose: PoseTuple, covariance: Covariance) -> JsonObject:
+    x_m, y_m, heading_rad = pose
     rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
 
@@ -26,7 +26,7 @@ def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
     return {
         "cluster": hypothesis.cluster,
         "probability": hypothesis.probability,
-        **pose_object(hypothesis.mean, hypothesis.covariance),
+        **pose_object(hypothesis.pose, hypothesis.covariance),
         "effective_sample_size": hypothesis.effective_sample_size,
         "age_steps": hypothesis.age_steps,
     }
@@ -38,7 +38,7 @@ def belief_object(belief: Belief) -> JsonObject:
     return {
         "step": belief.step,
         "state": belief.state,
-        "pose": pose_object(best.mean, best.covariance) if best else None,
+        "pose": pose_object(best.pose, best.covariance) if best else None,
         "probability": belief.probability,
         **_fields(belief, "sender", "term", "odom_from_robot"),
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
@@ -47,9 +47,9 @@ def belief_object(belief: Belief) -> JsonObject:
 
 def pose_answer_object(answer: PoseAnswer) -> JsonObject:
     pose = None
-    if answer.map_from_robot is not None and answer.covariance is not None:
-        pose = pose_object(answer.map_from_robot, answer.covariance)
-    plain = _fields(answer, "sender", "term", "map_from_robot", "covariance")
+    if answer.pose is not None and answer.covariance is not None:
+        pose = pose_object(answer.pose, answer.covariance)
+    plain = _fields(answer, "sender", "term", "pose", "covariance")
     return {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
 
 

@@ -39,15 +39,15 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
     """Yield the robot's pose as text, and the reasons to doubt the pose."""
     if answer.freshness == "none":
         yield f"{answer.state}: no scan has arrived yet"
-    elif answer.map_from_robot is None or answer.covariance is None:
+    elif answer.pose is None or answer.covariance is None:
         yield f"{answer.state}: no place is known yet (step {answer.step})"
     else:
         yield (
             f"{answer.state} with probability {answer.probability:.2f}: "
-            f"{pose_text(answer.map_from_robot)}  {spread_text(answer.covariance)}"
+            f"{pose_text(answer.pose)}  {spread_text(answer.covariance)}"
         )
     yield from _doubts(answer)
-    if answer.map_from_robot is not None and answer.elsewhere_probability > DOUBT:
+    if answer.pose is not None and answer.elsewhere_probability > DOUBT:
         yield f"it may be elsewhere, with probability {answer.elsewhere_probability:.2f}"
     yield from _off_map(answer)
     if answer.workers == 0:
@@ -61,7 +61,7 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
     for place in answer.hypotheses:
-        where = f"{pose_text(place.mean)}  {spread_text(place.covariance)}"
+        where = f"{pose_text(place.pose)}  {spread_text(place.covariance)}"
         yield f"  {place.probability:6.3f}  {where}"
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _off_map(answer.pose)
@@ -105,7 +105,7 @@ def belief_line(belief: Belief) -> str:
     elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
     if belief.off_map_probability > OFF_MAP:
         elsewhere += ", probably not on this map"
-    return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}{elsewhere}"
+    return f"{head}; best {pose_text(best.pose)}; probabilities {shown}{more}{elsewhere}"
 
 
 def is_unweighed(belief: Belief) -> bool:

@@ -190,13 +190,13 @@ class Client(RobotCommands):
         """Use the next scan for a step, even if the robot stands still."""
         self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
 
-    def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
+    def kidnap(self, pose: PoseTuple | None = None) -> None:
         """Move the simulated robot without letting its odometry show the motion.
 
         Args:
-            map_from_robot: new pose: x [m], y [m], heading [rad]; None: a random pose far away.
+            pose: the new pose: x [m], y [m], heading [rad]; None: a random pose far away.
         """
-        command = Kidnap(sender=_SENDER, command_id=new_id(), map_from_robot=map_from_robot)
+        command = Kidnap(sender=_SENDER, command_id=new_id(), pose=pose)
         self._send(keys.KIDNAP, command)
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:

@@ -250,7 +250,7 @@ class _Audience:
                 (self._alive.add if alive else self._alive.discard)(key)
             case Received(key=keys.TRUTH, payload=payload):
                 truth = decode(payload, TruePose)
-                self._truths[truth.step] = truth.map_from_robot
+                self._truths[truth.step] = truth.pose
                 while len(self._truths) > _KEPT_TRUTHS:
                     del self._truths[next(iter(self._truths))]
             case Received(key=keys.EVENTS, payload=payload):
@@ -267,7 +267,7 @@ class _Audience:
         self.summary.on_belief(belief)
         truth = self._truths.get(belief.step)
         if self._truth is not None and (truth := self.truth_of(belief)) is not None:
-            self._truth.put(TruePose(sender="demo", step=belief.step, map_from_robot=truth))
+            self._truth.put(TruePose(sender="demo", step=belief.step, pose=truth))
         self._output.on_belief(belief, truth)
 
 

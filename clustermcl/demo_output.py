@@ -91,7 +91,7 @@ def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
     for place in belief.hypotheses[:_SHOWN_PLACES]:
-        where = f"{pose_text(place.mean)}  {spread_text(place.covariance)}"
+        where = f"{pose_text(place.pose)}  {spread_text(place.covariance)}"
         yield _row(f"c{place.cluster}", place.probability, where)
     if others := belief.hypotheses[_SHOWN_PLACES:]:
         yield _row(f"{len(others)} more", sum(place.probability for place in others))
@@ -155,7 +155,7 @@ def result_object(
 ) -> JsonObject:
     """Return the last belief, its error, and the numbers of steps as a JSON object."""
     best = belief.hypotheses[0] if belief.hypotheses else None
-    error = pose_error(best.mean, truth) if best and truth else None
+    error = pose_error(best.pose, truth) if best and truth else None
     return {
         **belief_object(belief),
         "steps": status.steps_applied,
@@ -172,10 +172,10 @@ def result_lines(
     """Yield the last belief, its error, and the numbers of steps as text."""
     if belief.hypotheses:
         best = belief.hypotheses[0]
-        where = f"{pose_text(best.mean)}  {spread_text(best.covariance)}"
+        where = f"{pose_text(best.pose)}  {spread_text(best.covariance)}"
         yield f"In the end {belief.state} with probability {best.probability:.2f}: {where}"
         if truth is not None:
-            error = pose_error(best.mean, truth)
+            error = pose_error(best.pose, truth)
             yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
     else:
         yield f"In the end {belief.state}, no place is held possible."

@@ -13,7 +13,7 @@ class RobotCommands:
 
     def set_pose(
         self,
-        map_from_robot: PoseTuple,
+        pose: PoseTuple,
         *,
         position_sigma_m: float = 0.5,
         heading_sigma_rad: float = 0.26,
@@ -26,7 +26,7 @@ class RobotCommands:
         have arrived, the pose is stored and set later.
 
         Args:
-            map_from_robot: the pose: x [m], y [m], heading [rad].
+            pose: in the map: x [m], y [m], heading [rad].
             position_sigma_m: standard deviation of x and of y.
             heading_sigma_rad: standard deviation of the heading.
             covariance: covariance of x, y, heading, nine numbers row by row [m², m rad, rad²];
@@ -43,14 +43,14 @@ class RobotCommands:
         command = SetPose(
             sender="client",
             command_id=new_id(),
-            map_from_robot=map_from_robot,
+            pose=pose,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
             covariance=covariance,
             stamp_ns=stamp_ns,
         )
         if problem := refusal_of(command):
-            raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
+            raise ValueError(f"pose {pose} is invalid: {problem}")
         self._carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:

@@ -49,7 +49,7 @@ def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
     return (
         first_problem(_cluster_problem(one, applied) for one in (*clusters.all(), *decoy.places))
         or first_problem(_search_problem(one, applied) for one in (ensemble.search, decoy.search))
-        or (drawable_problem(prior.map_from_robot, prior.covariance) if prior else None)
+        or (drawable_problem(prior.pose, prior.covariance) if prior else None)
         or ensemble.seen.problem
     )
 
@@ -57,7 +57,7 @@ def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
 def _cluster_problem(cluster: Cluster, applied: Scan | None) -> str | None:
     if cluster.born_step > (applied.step if applied else -1):
         return f"a cluster of step {cluster.born_step}"
-    return drawable_problem(cluster.mean, cluster.covariance)
+    return drawable_problem(cluster.pose, cluster.covariance)
 
 
 def _search_problem(course: SearchCourse, applied: Scan | None) -> str | None:

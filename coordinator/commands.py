@@ -171,7 +171,7 @@ def _needs_map(command: SetPose | Relocalize, ground: FreeGround | None) -> bool
 def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) -> str:
     if ground is None or isinstance(command, Relocalize):
         return ""
-    return ground.problem_of(command.map_from_robot, _covariance(command)) or ""
+    return ground.problem_of(command.pose, _covariance(command)) or ""
 
 
 def _covariance(given: SetPose) -> Covariance:
@@ -195,10 +195,10 @@ def _at_step(
     """
     covariance = _covariance(given)
     if commanded.odom_from_robot is None:
-        return given.map_from_robot, covariance
+        return given.pose, covariance
     forth = commanded.stamp_ns < applied.stamp_ns
     return carried(
-        given.map_from_robot,
+        given.pose,
         covariance,
         commanded.odom_from_robot,
         applied.odom_from_robot,

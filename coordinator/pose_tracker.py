@@ -261,7 +261,7 @@ class PoseTracker(Part):
             scan_age_s=_since_s(self.scan_ns, now_ns),
             step=self.outcome.step if self.outcome else -1,
             probability=best.probability if best else 0.0,
-            map_from_robot=carried.mean if carried else None,
+            pose=carried.pose if carried else None,
             covariance=carried.covariance if carried else None,
             workers=workers,
             elsewhere_probability=self.outcome.elsewhere_probability if self.outcome else 1.0,
@@ -290,13 +290,13 @@ class PoseTracker(Part):
     def _carried(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis moved by the odometry since its step, with the motion's noise."""
         moved, noise = self.since_step.moved()
-        mean = np.array(hypothesis.mean)
+        mean = np.array(hypothesis.pose)
         covariance = composed_covariance(
             mean, covariance_matrix(hypothesis.covariance), moved, noise
         )
         return replace(
             hypothesis,
-            mean=pose_tuple(compose(mean, moved)),
+            pose=pose_tuple(compose(mean, moved)),
             covariance=covariance_tuple(covariance),
         )
 

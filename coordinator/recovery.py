@@ -120,7 +120,7 @@ class LastPlace(msgspec.Struct, frozen=True):
     live: bool
     """Whether the scans were those of a robot, not of a recording or a simulation."""
     odom_from_robot: PoseTuple
-    map_from_robot: PoseTuple
+    pose: PoseTuple
     covariance: Covariance
 
     @classmethod
@@ -139,7 +139,7 @@ class LastPlace(msgspec.Struct, frozen=True):
             map_digest=state.map_digest,
             live=applied.live,
             odom_from_robot=applied.odom_from_robot,
-            map_from_robot=best.mean,
+            pose=best.pose,
             covariance=best.covariance,
         )
 
@@ -149,7 +149,7 @@ class LastPlace(msgspec.Struct, frozen=True):
         The motion by odometry is added, unless the odometry was reset; then the robot has probably
         not moved.
         """
-        pose = np.array(self.map_from_robot)
+        pose = np.array(self.pose)
         if not _was_reset(self.odom_from_robot, scan.odom_from_robot):
             moved = between(np.array(self.odom_from_robot), np.array(scan.odom_from_robot))
             pose = compose(pose, moved)
@@ -159,7 +159,7 @@ class LastPlace(msgspec.Struct, frozen=True):
         return PriorPose(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
-            map_from_robot=pose_tuple(pose),
+            pose=pose_tuple(pose),
             covariance=(a, b, c, d, e, f, g, h, i),
             probability=probability,
         )

@@ -299,13 +299,13 @@ class CoordinatorState(Part):
     def _in_new_map(self, cluster: Cluster, applied: Scan, scan: Scan) -> Place:
         """Return a cluster's place just before the first scan of another map."""
         mean, covariance = carried(
-            cluster.mean,
+            cluster.pose,
             cluster.covariance,
             applied.odom_from_robot,
             scan.odom_from_robot,
             self.ensemble.settings.motion,
         )
-        moved = replace(cluster, mean=mean, covariance=covariance)
+        moved = replace(cluster, pose=mean, covariance=covariance)
         return self._redrawn(moved, cluster.probability, scan, scan.step - 1)
 
     def _search_again(self, scan: Scan, cause: EndedCause) -> None:
@@ -433,7 +433,7 @@ class CoordinatorState(Part):
         """Return a cluster's place after `step`, with particles drawn from its Gaussian."""
         return candidate(
             probability,
-            cluster.mean,
+            cluster.pose,
             cluster.covariance,
             seed=self.filter_settings.seed,
             purpose=Purpose.REBUILT,

@@ -63,7 +63,7 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
     for scan, truth in simulated_steps(source, settings.bridge, place.map.digest):
         outcome = run.advance(scan)
         picture.on_scan(scan)
-        picture.on_truth(TruePose(sender="docs", step=scan.step, map_from_robot=truth))
+        picture.on_truth(TruePose(sender="docs", step=scan.step, pose=truth))
         picture.on_events(_events(outcome, events, scan.stamp_ns))
         events += len(outcome.events)
         belief = belief_after(scan, outcome, "docs")

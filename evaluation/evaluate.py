@@ -115,7 +115,7 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeas
                 recorder.on_scan(scan)
                 recorder.on_belief(belief_after(scan, outcome, scan.sender))
             if outcome.hypotheses:
-                on_pose(scan.stamp_ns, outcome.hypotheses[0].mean)
+                on_pose(scan.stamp_ns, outcome.hypotheses[0].pose)
             if on_update is not None:
                 on_update()
             if number == options.kidnap_at:

@@ -214,7 +214,7 @@ def _outcome(scan: Scan, places: list[FoundPlace], settings: FilterSettings) -> 
             cluster=index,
             probability=place.share,
             log_probability=float(np.log(place.share)),
-            mean=pose_tuple(place.mean),
+            pose=pose_tuple(place.mean),
             covariance=covariance_tuple(place.covariance),
             effective_sample_size=0.0,
             age_steps=0,

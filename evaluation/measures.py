@@ -95,7 +95,7 @@ def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None
         truth: the true pose; None if it is unknown.
     """
     places = outcome.hypotheses if truth else ()
-    errors = [pose_error(place.mean, truth) for place in places if truth]
+    errors = [pose_error(place.pose, truth) for place in places if truth]
     return StepFacts(
         step=step,
         stamp_ns=stamp_ns,

@@ -41,10 +41,10 @@ class ShowEarlier(_Request, frozen=True, tag="earlier"):
     before: _Step
 
 
-class PlaceRobot(_Request, frozen=True, tag="set_pose", rename={"map_from_robot": "pose"}):
+class PlaceRobot(_Request, frozen=True, tag="set_pose"):
     """Command to set the robot's pose."""
 
-    map_from_robot: _Pose
+    pose: _Pose
     """The pose: x [m], y [m], heading [rad]."""
     position_sigma_m: _Sigma = 0.5
     heading_sigma_rad: _Sigma = 0.26
@@ -58,10 +58,10 @@ class UpdateOnce(_Request, frozen=True, tag="update"):
     """Command to use the next scan for a step, even if the robot stands still."""
 
 
-class KidnapRobot(_Request, frozen=True, tag="kidnap", rename={"map_from_robot": "pose"}):
+class KidnapRobot(_Request, frozen=True, tag="kidnap"):
     """Command to kidnap the simulated robot."""
 
-    map_from_robot: _Pose | None = None
+    pose: _Pose | None = None
     """The new pose: x [m], y [m], heading [rad]; None: a random pose far away."""
 
 

@@ -88,7 +88,7 @@ def _place(place: Hypothesis, slot: int) -> Frame:
         "cluster": place.cluster,
         "slot": slot,
         "p": place.probability,
-        "pose": place.mean,
+        "pose": place.pose,
         "cov": (xx, xy, yy, heading),
         "age": place.age_steps,
     }
@@ -143,7 +143,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "scan_age_s": answer.scan_age_s,
         "step": answer.step,
         "p": answer.probability,
-        "pose": answer.map_from_robot,
+        "pose": answer.pose,
         "workers": answer.workers,
         "elsewhere": answer.elsewhere_probability,
         "off_map": answer.off_map_probability,

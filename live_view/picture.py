@@ -118,9 +118,9 @@ class Picture:
 
     def on_truth(self, truth: TruePose) -> None:
         """Store the true pose at a step for its belief, or show it if its belief arrived first."""
-        _keep(self._truths, truth.step, truth.map_from_robot)
+        _keep(self._truths, truth.step, truth.pose)
         if shown := self._shown_at(truth.step):
-            self._set_step({**shown, "truth": truth.map_from_robot})
+            self._set_step({**shown, "truth": truth.pose})
 
     def on_report(self, report: TrackReport) -> None:
         """Show the particles of a worker's report if the report has any."""

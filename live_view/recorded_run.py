@@ -165,7 +165,7 @@ def best_pose(belief: Belief) -> PoseAnswer:
         age_s=0.0,
         step=belief.step,
         probability=best.probability if best else 0.0,
-        map_from_robot=best.mean if best else None,
+        pose=best.pose if best else None,
         covariance=best.covariance if best else None,
         workers=0,
         term=belief.term,

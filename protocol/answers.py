@@ -40,19 +40,14 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Probability that the robot is there."""
     log_probability: float
     """Natural logarithm of `probability`; does not underflow."""
-    mean: PoseTuple
+    pose: PoseTuple
     """Pose of the robot in the map: x [m], y [m], heading [rad]."""
     covariance: Covariance
-    """Covariance of `mean`, row by row."""
+    """Covariance of `pose`, row by row."""
     effective_sample_size: float
     """Number of equally weighted particles with the same information."""
     age_steps: int
     """Steps since the cluster entered the belief."""
-
-    @property
-    def pose(self) -> PoseTuple:
-        """The same as `mean`, by the name that it has in `Belief`."""
-        return self.mean
 
 
 class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
@@ -90,7 +85,7 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     @property
     def pose(self) -> PoseTuple | None:
         """The most probable place: x [m], y [m], heading [rad]; None: there is none yet."""
-        return self.hypotheses[0].mean if self.hypotheses else None
+        return self.hypotheses[0].pose if self.hypotheses else None
 
     @property
     def covariance(self) -> Covariance | None:
@@ -119,8 +114,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Number of the last step; -1 before the first."""
     probability: float
     """Probability of the most probable place, which is the pose."""
-    map_from_robot: PoseTuple | None
-    """The pose: x [m], y [m], heading [rad]; None: no place is tracked yet."""
+    pose: PoseTuple | None
+    """In the map: x [m], y [m], heading [rad]; None: no place is tracked yet."""
     covariance: Covariance | None
     """Covariance of the pose, row by row; None without a pose."""
     workers: int
@@ -133,11 +128,6 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Probability that the robot is at none of the tracked places."""
     off_map_probability: float = 0.0
     """As in `Belief`."""
-
-    @property
-    def pose(self) -> PoseTuple | None:
-        """The same as `map_from_robot`, by the name that it has in `Belief`."""
-        return self.map_from_robot
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
@@ -207,7 +197,7 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
 
     command_id: Id
     """Makes the command idempotent: a repeated id has no effect. So in all commands."""
-    map_from_robot: PoseTuple
+    pose: PoseTuple
     """x [m], y [m], heading [rad]."""
     position_sigma_m: Sigma = 0.5
     """Standard deviation of x and of y."""
@@ -255,7 +245,7 @@ class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
 
     command_id: Id
     """As in `SetPose`."""
-    map_from_robot: PoseTuple | None = None
+    pose: PoseTuple | None = None
     """Its new pose; None: a random one far away."""
 
 

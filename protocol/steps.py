@@ -231,4 +231,4 @@ class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
     """
 
     step: Number
-    map_from_robot: PoseTuple
+    pose: PoseTuple

@@ -77,7 +77,7 @@ def _(message: ElsewhereReport) -> str | None:
 
 @problem_of.register
 def _(message: SetPose) -> str | None:
-    return message.covariance and drawable_problem(message.map_from_robot, message.covariance)
+    return message.covariance and drawable_problem(message.pose, message.covariance)
 
 
 def first_problem(problems: Iterable[str | None]) -> str | None:

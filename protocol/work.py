@@ -156,7 +156,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
     share: Probability
     """Its share of the weight of its search or cluster; of a candidate cluster, the probability."""
-    mean: PoseTuple
+    pose: PoseTuple
     covariance: Covariance
     sample: Particles
     """Particles drawn from the place."""
@@ -179,7 +179,7 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     log_likelihood_per_beam: float
     """The best particle's log-likelihood per beam, without tempering: how well the scan fits."""
     effective_sample_size: NotNegative
-    mean: PoseTuple
+    pose: PoseTuple
     covariance: Covariance
     beam_classes: tuple[Number, Number, Number, Number] = (0, 0, 0, 0)
     """Numbers of beams of the best particle that end on, near or behind an obstacle, and others."""

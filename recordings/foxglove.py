@@ -156,9 +156,9 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
         shown = round(0.2 + 0.8 * place.probability, 2)
         rgb = dict(zip("rgb", _COLOURS[place.cluster % len(_COLOURS)], strict=True))
         along, long_m, short_m = _ellipse(place.covariance)
-        x, y, _ = place.mean
+        x, y, _ = place.pose
         percent = f"{100.0 * place.probability:.0f} %"
-        drawn["arrows"].append({"pose": _pose(place.mean), "color": rgb | {"a": shown}, **_ARROW})
+        drawn["arrows"].append({"pose": _pose(place.pose), "color": rgb | {"a": shown}, **_ARROW})
         drawn["cylinders"].append(
             {"pose": _pose((x, y, along)), "size": {"x": long_m, "y": short_m, "z": 0.01},
              "bottom_scale": 1, "top_scale": 1, "color": rgb | {"a": shown / 2.0}}

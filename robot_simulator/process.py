@@ -67,7 +67,7 @@ def run_simulator(invocation: Invocation) -> None:
 
         def on_step(scan: Scan) -> None:
             pose = source.step_made(scan)
-            truth.put(TruePose(sender=node.name, step=scan.step, map_from_robot=pose))
+            truth.put(TruePose(sender=node.name, step=scan.step, pose=pose))
 
         return on_step
 
@@ -86,7 +86,7 @@ class _Operator:
         command = decode(asked.payload, Kidnap)
         if command.command_id != self._last_id:
             self._last_id = command.command_id
-            x, y, heading = self._simulation.kidnap(command.map_from_robot)
+            x, y, heading = self._simulation.kidnap(command.pose)
             _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
         asked.answer(CommandDone(sender=self._sender))
 

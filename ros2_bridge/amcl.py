@@ -210,14 +210,14 @@ class Amcl:
         if chosen is None:
             self._place.forget_place()
         else:
-            self._place.on_place(belief.stamp_ns, chosen.mean)
+            self._place.on_place(belief.stamp_ns, chosen.pose)
         if not self.is_active:
             return
         stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
         if chosen is not None:
-            message = pose_stamped(chosen.mean, chosen.covariance, stamp_ns, frame)
+            message = pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, message)
-            self.last_pose = chosen.mean
+            self.last_pose = chosen.pose
         yield Publish(topics.STATE, text(belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
         yield Publish(topics.PROBABILITY, number(probable))

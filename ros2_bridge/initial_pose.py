@@ -66,7 +66,7 @@ def _command(
     return SetPose(
         sender=settings.node_name,
         command_id=NO_ID,
-        map_from_robot=pose,
+        pose=pose,
         covariance=covariance,
         stamp_ns=stamp_ns,
     )

@@ -77,7 +77,7 @@ def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: s
 
 def pose_array(belief: Belief, frame: str) -> Any:
     """Return all places as a `geometry_msgs/PoseArray`, most probable first."""
-    poses = [pose(one.mean) for one in belief.hypotheses]
+    poses = [pose(one.pose) for one in belief.hypotheses]
     return new(types.POSE_ARRAY, header=header(belief.stamp_ns, frame), poses=poses)
 
 
@@ -94,7 +94,7 @@ def detection(belief: Belief, frame: str, node_name: str) -> Any:
                 class_id=str(one.cluster),
                 score=one.probability,
             ),
-            pose=pose_with_covariance(one.mean, one.covariance),
+            pose=pose_with_covariance(one.pose, one.covariance),
         )
         for one in belief.hypotheses
     ]
@@ -193,10 +193,10 @@ def markers(belief: Belief, frame: str) -> Any:
 
 def _place(place: Hypothesis, shared: Any) -> tuple[Any, Any, Any]:
     number = place.cluster % 2**31
-    x, y, _ = place.mean
+    x, y, _ = place.pose
     long_m, short_m, direction_rad = _ellipse(place)
     colour = _colour(place)
-    arrow = _marker(shared, "arrow", number, _ARROW, place.mean, colour)
+    arrow = _marker(shared, "arrow", number, _ARROW, place.pose, colour)
     arrow.scale = _scale(_ARROW_M, _ARROW_WIDTH_M, _ARROW_WIDTH_M)
     ellipse = _marker(shared, "ellipse", number, _CYLINDER, (x, y, direction_rad), colour)
     ellipse.scale = _scale(long_m, short_m, _HEIGHT_M)

@@ -54,7 +54,7 @@ class PoseChoice:
             return None
         if belief.state == "localized":
             return hypothesis
-        covariance = mixture_covariance(belief.hypotheses, hypothesis.mean)
+        covariance = mixture_covariance(belief.hypotheses, hypothesis.pose)
         return replace(hypothesis, covariance=covariance)
 
     def _chosen(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
@@ -78,7 +78,7 @@ class PoseChoice:
         for hypothesis in belief.hypotheses:
             if hypothesis.cluster == self.held:
                 return hypothesis
-        near = [one for one in belief.hypotheses if expected and _same(one.mean, expected)]
+        near = [one for one in belief.hypotheses if expected and _same(one.pose, expected)]
         return (near or belief.hypotheses)[0]
 
 
@@ -86,7 +86,7 @@ def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> 
     """Return the second moment of the robot's pose about `about`, over all places, row by row."""
     total = np.zeros((3, 3))
     for one in hypotheses:
-        off = np.subtract(one.mean, about)
+        off = np.subtract(one.pose, about)
         off[2] = wrap_angle(float(off[2]))
         total += one.probability * (covariance_matrix(one.covariance) + np.outer(off, off))
     return covariance_tuple(total)

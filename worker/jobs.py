@@ -187,7 +187,7 @@ class Tracking(RunningJob):
             particles=len(self._particle_set.log_weights),
             log_likelihood_per_beam=result.log_likelihood_per_beam,
             effective_sample_size=self._particle_set.effective_sample_size,
-            mean=pose_tuple(mean),
+            pose=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
             beam_classes=classes or (0, 0, 0, 0),
             log_observed=log_observed,
@@ -425,7 +425,7 @@ def _place(place: places.FoundPlace, scan: Scan) -> Place:
     sample = place.sample
     return Place(
         share=place.share,
-        mean=pose_tuple(place.mean),
+        pose=pose_tuple(place.mean),
         covariance=covariance_tuple(place.covariance),
         sample=Particles(
             step=scan.step,

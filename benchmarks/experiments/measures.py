@@ -68,7 +68,7 @@ def update_of(number: int, stamp_ns: int, outcome: Outcome, copies: Sequence[Pos
     facts = common.facts_of(number - 1, stamp_ns, outcome, copies[0] if copies else None)
     places = outcome.hypotheses if facts.claims else ()
     near = [
-        [place.probability for place in places if pose_error(place.mean, copy).right]
+        [place.probability for place in places if pose_error(place.pose, copy).right]
         for copy in copies
     ]
     return Update(facts, tuple(math.fsum(each) if each else None for each in near))

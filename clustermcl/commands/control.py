@@ -51,11 +51,11 @@ def set_pose(
     numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
     if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
         raise typer.BadParameter("a pose needs finite numbers and positive standard deviations")
-    map_from_robot = (x_m, y_m, math.radians(heading_deg))
+    pose = (x_m, y_m, math.radians(heading_deg))
     try:
         with connected(settings) as client:
             client.set_pose(
-                map_from_robot,
+                pose,
                 position_sigma_m=position_m,
                 heading_sigma_rad=math.radians(heading_sigma),
                 covariance=_symmetric(*covariance) if covariance else None,
@@ -63,7 +63,7 @@ def set_pose(
             )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None
-    _report(settings, f"was set to {pose_text(map_from_robot)}")
+    _report(settings, f"was set to {pose_text(pose)}")
 
 
 def _symmetric(

@@ -67,7 +67,7 @@ class Cluster(msgspec.Struct, frozen=True):
     cluster: Number
     log_probability: Annotated[float, Meta(ge=-sys.float_info.max, le=1e-6)]
     born_step: NumberOrNone
-    mean: PoseTuple
+    pose: PoseTuple
     covariance: Covariance
     protected_until: int = -1
     """The step before which it may not be replaced."""
@@ -200,7 +200,7 @@ class ClusterSet(Part):
                 evidence[index] = report.log_weight_sum - math.log(report.particles)
                 self.clusters[cluster.cluster] = replace(
                     cluster,
-                    mean=report.mean,
+                    pose=report.pose,
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                     confirmed=cluster.confirmed or self._is_confirmed(evidence[index], elsewhere),
@@ -393,11 +393,11 @@ class ClusterSet(Part):
         noise = motion_covariance(before_from_after, motion)
         for cluster in self.all():
             if cluster.job_id in job_ids:
-                mean, known = np.array(cluster.mean), covariance_matrix(cluster.covariance)
+                mean, known = np.array(cluster.pose), covariance_matrix(cluster.covariance)
                 covariance = composed_covariance(mean, known, before_from_after, noise)
                 self.clusters[cluster.cluster] = replace(
                     cluster,
-                    mean=pose_tuple(compose(mean, before_from_after)),
+                    pose=pose_tuple(compose(mean, before_from_after)),
                     covariance=covariance_tuple(covariance),
                 )
 
@@ -407,7 +407,7 @@ class ClusterSet(Part):
         if len(ordered) < 2:
             return []
         rules, ended = self.rules, list[Ended]()
-        means = np.array([cluster.mean for cluster in ordered])
+        means = np.array([cluster.pose for cluster in ordered])
         into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
@@ -442,7 +442,7 @@ class ClusterSet(Part):
                 self.next_cluster,
                 math.log(place.share) if place.share > 0.0 else LEAST_LOG,
                 step,
-                place.mean,
+                place.pose,
                 place.covariance,
                 protected_until,
                 confirmed=cause != "given",

@@ -361,7 +361,7 @@ class Ensemble(Part, kw_only=True):
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; elsewhere's probability is theirs by share."""
         step, log_weight = pool.step, self.clusters.log_elsewhere
-        held = [cluster.mean for cluster in self.clusters.all()]
+        held = [cluster.pose for cluster in self.clusters.all()]
         room = self.clusters.room(step)
         found = admission(pool, held, room, log_weight, self.settings, is_over=False)
         if found.entering:

@@ -50,4 +50,4 @@ def candidate(
     """Return a candidate place with Gaussian particles, as it was after `step`."""
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
     sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
-    return Place(share=probability, mean=mean, covariance=covariance, sample=sample)
+    return Place(share=probability, pose=mean, covariance=covariance, sample=sample)

@@ -67,7 +67,7 @@ def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
         cluster=cluster.cluster,
         probability=cluster.probability,
         log_probability=cluster.log_probability,
-        mean=cluster.mean,
+        pose=cluster.pose,
         covariance=cluster.covariance,
         effective_sample_size=cluster.effective_sample_size,
         age_steps=step - cluster.born_step,

@@ -23,7 +23,7 @@ class PriorPose(msgspec.Struct, frozen=True):
 
     step: NumberOrNone
     odom_from_robot: PoseTuple
-    map_from_robot: PoseTuple
+    pose: PoseTuple
     covariance: Covariance
     probability: Probability
 
@@ -47,8 +47,8 @@ def with_prior_pose(
     """
     rules = settings.belief
     moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
-    now = pose_tuple(compose(np.array(prior.map_from_robot), moved))
-    means = [place.mean for place in found]
+    now = pose_tuple(compose(np.array(prior.pose), moved))
+    means = [place.pose for place in found]
     is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
     there = int(np.argmax(is_there)) if is_there.any() else None
     kept = found if there is not None else found[: rules.max_clusters - 1]
@@ -71,7 +71,7 @@ def _offered(
 ) -> Place:
     start = candidate(
         probability,
-        prior.map_from_robot,
+        prior.pose,
         prior.covariance,
         seed=settings.seed,
         purpose=Purpose.LAST_POSE,
@@ -79,4 +79,4 @@ def _offered(
         step=prior.step,
         odom_from_robot=prior.odom_from_robot,
     )
-    return replace(start, mean=mean)
+    return replace(start, pose=mean)

@@ -125,7 +125,7 @@ class SearchCourse(Part):
 
     def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
         """Record the means of the clusters after this step."""
-        self.means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
+        self.means[step] = {cluster.job_id: cluster.pose for cluster in clusters}
         while len(self.means) > KEPT_STEPS:
             del self.means[next(iter(self.means))]
 
@@ -195,7 +195,7 @@ class Decoy(Part):
         """Return the report of the decoy that the mirrored scan fits best; None: there is none."""
         found = [(place, reports.get(place.job_id)) for place in self.places]
         self.places = tuple(
-            replace(place, mean=report.mean, covariance=report.covariance) if report else place
+            replace(place, pose=report.pose, covariance=report.covariance) if report else place
             for place, report in found
         )
         fits = [r for _, r in found if r and not math.isnan(r.log_likelihood_per_beam)]
@@ -222,7 +222,7 @@ class Decoy(Part):
             first = (self.search.begun - 1) * DECOYS
             for index in range(min(len(pool.share), DECOYS)):
                 found, number = pool.place(index, 1.0), first + index
-                place = Cluster(number, 0.0, step, found.mean, found.covariance, mirrored=True)
+                place = Cluster(number, 0.0, step, found.pose, found.covariance, mirrored=True)
                 self.places += (place,)
                 begin[place.job_id] = TrackJob(
                     cluster=number, start=found.sample, exact=False, mirrored=True

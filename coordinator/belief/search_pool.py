@@ -82,7 +82,7 @@ class Pool:
             log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
         )
         mean, covariance = pose_tuple(self.mean[index]), covariance_tuple(views.covariance[rows[0]])
-        return Place(share=share, mean=mean, covariance=covariance, sample=sample)
+        return Place(share=share, pose=mean, covariance=covariance, sample=sample)
 
 
 class SearchPool(Part):

@@ -86,7 +86,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         if not (_has_one_place(outcome, settings) and beams.count):
             run = []
             continue
-        best = np.array([outcome.hypotheses[0].mean])
+        best = np.array([outcome.hypotheses[0].pose])
         poses, _ = refined(best, beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
         run.append((compose(poses[0], np.array(told)), np.array(scan.odom_from_robot)))

@@ -69,7 +69,7 @@ def real_checkpoints() -> list[Checkpoint]:
 
 
 def given_pose(command_id: str) -> SetPose:
-    return SetPose(sender="person", command_id=command_id, map_from_robot=(2.0, 2.0, 0.5))
+    return SetPose(sender="person", command_id=command_id, pose=(2.0, 2.0, 0.5))
 
 
 def carried_on(checkpoint: Checkpoint) -> list[Instruction]:

@@ -141,7 +141,7 @@ def _command(rng: random.Random) -> Fault:
     if rng.random() < 0.5:
         command = Relocalize(sender="person", command_id=name)
     else:
-        command = SetPose(sender="person", command_id=name, map_from_robot=(3.0, 2.0, 0.0))
+        command = SetPose(sender="person", command_id=name, pose=(3.0, 2.0, 0.0))
 
     def fault(simulation: "Simulation") -> None:
         for node in simulation.coordinators.values():

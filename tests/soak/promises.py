@@ -342,12 +342,12 @@ class TruthHeld:
             return
         self._beliefs += 1
         self._errors_m.append(
-            min(pose_error(p.mean, copy).distance_m for p in places for copy in copies)
+            min(pose_error(p.pose, copy).distance_m for p in places for copy in copies)
         )
         self._short += not all(held)
         lost = [room for room, before in enumerate(self._held) if before and not held[room]]
         what = [f"place {room} is lost" for room in lost]
-        error = pose_error(places[0].mean, truth)
+        error = pose_error(places[0].pose, truth)
         if places[0].probability >= CONFIDENT_PROBABILITY and not error.right:
             self._sure_and_wrong += 1
             what.append(f"sure and {error.distance_m:.1f} m off")
@@ -368,7 +368,7 @@ class TruthHeld:
 
 def _is_held(belief: Belief, copy: PoseTuple) -> bool:
     """Return whether the most probable hypothesis at a pose is a cluster, not of a search."""
-    at_pose = (p.cluster >= 0 for p in belief.hypotheses if pose_error(p.mean, copy).right)
+    at_pose = (p.cluster >= 0 for p in belief.hypotheses if pose_error(p.pose, copy).right)
     return any(at_pose)
 
 

@@ -89,9 +89,9 @@ class Robot:
 
     def error(self, answer: PoseAnswer) -> np.ndarray:
         """Return the (3,) error of an answer: x, y [m], heading [rad]."""
-        assert answer.map_from_robot is not None
+        assert answer.pose is not None
         nearest = min(list(self._truth), key=lambda stamp_ns: abs(stamp_ns - answer.stamp_ns))
-        off = np.subtract(answer.map_from_robot, self._truth[nearest])
+        off = np.subtract(answer.pose, self._truth[nearest])
         off[2] = wrap_angle(float(off[2]))
         return off
 

@@ -49,7 +49,7 @@ def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(
         place = LastPlace.of(kept(tmp_path))
         assert place is not None
         if step in told:
-            assert place.map_from_robot == told[step].hypotheses[0].mean
+            assert place.pose == told[step].hypotheses[0].pose
     with system(kept_in(tmp_path), "--steps", "40") as tested:
         wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
         first = next(b for b in tested.beliefs if b.state != "searching")

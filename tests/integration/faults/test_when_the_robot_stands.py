@@ -72,7 +72,7 @@ def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[tuple[fl
 
 def may_be_at(belief: Belief, pose: tuple[float, ...]) -> bool:
     return belief.state != "searching" and any(
-        np.hypot(*np.subtract(place.mean[:2], pose[:2])) < 0.5 for place in belief.hypotheses
+        np.hypot(*np.subtract(place.pose[:2], pose[:2])) < 0.5 for place in belief.hypotheses
     )
 
 

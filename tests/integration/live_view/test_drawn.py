@@ -63,9 +63,7 @@ def shows(stage: Stage, condition: Callable[[], object]) -> None:
 def play(stage: Stage, steps: range) -> None:
     """A robot that drives along, with two places."""
     for step in steps:
-        stage.picture.on_truth(
-            TruePose(sender="s", step=step, map_from_robot=(1.0 + step / 100, 2.0, 0.0))
-        )
+        stage.picture.on_truth(TruePose(sender="s", step=step, pose=(1.0 + step / 100, 2.0, 0.0)))
         stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
         stage.picture.on_belief(belief(step, 1, 2))
         stage.picture.on_pose(pose(step))
@@ -217,7 +215,7 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: len(stage.commands) == 2)
     lifted = stage.commands[1]
     assert isinstance(lifted, KidnapRobot)
-    assert lifted.map_from_robot == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
+    assert lifted.pose == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
     stage.commands.clear()
     press(drawn, "d")
     with drawn.holding("\ue013"):  # the up arrow
@@ -238,7 +236,7 @@ def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
     shows(stage, lambda: stage.commands)
     (given,) = stage.commands
     assert isinstance(given, PlaceRobot)
-    assert given.map_from_robot == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
+    assert given.pose == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
     assert given.position_sigma_m == pytest.approx(0.5 / 1.3**2)
     assert drawn.snapshot().view == before  # the map stays
 
@@ -275,7 +273,7 @@ def many_places(step: int) -> Belief:
     places = [
         msgspec.structs.replace(
             place,
-            mean=(0.7 + 1.2 * (i * 5 % 8) + step / 50, 0.6 + 0.65 * (i // 8), i / 9),
+            pose=(0.7 + 1.2 * (i * 5 % 8) + step / 50, 0.6 + 0.65 * (i // 8), i / 9),
             probability=float(0.9 * shares[i] / shares.sum()),
             covariance=(0.01, 0.003, 0.0, 0.003, 0.02, 0.0, 0.0, 0.0, 0.01),
         )
@@ -496,7 +494,7 @@ def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
 
 def test_a_click_on_a_place_judges_its_beams(stage: Stage, drawn: Page) -> None:
     """It looks along the wall of a room of 10 m by 6 m, from (1, 2) to the right."""
-    straight = msgspec.structs.replace(hypothesis(1, 0.9), mean=(1.0, 2.0, 0.0))
+    straight = msgspec.structs.replace(hypothesis(1, 0.9), pose=(1.0, 2.0, 0.0))
     beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
     seen = msgspec.structs.replace(scan(5, beams), range_max_m=30.0)
     stage.picture.on_scan(seen)
@@ -699,9 +697,7 @@ def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> No
             stage.picture.on_belief(localized)
             shows(stage, lambda: "it has seen the cabinet" in page.text("caption-text"))
             for step in range(13):
-                amcl.picture.on_truth(
-                    TruePose(sender="s", step=step, map_from_robot=(1.0, 2.0, 0.0))
-                )
+                amcl.picture.on_truth(TruePose(sender="s", step=step, pose=(1.0, 2.0, 0.0)))
                 place = 4 if step < 10 else 1  # it is at (4, 2), then right
                 sure = msgspec.structs.replace(belief(step, place), state="localized")
                 amcl.picture.on_belief(sure)

@@ -46,7 +46,7 @@ def steps() -> list[Step]:
     for (scan, truth), (_, outcome) in zip(
         made, outcomes((scan for scan, _ in made), model, settings), strict=True
     ):
-        at = TruePose(sender="s", step=scan.step, map_from_robot=truth)
+        at = TruePose(sender="s", step=scan.step, pose=truth)
         found.append((scan, at, belief_after(scan, outcome, "coordinator")))
     return found
 
@@ -76,7 +76,7 @@ def answer_of(belief: Belief, **changed: Any) -> PoseAnswer:
     usual = {
         "state": belief.state,
         "probability": best.probability if best else 0.0,
-        "map_from_robot": best.mean if best else None,
+        "pose": best.pose if best else None,
         "covariance": best.covariance if best else None,
         "elsewhere_probability": belief.elsewhere_probability,
         "off_map_probability": belief.off_map_probability,

@@ -66,7 +66,7 @@ class Robot:
         is_right = (
             truth is not None
             and belief.state == "localized"
-            and math.dist(belief.hypotheses[0].mean[:2], truth[:2]) < LOCALIZED_M
+            and math.dist(belief.hypotheses[0].pose[:2], truth[:2]) < LOCALIZED_M
         )
         self._right = self._right + 1 if is_right else 0
         self.is_localized |= self._right >= LOCALIZED_STEPS

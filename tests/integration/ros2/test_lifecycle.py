@@ -167,7 +167,7 @@ def test_a_pose_given_before_activation_is_used_then(
     wait_until(lambda: system.commands)
     key, command = system.commands[0]
     assert key == "command/set_pose"
-    assert command["map_from_robot"] == pytest.approx([3.0, 1.0, 0.5])
+    assert command["pose"] == pytest.approx([3.0, 1.0, 0.5])
 
 
 def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(

@@ -33,7 +33,7 @@ def test_commands_reach_the_system(
     told_by_key = dict(system.commands)
     assert set(told_by_key) == {"command/relocalize", "command/update", "command/set_pose"}
     command = told_by_key["command/set_pose"]
-    assert command["map_from_robot"] == pytest.approx([1.0, 2.0, 0.5])
+    assert command["pose"] == pytest.approx([1.0, 2.0, 0.5])
     assert command["covariance"] == pytest.approx(COVARIANCE)
     robot.put_initial_pose((4.0, 2.0, 0.5))
     wait_until(lambda: len(system.commands) == 4)

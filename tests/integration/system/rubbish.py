@@ -173,20 +173,20 @@ class Stranger:
         for change in (
             {"log_weight_sum": NAN}, {"log_weight_sum": math.inf}, {"particles": 0},
             {"log_likelihood_per_beam": math.inf},
-            {"mean": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
+            {"pose": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
         ):  # fmt: skip
             yield msgspec.structs.replace(old, **change)
 
     @staticmethod
     def _bad_commands() -> Iterator[Message]:
-        yield SetPose(sender="x", command_id="1", map_from_robot=(NAN, 0.0, 0.0))
-        yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, position_sigma_m=-1.0)
+        yield SetPose(sender="x", command_id="1", pose=(NAN, 0.0, 0.0))
+        yield SetPose(sender="x", command_id="2", pose=ORIGIN, position_sigma_m=-1.0)
         lopsided = (1.0, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-        yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, covariance=lopsided)
-        yield SetPose(sender="x", command_id="y" * 1000, map_from_robot=ORIGIN)
+        yield SetPose(sender="x", command_id="2", pose=ORIGIN, covariance=lopsided)
+        yield SetPose(sender="x", command_id="y" * 1000, pose=ORIGIN)
         yield Relocalize(sender="x", command_id="")
         yield Update(sender="x", command_id="")
-        yield Kidnap(sender="x", command_id="3", map_from_robot=(math.inf, 0.0, 0.0))
+        yield Kidnap(sender="x", command_id="3", pose=(math.inf, 0.0, 0.0))
         cloud = cloud_at(ORIGIN, 0)
         poisoned = msgspec.structs.replace(
             cloud, log_weights=ArrayBlob.of(np.full(2, NAN), "float64")

@@ -218,7 +218,7 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
     assert done.stdout == "robot 'robot' was set to x 5.00 m  y 6.00 m  heading 86.0 deg\n"
     with Client(system) as client:
         answer: PoseAnswer = client.pose()
-    assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
+    assert answer.pose == pytest.approx((5.0, 6.0, math.radians(86.0)))
     assert answer.probability == pytest.approx(0.95)
     assert answer.state == "searching", "no scan has confirmed it: the recording is over"
 
@@ -238,7 +238,7 @@ def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     with Client(system) as client:
         answer = client.pose()
-    assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
+    assert answer.pose == pytest.approx((5.0, 6.0, math.radians(86.0)))
     heading = math.radians(8.0) ** 2
     assert answer.covariance == pytest.approx((0.5, 0.1, 0, 0.1, 0.3, 0, 0, 0, heading))
     long_ago = typed(system, "set-pose", "5.0", "6.0", "1.5", "--stamp-ns", "-99999999999999")

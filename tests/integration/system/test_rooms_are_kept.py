@@ -42,6 +42,6 @@ def test_a_search_drives_no_true_room_out() -> None:
             continue
         copies = copies_in_all_rooms(truths[scan.step])
         for room, copy in enumerate(copies):
-            held = any(pose_error(place.mean, copy).right for place in outcome.hypotheses)
+            held = any(pose_error(place.pose, copy).right for place in outcome.hypotheses)
             assert held, f"room {room} is lost at step {scan.step}: {outcome.events}"
     assert searches > 5

@@ -127,7 +127,7 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
             assert next(named.beliefs(timeout_s=60.0)).step >= 0
             found = named.wait_until_localized(60.0)
             assert (found.state, found.freshness) == ("localized", "fresh")
-            assert found.pose == found.map_from_robot is not None
+            assert found.pose == found.pose is not None
         asyncio.run(beliefs_beside_another_task())
         assert second.end(signal.SIGINT) == 0
         second.assert_nothing_runs()

@@ -71,7 +71,7 @@ def test_a_belief_that_no_worker_has_weighed_is_dead_reckoning() -> None:
 
 def test_before_the_first_scan_the_text_has_no_pose() -> None:
     none = msgspec.structs.replace(
-        ANSWER, state="searching", freshness="none", map_from_robot=None, covariance=None
+        ANSWER, state="searching", freshness="none", pose=None, covariance=None
     )
     assert list(pose_lines(none)) == ["searching: no scan has arrived yet"]
 

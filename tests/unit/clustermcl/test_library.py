@@ -74,7 +74,7 @@ def test_beliefs_equal_those_of_evaluate_bit_for_bit(readings: list[Reading]) ->
     for belief, outcome in zip(beliefs, expected, strict=True):
         assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
         assert belief.state == outcome.state
-        assert belief.pose == outcome.hypotheses[0].mean
+        assert belief.pose == outcome.hypotheses[0].pose
 
 
 def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def cloud_at(mean: PoseTuple, step: int) -> Particles:
 
 
 def place(share: float, mean: PoseTuple, step: int) -> Place:
-    return Place(share=share, mean=mean, covariance=NO_SPREAD, sample=cloud_at(mean, step))
+    return Place(share=share, pose=mean, covariance=NO_SPREAD, sample=cloud_at(mean, step))
 
 
 def searched(
@@ -157,7 +157,7 @@ def tracked(
         particles=100,
         log_likelihood_per_beam=fit,
         effective_sample_size=50.0,
-        mean=mean,
+        pose=mean,
         covariance=NO_SPREAD,
         snapshot=snapshot,
     )

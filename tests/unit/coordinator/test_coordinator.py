@@ -200,10 +200,10 @@ def test_a_scan_of_another_map_is_refused_and_counted() -> None:
 
 def test_a_given_pose_is_the_best_hypothesis_immediately() -> None:
     story = Story("a").bootstrapped()
-    command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
+    command = SetPose(sender="client", command_id="1", pose=(3.0, 4.0, 0.5))
     story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
-    assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
-    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((3.0, 4.0, 0.5))
+    assert story.beliefs[-1].hypotheses[0].pose == (3.0, 4.0, 0.5)
+    assert story.coordinator.pose(SECOND).pose == pytest.approx((3.0, 4.0, 0.5))
     assert "c2" in story.epochs, "a worker tracks it"
 
 
@@ -319,7 +319,7 @@ def test_places_kept_in_a_new_map_are_moved_by_odometry() -> None:
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
     in_a_new_map(story, 5, 6, 7)
     pose = story.coordinator.hypotheses(7 * SECOND)
-    north, south = sorted((place.mean for place in pose.hypotheses), key=lambda mean: -mean[1])
+    north, south = sorted((place.pose for place in pose.hypotheses), key=lambda mean: -mean[1])
     # The robot has driven on since the last step in the old map.
     assert north == pytest.approx((1.7, 5.0, 0.0))
     assert south == pytest.approx((1.7, -5.0, 0.0))
@@ -380,12 +380,12 @@ def searched_everywhere(story: Story) -> None:
 
 def test_a_pose_given_before_the_first_scan_is_applied_after_it() -> None:
     story = Story("a")
-    early = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    early = given("1", pose=(1.0, 2.0, 0.5))
     assert commanded(story.coordinator, early) == ""
     assert story.beliefs == []
     searched_everywhere(story)
     best = story.beliefs[0].hypotheses[0]
-    assert (best.mean, best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
+    assert (best.pose, best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
     assert best.probability == pytest.approx(0.95)
     assert not story.beliefs[0].searching
     assert commanded(story.coordinator, early) == ""
@@ -395,19 +395,19 @@ def test_a_pose_given_before_the_first_scan_is_applied_after_it() -> None:
 def test_odometry_since_a_pose_given_before_the_first_scan_is_added() -> None:
     story = Story("a")
     story.coordinator.handle(odometry(-40 * SECOND, -8.0), 0)
-    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.0)))
+    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.0)))
     for second in range(40, 0, -1):
         story.coordinator.handle(odometry(-second * SECOND, -second / 5), 0)
     searched_everywhere(story)  # at odometry 0
     best = story.beliefs[0].hypotheses[0]
-    assert best.mean == pytest.approx((9.0, 2.0, 0.0))
+    assert best.pose == pytest.approx((9.0, 2.0, 0.0))
     assert best.covariance[0] > 0.25, "and it errs"
 
 
 def test_only_the_last_command_before_the_first_scan_is_carried_out() -> None:
     story = Story("a")
-    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
-    commanded(story.coordinator, given("2", map_from_robot=(3.0, 2.0, 0.5)))
+    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5)))
+    commanded(story.coordinator, given("2", pose=(3.0, 2.0, 0.5)))
     assert commanded(story.coordinator, Relocalize(sender="client", command_id="3")) == ""
     searched_everywhere(story)
     assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
@@ -454,22 +454,22 @@ def test_the_last_pose_is_not_used_after_relocalize() -> None:
 
 def test_a_successor_receives_commands_from_before_the_first_scan() -> None:
     story = Story("a")
-    command = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    command = given("1", pose=(1.0, 2.0, 0.5))
     instructions = story.coordinator.handle(CommandArrived(command), 0)
     (published,) = [one for one in instructions if isinstance(one, PublishCheckpoint)]
     heir = Story(known=published.checkpoint)
     heir.follow(heir.coordinator.handle(WorkerJoined("a"), 0))
     searched_everywhere(heir)
-    assert heir.beliefs[0].hypotheses[0].mean == (1.0, 2.0, 0.5)
+    assert heir.beliefs[0].hypotheses[0].pose == (1.0, 2.0, 0.5)
 
 
 def test_a_given_covariance_is_the_hypothesis_covariance() -> None:
     story = Story("a", "b").bootstrapped()
     covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
-    command = given("1", map_from_robot=(1.0, 2.0, 0.5), covariance=covariance)
+    command = given("1", pose=(1.0, 2.0, 0.5), covariance=covariance)
     story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
     best = story.beliefs[-1].hypotheses[0]
-    assert (best.mean, best.covariance) == ((1.0, 2.0, 0.5), covariance)
+    assert (best.pose, best.covariance) == ((1.0, 2.0, 0.5), covariance)
 
 
 OFF_THE_MAP = (700.0, 0.5, 1.6)
@@ -478,15 +478,15 @@ OFF_THE_MAP = (700.0, 0.5, 1.6)
 def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
     story = Story("a").bootstrapped()
     told = len(story.beliefs)
-    problem = commanded(story.coordinator, given("1", map_from_robot=OFF_THE_MAP))
+    problem = commanded(story.coordinator, given("1", pose=OFF_THE_MAP))
     assert problem.startswith("the map has no free ground within 3 sigma (0.50 m each) of x 700")
     assert len(story.beliefs) == told
-    assert commanded(story.coordinator, given("2", map_from_robot=(100.5, 0.5, 1.6))) == ""
+    assert commanded(story.coordinator, given("2", pose=(100.5, 0.5, 1.6))) == ""
 
 
 def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
     story = Story("a")
-    early = given("1", map_from_robot=OFF_THE_MAP)
+    early = given("1", pose=OFF_THE_MAP)
     assert commanded(story.coordinator, early) == "", "nobody knows the map yet"
     searched_everywhere(story)
     assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
@@ -498,11 +498,11 @@ def test_a_pose_waits_for_the_map_and_is_applied_when_the_map_arrives() -> None:
     story = Story("a")
     story.has_map = False
     searched_everywhere(story)
-    assert commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5))) == ""
+    assert commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5))) == ""
     assert len(story.beliefs) == 1
     story.has_map = True
     story.follow(story.coordinator.handle(TimePassed(), 3 * SECOND))
-    assert story.beliefs[-1].hypotheses[0].mean == (1.0, 2.0, 0.5)
+    assert story.beliefs[-1].hypotheses[0].pose == (1.0, 2.0, 0.5)
 
 
 def test_a_given_pose_waits_until_a_new_map_arrives() -> None:
@@ -510,7 +510,7 @@ def test_a_given_pose_waits_until_a_new_map_arrives() -> None:
     story.has_map = False
     in_a_new_map(story, 5, 6, 7)
     told = len(story.beliefs)
-    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
+    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5)))
     assert len(story.beliefs) == told
 
 
@@ -518,19 +518,19 @@ def test_a_pose_with_an_older_stamp_is_moved_by_odometry() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 21):  # a metre a second since the step, which was at 0
         story.coordinator.handle(odometry(tenth * SECOND // 10, tenth / 10), tenth)
-    then = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=5 * SECOND // 10)
+    then = given("1", pose=(1.0, 2.0, 0.0), stamp_ns=5 * SECOND // 10)
     story.follow(story.coordinator.handle(CommandArrived(then), SECOND))
-    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((2.5, 2.0, 0.0))
-    now = given("2", map_from_robot=(1.0, 2.0, 0.0))
+    assert story.coordinator.pose(SECOND).pose == pytest.approx((2.5, 2.0, 0.0))
+    now = given("2", pose=(1.0, 2.0, 0.0))
     story.follow(story.coordinator.handle(CommandArrived(now), SECOND))
-    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((1.0, 2.0, 0.0))
+    assert story.coordinator.pose(SECOND).pose == pytest.approx((1.0, 2.0, 0.0))
 
 
 def test_a_pose_older_than_the_known_odometry_is_refused_with_the_reason() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 201):
         story.coordinator.handle(odometry(tenth * SECOND // 10, 0.01 * tenth), tenth)
-    command = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
+    command = given("1", pose=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
     before = len(story.beliefs)
     for _ in range(2):
         problem = commanded(story.coordinator, command)

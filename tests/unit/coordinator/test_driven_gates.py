@@ -27,7 +27,7 @@ def outcome_at(map_from_robot: PoseTuple) -> Outcome:
         cluster=0,
         probability=1.0,
         log_probability=0.0,
-        mean=map_from_robot,
+        pose=map_from_robot,
         covariance=NO_SPREAD,
         effective_sample_size=1.0,
         age_steps=1,
@@ -59,12 +59,12 @@ def test_the_covariance_contains_the_true_pose(seed: int) -> None:
         if reading.stamp_ns > DRIVEN_NS:
             break
     for answer, truth in answers[1:]:
-        assert answer.map_from_robot is not None
+        assert answer.pose is not None
         assert answer.covariance is not None
-        off = np.subtract(answer.map_from_robot, truth)
+        off = np.subtract(answer.pose, truth)
         off[2] = wrap_angle(float(off[2]))
         assert off @ np.linalg.solve(covariance_matrix(answer.covariance), off) < UNLIKELY
     last, truth = answers[-1]
     assert last.freshness == "dead_reckoning"
-    assert last.map_from_robot is not None
-    assert np.hypot(*np.subtract(last.map_from_robot, truth)[:2]) > 0.3, "where it did not look"
+    assert last.pose is not None
+    assert np.hypot(*np.subtract(last.pose, truth)[:2]) > 0.3, "where it did not look"

@@ -232,7 +232,7 @@ def test_a_deposed_coordinator_that_wakes_cannot_give_orders(model: SensorModel)
 
 
 def given(command_id: str, x_m: float) -> SetPose:
-    return SetPose(sender="client", command_id=command_id, map_from_robot=(x_m, 2.0, 0.5))
+    return SetPose(sender="client", command_id=command_id, pose=(x_m, 2.0, 0.5))
 
 
 def test_a_command_repeated_after_a_restart_is_not_carried_out_again(
@@ -241,7 +241,7 @@ def test_a_command_repeated_after_a_restart_is_not_carried_out_again(
     living = lived(model, steps=14)
     living.command(given("7", 2.0))
     first = living.beliefs[13][-1]
-    assert first.hypotheses[0].mean == (2.0, 2.0, 0.5)
+    assert first.hypotheses[0].pose == (2.0, 2.0, 0.5)
     living.revive()
     living.command(given("7", 2.0))
     assert essence(living.beliefs[13][-1]) == essence(first)

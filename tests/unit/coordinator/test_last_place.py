@@ -33,7 +33,7 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
     story.follow(story.coordinator.handle(ScanArrived(scan(0, live=live, digest=digest)), 0))
     found = searched("s0.0", 0, {NORTH: 0.5, SOUTH: 0.5}, epoch=story.epochs["s0.0"])
     story.report(found, at_s=0.1)
-    places = {place.mean for place in story.beliefs[-1].hypotheses}
+    places = {place.pose for place in story.beliefs[-1].hypotheses}
     assert places == ({NORTH, SOUTH, EAST} if counts else {NORTH, SOUTH})
 
 
@@ -41,7 +41,7 @@ def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
     last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
     assert last is not None
     prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
-    assert prior.map_from_robot == pytest.approx((10.0, 6.0, math.pi / 2))
+    assert prior.pose == pytest.approx((10.0, 6.0, math.pi / 2))
     assert prior.odom_from_robot == (4.0, 0.0, 0.0)
     assert prior.covariance[0] > last.covariance[0]
 
@@ -49,7 +49,7 @@ def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
 def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
     last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
     assert last is not None
-    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).map_from_robot == pytest.approx(EAST)
+    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
 
 
 def test_a_state_without_clusters_has_no_last_pose() -> None:

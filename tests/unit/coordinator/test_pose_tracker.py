@@ -39,7 +39,7 @@ def believed_at(
         cluster=0,
         probability=0.9,
         log_probability=math.log(0.9),
-        mean=mean,
+        pose=mean,
         covariance=NO_SPREAD,
         effective_sample_size=1.0,
         age_steps=3,
@@ -63,7 +63,7 @@ def believed_at(
 def test_the_freshness_is_none_before_any_data() -> None:
     answer = new_tracker().answer(5, workers=2)
     assert answer.freshness == "none"
-    assert answer.map_from_robot is None
+    assert answer.pose is None
     assert answer.age_s == -1.0
 
 
@@ -71,7 +71,7 @@ def test_the_newest_odometry_carries_the_pose_forward() -> None:
     tracker = believed_at(FACING_NORTH, odom_from_robot=(10.0, 10.0, 0.0))
     tracker.odometry(2 * SECOND, (11.0, 10.0, 0.5), now_ns=SECOND)
     answer = tracker.answer(SECOND, workers=1)
-    assert answer.map_from_robot == pytest.approx((2.0, 4.0, math.pi / 2 + 0.5))
+    assert answer.pose == pytest.approx((2.0, 4.0, math.pi / 2 + 0.5))
     assert answer.stamp_ns == 2 * SECOND
 
 
@@ -119,13 +119,13 @@ def test_a_scan_older_than_the_newest_odometry_does_not_take_the_pose_back() -> 
     tracker.odometry(3 * SECOND, (2.0, 0.0, 0.0), now_ns=SECOND)
     tracker.scan(2 * SECOND, (1.0, 0.0, 0.0), now_ns=2 * SECOND)
     answer = tracker.answer(2 * SECOND, workers=1)
-    assert answer.map_from_robot == pytest.approx((2.0, 0.0, 0.0))
+    assert answer.pose == pytest.approx((2.0, 0.0, 0.0))
 
 
 def test_stamps_of_scans_may_step_back_without_odometry_in_between() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
     tracker.scan(SECOND // 2, (1.0, 0.0, 0.0), now_ns=SECOND)
-    assert tracker.answer(SECOND, workers=1).map_from_robot == pytest.approx((1.0, 0.0, 0.0))
+    assert tracker.answer(SECOND, workers=1).pose == pytest.approx((1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
@@ -182,12 +182,12 @@ def test_odometry_alone_makes_the_pose_as_uncertain_as_particles_without_scans_b
     answer = tracker.answer(40 * SECOND, workers=1)
     assert answer.covariance is not None
     expected_mean, expected = fit_gaussian(particles, np.ones(len(particles)))
-    assert answer.map_from_robot is not None
+    assert answer.pose is not None
     # First order: where headings err by 0.1 rad, 4 m are up to 2 cm short. 50,000 particles: 0.6 %.
     scale = np.sqrt(np.diag(expected))
     off = np.reshape(answer.covariance, (3, 3)) - expected
     np.testing.assert_allclose(off / np.outer(scale, scale), 0.0, atol=0.05)
-    assert np.hypot(*(np.array(answer.map_from_robot) - expected_mean)[:2]) < 0.1 * scale[:2].sum()
+    assert np.hypot(*(np.array(answer.pose) - expected_mean)[:2]) < 0.1 * scale[:2].sum()
     assert scale[0] > 2 * 0.1, "the robot has come back, and yet knows little"
 
 

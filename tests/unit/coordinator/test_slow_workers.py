@@ -100,4 +100,4 @@ def test_the_only_worker_is_never_given_up() -> None:
     assert set(story.places.values()) == {"a"}
     story.tracks(10, at_s=200.0, north=0.1, south=0.1)
     assert story.beliefs[-1].missing == ()
-    assert story.beliefs[-1].hypotheses[0].mean in (NORTH, SOUTH)
+    assert story.beliefs[-1].hypotheses[0].pose in (NORTH, SOUTH)

@@ -60,7 +60,7 @@ def facts(outcomes: list[Outcome]) -> list[str]:
 
 
 def best(outcome: Outcome) -> PoseTuple:
-    return max(outcome.hypotheses, key=lambda place: place.probability).mean
+    return max(outcome.hypotheses, key=lambda place: place.probability).pose
 
 
 def highest(outcome: Outcome) -> float:

@@ -31,7 +31,7 @@ def place(share: float, *means: tuple[float, float, float]) -> Place:
         map_from_robot=ArrayBlob.of(poses, "float64"),
         log_weights=ArrayBlob.of(np.zeros(200), "float64"),
     )
-    return Place(share=share, mean=means[0], covariance=NO_SPREAD, sample=sample)
+    return Place(share=share, pose=means[0], covariance=NO_SPREAD, sample=sample)
 
 
 def test_improbable_parts_of_a_split_begin_and_end_in_one_step(

@@ -53,4 +53,4 @@ def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
 
 def _probability_at(map_from_robot: PoseTuple, places: tuple[Hypothesis, ...]) -> float:
     x, y, _ = map_from_robot
-    return sum(p.probability for p in places if hypot(p.mean[0] - x, p.mean[1] - y) < 0.5)
+    return sum(p.probability for p in places if hypot(p.pose[0] - x, p.pose[1] - y) < 0.5)

@@ -32,7 +32,7 @@ def test_later_searches_bring_back_the_missing_rooms(seed: int, tmp_path: Path) 
             x, y, _ = max(rooms, key=lambda room: hypot(room[0] - truth[0], room[1] - truth[1]))
             process.carry_out(process.ensemble.relocalize(scan.step, near=(x, y, 2.0)))
         held = [
-            any(hypot(h.mean[0] - x, h.mean[1] - y) < 1.0 for h in outcome.hypotheses)
+            any(hypot(h.pose[0] - x, h.pose[1] - y) < 1.0 for h in outcome.hypotheses)
             for x, y, _ in rooms
         ]
         sure += held.count(True) == 1 and outcome.state == "localized"

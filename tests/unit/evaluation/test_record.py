@@ -72,7 +72,7 @@ def test_all_steps_and_beliefs_are_recorded(run: Recorded) -> None:
     told = [outcome for outcome in run.outcomes if outcome.hypotheses]
     for outcome, pose in zip(told, found["/pose"], strict=True):
         at = pose["pose"]["position"]
-        drawn = pytest.approx(outcome.hypotheses[0].mean[:2], abs=1e-4)
+        drawn = pytest.approx(outcome.hypotheses[0].pose[:2], abs=1e-4)
         assert (at["x"], at["y"]) == drawn
 
 
@@ -87,7 +87,7 @@ def test_the_scan_lies_on_the_walls_through_the_transforms_of_the_file(run: Reco
         point = point @ np.array([[c, s], [-s, c]]) + (shift["x"], shift["y"])
     assert links["odom"]["parent_frame_id"] == "map"
     best = run.outcomes[-1].hypotheses[0]
-    assert point == pytest.approx(best.mean[:2], abs=1e-3)
+    assert point == pytest.approx(best.pose[:2], abs=1e-3)
 
 
 def test_what_is_played_back_makes_the_same_steps_and_beliefs(run: Recorded) -> None:
@@ -102,7 +102,7 @@ def test_what_is_played_back_makes_the_same_steps_and_beliefs(run: Recorded) -> 
         assert again.robot_from_laser == scan.robot_from_laser
     for place, same in places_of(run.scans, steps):
         assert same.probability == place.probability
-        assert same.mean == place.mean
+        assert same.pose == place.pose
 
 
 def places_of(

@@ -75,11 +75,11 @@ ME = {"sender": "me", "command_id": "id"}
         (
             PlaceRobot(POSE, 0.2, 0.1),
             keys.SET_POSE,
-            SetPose(**ME, map_from_robot=POSE, position_sigma_m=0.2, heading_sigma_rad=0.1),
+            SetPose(**ME, pose=POSE, position_sigma_m=0.2, heading_sigma_rad=0.1),
         ),
         (SearchAgain(), keys.RELOCALIZE, Relocalize(**ME)),
         (UpdateOnce(), keys.UPDATE, Update(**ME)),
-        (KidnapRobot(POSE), keys.KIDNAP, Kidnap(**ME, map_from_robot=POSE)),
+        (KidnapRobot(POSE), keys.KIDNAP, Kidnap(**ME, pose=POSE)),
         (
             DriveRobot(0.5, 1.0, by_hand=False),
             keys.DRIVE,

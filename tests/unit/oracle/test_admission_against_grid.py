@@ -102,6 +102,6 @@ def test_a_new_place_is_as_probable_as_an_exact_filter_has_it(shards: int) -> No
         *_, (outcome, _) = steps
         logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
         fresh = [h for h in outcome.hypotheses if h.age_steps == 0]
-        (new,) = [h for h in fresh if np.all(np.abs(h.mean - at_last()) < 0.3)]
+        (new,) = [h for h in fresh if np.all(np.abs(h.pose - at_last()) < 0.3)]
         found.append(new.log_probability - logs[0])
     assert_is_mean_of(exact_log_odds(drive), found, GRID_ERROR)

@@ -213,7 +213,7 @@ def test_a_cluster_is_where_the_grid_has_it_and_as_wide() -> None:
     for seed in SEEDS:
         found = ensemble_steps(plain_room(), drive("plain"), [(1.0, TRUTH)], settings(seed))
         *_, (_, reports) = found
-        means.append(np.array(reports["c0"].mean))
+        means.append(np.array(reports["c0"].pose))
         covariances.append(np.reshape(reports["c0"].covariance, (3, 3)))
     sigma = np.sqrt(np.diag(covariance))
     for i in range(3):

@@ -40,7 +40,7 @@ SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
 ELSEWHERE = elsewhere(3, -4.0)
 ODOMETRY = OdometryReading(sender="r", stamp_ns=0, odom_from_robot=ORIGIN)
 SEARCH = SearchJob(search=0, shard=0, first_step=0)
-SET_POSE = SetPose(sender="a", command_id="1", map_from_robot=ORIGIN)
+SET_POSE = SetPose(sender="a", command_id="1", pose=ORIGIN)
 
 
 def changed(message: Message, **fields: object) -> Message:
@@ -93,7 +93,7 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(TRACKED, step=-1), "$.step"),
         (changed(TRACKED, step=2**60), "$.step"),
         (changed(TRACKED, epoch=-1), "$.epoch"),
-        (changed(TRACKED, mean=(math.nan, 0.0, 0.0)), "$.mean[0]"),
+        (changed(TRACKED, pose=(math.nan, 0.0, 0.0)), "$.pose[0]"),
         (changed(TRACKED, covariance=(-1.0, *[0.0] * 8)), "$.covariance[0]"),
         (changed(TRACKED, covariance=(math.nan, *[0.0] * 8)), "$.covariance[0]"),
         (changed(TRACKED, snapshot=cloud(np.ones((2, 2)), np.zeros(2))), "no particle set"),
@@ -117,15 +117,15 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(scan(3), angle_step_rad=math.nan), "$.angle_step_rad"),
         (ScanHistory(sender="b", scans=(scan(1), changed(scan(2), step=-2))), "$.scans[1].step"),
         (changed(ODOMETRY, odom_from_robot=(0.0, math.nan, 0.0)), "$.odom_from_robot[1]"),
-        (TruePose(sender="s", step=1, map_from_robot=(math.nan, 0.0, 0.0)), "$.map_from_robot[0]"),
-        (changed(SET_POSE, map_from_robot=(0.0, math.nan, 0.0)), "$.map_from_robot[1]"),
+        (TruePose(sender="s", step=1, pose=(math.nan, 0.0, 0.0)), "$.pose[0]"),
+        (changed(SET_POSE, pose=(0.0, math.nan, 0.0)), "$.pose[1]"),
         (changed(SET_POSE, position_sigma_m=math.nan), "$.position_sigma_m"),
         (changed(SET_POSE, heading_sigma_rad=0.0), "$.heading_sigma_rad"),
         (changed(SET_POSE, command_id="x" * 129), "$.command_id"),
         (Relocalize(sender="a", command_id=""), "$.command_id"),
         (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "$.near[2]"),
         (Relocalize(sender="a", command_id="1", near=(math.nan, 0.0, 1.0)), "$.near[0]"),
-        (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "$.map_from"),
+        (Kidnap(sender="a", command_id="1", pose=(math.inf, 0.0, 0.0)), "$.pose[0]"),
         (Drive(sender="a", speed_m_s=math.nan), "$.speed_m_s"),
         (Drive(sender="a", turn_rate_rad_s=math.inf), "$.turn_rate_rad_s"),
         (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),

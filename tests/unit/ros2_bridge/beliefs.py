@@ -24,7 +24,7 @@ def belief(
                 cluster=cluster,
                 probability=probability,
                 log_probability=0.0,
-                mean=mean,
+                pose=mean,
                 covariance=COVARIANCE,
                 effective_sample_size=100.0,
                 age_steps=3,

@@ -474,7 +474,7 @@ def test_a_pose_of_the_past_has_the_odometry_since_then_added() -> None:
     message = pose_stamped((5.0, 5.0, pi / 2), COVARIANCE, SECOND, "map")
     (given,) = robot.amcl.on_initial_pose(message)
     assert isinstance(given, SetPose)
-    np.testing.assert_allclose(given.map_from_robot, (5.0, 6.0, pi / 2), atol=1e-12)
+    np.testing.assert_allclose(given.pose, (5.0, 6.0, pi / 2), atol=1e-12)
     assert (given.covariance, given.stamp_ns) == (COVARIANCE, 2 * SECOND)
 
 
@@ -484,7 +484,7 @@ def test_a_pose_without_past_stamp_is_taken_as_the_current_pose(stamp_ns: int) -
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     (given,) = robot.amcl.on_initial_pose(pose_stamped(PLACE, COVARIANCE, stamp_ns, "map"))
     assert isinstance(given, SetPose)
-    np.testing.assert_allclose(given.map_from_robot, PLACE, atol=1e-12)
+    np.testing.assert_allclose(given.pose, PLACE, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -516,7 +516,7 @@ def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
     settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0, initial_heading_rad=0.5)
     (given,) = Amcl(settings).activate()
     assert isinstance(given, SetPose)
-    assert given.map_from_robot == (1.0, 0.0, 0.5)
+    assert given.pose == (1.0, 0.0, 0.5)
     assert given.covariance is not None
     assert given.covariance[0] == 0.25
 

@@ -362,7 +362,7 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
 
     def given(outputs: list[Any]) -> list[Any]:
-        return [one.map_from_robot for one in outputs if isinstance(one, SetPose)]
+        return [one.pose for one in outputs if isinstance(one, SetPose)]
 
     services.change(CONFIGURE)
     assert given(services.change(ACTIVATE)) == [(1.0, 0.0, 0.0)]

@@ -51,7 +51,7 @@ def test_the_covariance_includes_the_other_places_until_the_robot_is_localized()
     assert sure
     assert held
     assert (sure.covariance, sure.probability) == (COVARIANCE, 0.95)
-    assert (held.mean, held.probability) == (A, 0.4)
+    assert (held.pose, held.probability) == (A, 0.4)
     assert held.covariance == mixture_covariance(RATHER_2.hypotheses, A)
     assert held.covariance[0] == pytest.approx(0.04 + 0.6 * 64.0)
 
@@ -63,7 +63,7 @@ def test_the_covariance_of_several_places_agrees_with_samples_from_them() -> Non
     which = rng.choice(2, size=200_000, p=weights)
     spread = np.reshape(COVARIANCE, (3, 3))
     noise = rng.multivariate_normal(np.zeros(3), spread, size=len(which))
-    drawn = np.array([one.mean for one in near.hypotheses])[which] + noise
+    drawn = np.array([one.pose for one in near.hypotheses])[which] + noise
     about = (1.0, 2.0, 0.1)
     off = drawn - about
     # 200,000 draws of variances below one: three standard errors are below 0.01.

@@ -15,7 +15,7 @@ TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
 EYE: Source = ("eye", "tag")
 AT = (0.0, 2.0, 0.0)
 HERE = Hypothesis(
-    cluster=0, probability=1.0, log_probability=0.0, mean=AT, effective_sample_size=9.0,
+    cluster=0, probability=1.0, log_probability=0.0, pose=AT, effective_sample_size=9.0,
     covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01), age_steps=5,
 )  # fmt: skip
 SURE = Belief(

@@ -28,7 +28,7 @@ def fault(kind: Kind, begin_s: float, lasts_s: float = 0.0, target: str = "") ->
 
 
 def place(cluster: int, probability: float, mean: PoseTuple = (0.0, 0.0, 0.0)) -> Hypothesis:
-    return replace(messages.hypothesis(cluster, probability), mean=mean)
+    return replace(messages.hypothesis(cluster, probability), pose=mean)
 
 
 def belief(

@@ -156,7 +156,7 @@ def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     table.on_scan(scan(1))
     (report,) = reports_of(table, range(5, 6))
-    moved = report.mean[0] - np.mean(cloud().map_from_robot.array()[:, 0])
+    moved = report.pose[0] - np.mean(cloud().map_from_robot.array()[:, 0])
     assert moved == pytest.approx(1.0, abs=0.3), "five steps of 0.2 m, by odometry"
 
 

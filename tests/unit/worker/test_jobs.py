@@ -90,7 +90,7 @@ def test_a_report_describes_the_current_particles(model: SensorModel) -> None:
     particles = particles_of(job)
     now = ParticleSet(particles.map_from_robot.array(), particles.log_weights.array())
     mean, covariance = now.gaussian()
-    assert report.mean == pose_tuple(mean)
+    assert report.pose == pose_tuple(mean)
     assert report.covariance == covariance_tuple(covariance)
     assert report.particles == len(now.log_weights) == 100
     assert report.effective_sample_size == pytest.approx(now.effective_sample_size)
@@ -137,7 +137,7 @@ def test_a_handed_over_place_is_drawn_by_its_weights(model: SensorModel) -> None
     job = running(track("c0", start), model, SETTINGS, sender="w")
     report = job.advance(scan(1))
     assert isinstance(report, TrackReport)
-    assert report.mean[0] == pytest.approx(2.2, abs=0.2)
+    assert report.pose[0] == pytest.approx(2.2, abs=0.2)
 
 
 def test_each_cluster_reports_particles_at_its_own_steps(model: SensorModel) -> None:

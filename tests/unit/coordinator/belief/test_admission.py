@@ -50,7 +50,7 @@ def entered(
 ) -> dict[PoseTuple, float]:
     rules = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
     fresh = admission(found, HELD, room, log_weight, rules, is_over=is_over).entering
-    return {place.mean: place.share for place in fresh}
+    return {place.pose: place.share for place in fresh}
 
 
 # --- beside clusters ----------------------------------------------------------------------------
@@ -101,7 +101,7 @@ def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
     came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
-    assert [place.mean for place in came.entering] == [FAR]
+    assert [place.pose for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
     turned = (0.0, 0.0, 0.45)
     came = admission(
@@ -113,7 +113,7 @@ def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
         is_over=False,
         holds_own=True,
     )
-    assert [place.mean for place in came.entering] == [FAR], "nor does a search tell headings"
+    assert [place.pose for place in came.entering] == [FAR], "nor does a search tell headings"
 
 
 def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:

@@ -400,6 +400,6 @@ def test_parts_of_a_cluster_are_as_old_as_it_was() -> None:
 
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:
     made = first(0.3, 0.5)
-    made.clusters[1] = replace(made.clusters[1], mean=(0.1, 5.0, 0.0))
+    made.clusters[1] = replace(made.clusters[1], pose=(0.1, 5.0, 0.0))
     assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
     assert probabilities(made) == pytest.approx([0.8, 0.2])

@@ -82,7 +82,7 @@ def test_the_best_decoy_counts() -> None:
     best = decoy.best_of(told)
     assert best is not None
     assert best.job_id == "d1"
-    assert {one.mean for one in decoy.places} == {(2.0, 0.0, 0.0)}
+    assert {one.pose for one in decoy.places} == {(2.0, 0.0, 0.0)}
     assert decoy.best_of({}) is None
 
 

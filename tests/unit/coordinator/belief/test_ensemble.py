@@ -216,7 +216,7 @@ def test_a_cluster_without_a_report_moves_with_the_odometry() -> None:
     assert heading == 0.0
     ahead = np.array([0.5, 0.0, 0.1])
     outcome = made.advance(1, [tracked("c1", 1, 0.1, SOUTH)], ahead)
-    means = {h.cluster: h.mean for h in outcome.hypotheses}
+    means = {h.cluster: h.pose for h in outcome.hypotheses}
     assert means[0] == pytest.approx((x_m + 0.5, y_m, 0.1))
     assert means[1] == SOUTH
 
@@ -241,7 +241,7 @@ def test_a_candidate_in_its_grace_is_not_replaced() -> None:
         search = step // 2
         reports += [searched(f"s{search}.{n}", step, {(x_m, 0.0, 0.0): 1.0}) for n in range(2)]
         outcome = made.advance(step, reports)
-        tracks = {f"c{h.cluster}": h.mean for h in outcome.hypotheses}
+        tracks = {f"c{h.cluster}": h.pose for h in outcome.hypotheses}
     assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
 
 
@@ -425,7 +425,7 @@ def test_a_search_is_short_while_the_robot_is_localized(fit: float, times: int) 
     most = times * made.settings.search.max_steps
     for steps in range(1, most + 1):
         step = first_step + steps - 1
-        clusters = [tracked(c.job_id, step, fit, c.mean) for c in made.clusters.all()]
+        clusters = [tracked(c.job_id, step, fit, c.pose) for c in made.clusters.all()]
         nowhere = elsewhere(step, math.log(1e-3))
         found = [searched(f"s1.{shard}", step, scattered) for shard in range(2)]
         outcome = made.advance(step, [*clusters, nowhere, *found])
@@ -435,7 +435,7 @@ def test_a_search_is_short_while_the_robot_is_localized(fit: float, times: int) 
 
 def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Outcome:
     """Nothing is at the clusters any more; the search finds a place in the east."""
-    clusters = [tracked(c.job_id, step, 1e-9, c.mean) for c in made.clusters.all()]
+    clusters = [tracked(c.job_id, step, 1e-9, c.pose) for c in made.clusters.all()]
     place = {EAST: 1.0}
     reports = [searched(f"s{search}.{n}", step, place, log_evidence=evidence) for n in range(2)]
     return made.advance(step, [*clusters, elsewhere(step, math.log(1e-3)), *reports])
@@ -467,7 +467,7 @@ def test_a_search_waits_until_there_is_room_for_its_places() -> None:
     for step in range(2, 12):
         assert not lifted(made, step, search=1).events
     outcome = lifted(made, 12, search=1)
-    assert outcome.hypotheses[0].mean == EAST
+    assert outcome.hypotheses[0].pose == EAST
     assert Ended("s1.0", "search over") in outcome.events
 
 

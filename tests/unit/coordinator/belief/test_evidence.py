@@ -64,7 +64,7 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     weights = np.exp(logs - np.logaddexp.reduce(logs))
     of_second = float(weights[poses[:, 0] > 1.1].sum())
     assert of_second == pytest.approx(0.75), "by evidence, whatever the number of points"
-    assert near.mean[0] == pytest.approx(1.2), "as the shard has it that says more of it"
+    assert near.pose[0] == pytest.approx(1.2), "as the shard has it that says more of it"
     assert pool.finished(pooled, 2)
     assert not pool.finished(pooled, 1)
 

@@ -16,7 +16,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 OFFER = PriorPose(
     step=4,
     odom_from_robot=ORIGIN,
-    map_from_robot=(5.0, 5.0, 0.0),
+    pose=(5.0, 5.0, 0.0),
     covariance=NO_SPREAD,
     probability=0.1,
 )
@@ -37,7 +37,7 @@ def test_a_prior_pose_becomes_a_hypothesis_next_to_found_places() -> None:
     assert shares(both) == pytest.approx([0.54, 0.36, 0.1])
     assert [cause for _, cause in both] == ["first search", "first search", "prior pose"]
     offered, _ = both[2]
-    assert offered.mean == (5.0, 5.0, 0.0)
+    assert offered.pose == (5.0, 5.0, 0.0)
     assert offered.sample.step == 4, "it is tracked from where it was"
 
 
@@ -59,7 +59,7 @@ def test_a_prior_pose_replaces_the_least_probable_place() -> None:
 
 def test_a_prior_pose_is_moved_by_odometry() -> None:
     _, (offered, _) = with_prior_pose(found((1.0, ORIGIN)), OFFER, (2.0, 0.0, 0.0), RULES)
-    assert offered.mean == pytest.approx((7.0, 5.0, 0.0))
+    assert offered.pose == pytest.approx((7.0, 5.0, 0.0))
 
 
 def test_a_prior_pose_enters_once_when_the_first_search_ends() -> None:

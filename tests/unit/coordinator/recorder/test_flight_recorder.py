@@ -141,7 +141,7 @@ def test_only_particles_and_beams_are_left_out_of_a_recording() -> None:
     assert small.report.snapshot is not None
     assert small.report.snapshot.map_from_robot.array().shape == (0, 3)
     assert small.report.snapshot.step == 3
-    assert small.report.mean == report.mean
+    assert small.report.pose == report.pose
     found = without_bulk(ReportArrived("w", searched("s0.0", 3, {where: 0.5})))
     assert isinstance(found, ReportArrived)
     assert not isinstance(found.report, TrackReport)

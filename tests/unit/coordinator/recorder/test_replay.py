@@ -55,7 +55,7 @@ def live(living: Living, actions: list[tuple[str, int]]) -> None:
             living.wait(value)
         elif action == "set pose":
             pose = (float(value), 2.0, 0.5)
-            living.command(SetPose(sender="c", command_id=str(number), map_from_robot=pose))
+            living.command(SetPose(sender="c", command_id=str(number), pose=pose))
         elif action == "relocalize":
             living.command(Relocalize(sender="c", command_id=str(number)))
         elif action == "die":
