@@ -8,14 +8,18 @@ that of an observation of nothing, so a pose that explains an observation badly 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import exp, hypot, log1p, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.grid import Grid
+from particle_filter.kernels import kernel, plain
 from particle_filter.poses import compose, wrap_angle
 
+_NEGLIGIBLE = 200.0
+"""Squared distance from a Gaussian's mean, in its variances, at which it is left out."""
 _SIGHT_M2 = math.pi * 10.0**2
 """Area over which false sights of landmarks are spread [m^2]: a circle around the robot."""
 
@@ -100,21 +104,71 @@ def log_likelihood_ratio(
         grid: the map, over which false observations of the pose are spread.
     """
     total = np.zeros(len(poses))
+    sights = [seen for seen in observations if seen.landmark]
+    if sights and len(poses):
+        names = np.array(landmarks.names)
+        factors = [_factors(seen, landmarks, grid) for seen in sights]
+        total += _at_landmarks(
+            plain(poses),
+            np.array([seen.mean for seen in sights]),
+            np.array([seen.covariance for seen in sights]),
+            np.array([seen.share for seen in sights]),
+            plain(landmarks.positions),
+            plain(landmarks.variances),
+            np.array(
+                [
+                    any_landmark + right * (names == seen.landmark)
+                    for seen, (right, any_landmark) in zip(sights, factors, strict=True)
+                ]
+            ),
+        )
     for seen in observations:
-        right, any_landmark = _factors(seen, landmarks, grid)
         if not seen.landmark:
+            right, _ = _factors(seen, landmarks, grid)
             ratio = right * _normal(_difference(poses, seen.mean), seen.covariance)
-        else:
-            ratio = np.zeros(len(poses))
-            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-            for name, position, variance in zip(
-                landmarks.names, landmarks.positions, landmarks.variances, strict=True
-            ):
-                x, y = (position - poses[:, :2]).T
-                in_robot = np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1)
-                density = _normal(in_robot - seen.mean, seen.covariance + variance * np.eye(2))
-                ratio += (any_landmark + right * (name == seen.landmark)) * density
-        total += seen.share * np.log1p(ratio)
+            total += seen.share * np.log1p(ratio)
+    return total
+
+
+@kernel
+def _at_landmarks(
+    poses: Poses,
+    means: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    variances: NDArray[np.float64],
+    factors: NDArray[np.float64],
+) -> LogWeights:
+    """Return (N,) sums over S sights of L landmarks; factors: (S, L) of the densities."""
+    total, ratio = np.zeros(len(poses)), np.empty(len(poses))
+    x0, y0, heading0 = poses[0]
+    around, chord = 0.0, 0.0  # bounds of the differences between all poses and the first
+    for i in range(len(poses)):
+        around = max(around, hypot(poses[i, 0] - x0, poses[i, 1] - y0))
+        chord = max(chord, abs(2.0 * sin(0.5 * (poses[i, 2] - heading0))))
+    cosines, sines = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    for s in range(len(means)):
+        ratio[:] = 0.0
+        for mark in range(len(positions)):
+            xx, xy = covariances[s, 0, 0] + variances[mark], covariances[s, 0, 1]
+            yy = covariances[s, 1, 1] + variances[mark]
+            x, y = positions[mark, 0] - x0, positions[mark, 1] - y0
+            ahead = cosines[0] * x + sines[0] * y - means[s, 0]
+            left = cosines[0] * y - sines[0] * x - means[s, 1]
+            apart = hypot(ahead, left) - around - chord * hypot(x, y)
+            if apart > 0.0 and apart**2 > _NEGLIGIBLE * (xx + yy):
+                continue
+            determinant = xx * yy - xy * xy
+            scale = factors[s, mark] / (2.0 * pi * sqrt(determinant))
+            for i in range(len(poses)):
+                x, y = positions[mark, 0] - poses[i, 0], positions[mark, 1] - poses[i, 1]
+                ahead = cosines[i] * x + sines[i] * y - means[s, 0]
+                left = cosines[i] * y - sines[i] * x - means[s, 1]
+                squares = yy * ahead * ahead - 2.0 * xy * ahead * left + xx * left * left
+                ratio[i] += scale * exp(-0.5 * squares / determinant)
+        for i in range(len(poses)):
+            total[i] += shares[s] * log1p(ratio[i])
     return total
 
 

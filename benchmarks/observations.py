@@ -1,0 +1,262 @@
+"""How much do tags, reflectors and position fixes help, and how much do wrong ones harm?
+
+    python -m benchmarks.observations [ROW...] [--seeds N]
+
+Each row is a simulated condition; the docstring of its function describes it.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from clustermcl import ClusterMCL, Reading
+from clustermcl.localizer import Belief
+from particle_filter.grid import Grid
+from particle_filter.observations import Landmarks, Observation, log_likelihood_ratio
+from particle_filter.poses import compose
+from protocol.steps import Landmark
+from robot_simulator.observing import Camera, Gnss
+from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.worlds.catalogue import world
+from robot_simulator.worlds.office import office
+from robot_simulator.worlds.world import World
+
+RIGHT_M = 1.0
+"""A place nearer than this to the robot is right."""
+REFLECTORS = (
+    (-12.0, -8.0), (-9.0, -8.2), (-3.0, -8.3), (4.0, -8.2), (11.0, -8.0), (12.2, -3.0),
+    (12.2, 2.0), (12.0, 7.5), (5.0, 8.2), (-2.0, 8.3), (-11.0, 8.1), (-12.3, 5.0),
+)  # fmt: skip
+"""x, y in the symmetric hall [m]; they are not symmetric."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a run."""
+
+    belief: Belief
+    tick: Tick
+    has_seen: bool
+    """Something has been observed up to this step."""
+
+    @property
+    def error_m(self) -> float:
+        """Distance of the most probable place from the robot; infinite: there is no place."""
+        pose = self.belief.pose
+        return math.inf if pose is None else math.dist(pose[:2], self.tick.map_from_robot[:2])
+
+    @property
+    def is_right(self) -> bool:
+        return self.error_m < RIGHT_M
+
+    @property
+    def is_sure(self) -> bool:
+        return self.belief.state == "localized"
+
+    @property
+    def log_score(self) -> float:
+        """Log of the probability of all places at the robot, at least 0.001."""
+        at = self.tick.map_from_robot[:2]
+        near = (h for h in self.belief.hypotheses if math.dist(h.pose[:2], at) < RIGHT_M)
+        return math.log(max(math.fsum(h.probability for h in near), 0.001))
+
+
+def run(
+    in_world: World,
+    seed: int,
+    ticks: int,
+    *,
+    observes: bool = True,
+    mapped: tuple[Landmark, ...] | None = None,
+    knows_start: bool = False,
+    simulation: Simulation | None = None,
+    mcl: ClusterMCL | None = None,
+) -> Iterator[Step]:
+    """Yield the steps of a run.
+
+    Args:
+        in_world: the world.
+        seed: of robot and filter.
+        ticks: length of the run [0.1 s].
+        observes: whether the filter gets the observations.
+        mapped: landmarks of the map; None: those of the world.
+        knows_start: whether the filter gets the start pose.
+        simulation: continue this one.
+        mcl: continue with this filter.
+    """
+    simulation = simulation or Simulation(in_world, seed)
+    landmarks = in_world.landmarks if mapped is None else mapped
+    mcl = mcl or ClusterMCL(in_world.map, landmarks=landmarks, seed=seed)
+    if knows_start:
+        mcl.set_pose(simulation.map_from_robot)
+    has_seen = False
+    for tick in islice(simulation, ticks):
+        for seen in tick.observations if observes else ():
+            has_seen = True
+            side = len(seen.mean)
+            mcl.observe(
+                seen.mean, np.reshape(seen.covariance, (side, side)), landmark=seen.landmark,
+                stamp_ns=seen.stamp_ns, source=seen.sender, correlation_s=seen.correlation_s,
+                outlier_probability=seen.outlier_probability,
+            )  # fmt: skip
+        for reading in tick.readings:
+            if belief := mcl.update(Reading.of(reading)):
+                yield Step(belief, tick, has_seen)
+
+
+def with_false_names(share: float) -> World:
+    """Return the cross with tags, from random starts."""
+    return replace(world("cross_tags"), start=None, route=(), camera=Camera(false_names=share))
+
+
+def cross(seeds: int) -> str:
+    """A cross of four equal arms with a tag in two: sure and right one step after a sight."""
+    found = []
+    for seed in range(seeds):
+        after = list(islice((s for s in run(with_false_names(0.0), seed, 400) if s.has_seen), 2))
+        found += [step.is_sure and step.is_right for step in after[1:]]
+    return f"{sum(found)} of {len(found)}, and {seeds - len(found)} saw no tag"
+
+
+def false_names(seeds: int) -> str:
+    """The cross with 10 % of wrong names: steps that are sure and wrong."""
+    steps = [step for seed in range(seeds) for step in run(with_false_names(0.1), seed, 400)]
+    wrong = sum(step.is_sure and not step.is_right for step in steps)
+    return f"{wrong} of {len(steps)} steps, {100.0 * wrong / len(steps):.2f} %"
+
+
+def _before(seed: int, place: World) -> tuple[World, Landmark, Simulation]:
+    """Return the world with a tag before the start, the tag, and the robot there."""
+    at = np.array(Simulation(place, seed).map_from_robot)
+    x, y, _ = compose(at, np.array([1.5, 0.4, 0.0])).tolist()
+    tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
+    tagged = replace(place, landmarks=(tag,), camera=Camera(range_m=8.0))
+    return tagged, tag, Simulation(tagged, seed)
+
+
+def moved_tag(seeds: int) -> str:
+    """A tag in an office, moved by 2 m: found broken, and steps that are right."""
+    broken, sights, steps = 0, [], []
+    for seed in range(seeds):
+        tagged, tag, simulation = _before(seed, world("office"))
+        mapped = (replace_landmark(tag, tag.x - 2.0),)
+        mcl = ClusterMCL(tagged.map, landmarks=mapped, seed=seed)
+        made = list(run(tagged, seed, 150, knows_start=True, simulation=simulation, mcl=mcl))
+        steps += made
+        broken += any("broken" in cause for cause in mcl.dropped)
+        sights.append(math.fsum(o.share for s in made for o in s.belief.scan.observations))
+    right = sum(step.is_right for step in steps)
+    return (
+        f"broken in {broken} of {seeds} after at most {max(sights):.1f} independent sights; "
+        f"right at {right} of {len(steps)} steps"
+    )
+
+
+def replace_landmark(tag: Landmark, x: float) -> Landmark:
+    """Return a tag at another x [m]."""
+    return Landmark(name=tag.name, x=x, y=tag.y, sigma=tag.sigma)
+
+
+def gnss(seeds: int) -> str:
+    """An office of 50,000 m2 and fixes of 5 m, 10 % of them wrong by 50 m: right within 5 steps."""
+    large = replace(office(14, 54), gnss=Gnss())
+    texts = []
+    for observes in (True, False):
+        firsts = []
+        for seed in range(seeds):
+            steps = list(run(large, seed, 150, observes=observes))
+            firsts.append(next((s.belief.step for s in steps if s.is_right), math.inf))
+        texts.append(f"{sum(first <= 5 for first in firsts)} of {seeds} ({firsts})")
+    return " with, without ".join(texts)
+
+
+def reflectors(seeds: int) -> str:
+    """Twelve equal reflectors, symmetric hall: runs with a better log score than the laser's."""
+    marks = tuple(Landmark(name="reflector", x=x, y=y, sigma=0.05) for x, y in REFLECTORS)
+    hall = replace(world("hall_symmetric"), landmarks=marks, camera=Camera(range_m=8.0))
+    scores = np.array(
+        [
+            [
+                np.mean([s.log_score for s in run(hall, seed, 300, observes=o)])
+                for o in (True, False)
+            ]
+            for seed in range(seeds)
+        ]
+    )
+    better = int(np.count_nonzero(scores[:, 0] > scores[:, 1]))
+    with_them, alone = scores.mean(axis=0)
+    return f"{better} of {seeds}; mean score {with_them:.2f}, of the laser alone {alone:.2f} nat"
+
+
+def biased_fix(seeds: int) -> str:
+    """A hall and fixes of 5 m with a constant error of 3 m: error while tracked, of the laser's."""
+    hall = replace(world("hall"), gnss=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
+    rms = []
+    for observes in (True, False):
+        steps = [
+            step
+            for seed in range(seeds)
+            for step in run(hall, seed, 300, observes=observes, knows_start=True)
+        ]
+        rms.append(math.sqrt(np.mean([step.error_m**2 for step in steps])))
+    return (
+        f"{rms[0]:.3f} m, of the laser alone {rms[1]:.3f} m: {100 * (rms[0] / rms[1] - 1):+.0f} %"
+    )
+
+
+def kidnapped(seeds: int) -> str:
+    """An office, and a robot carried to a tag far away: right at the first step there."""
+    found = []
+    for seed in range(seeds):
+        target = Simulation(world("office"), 1000 + seed).kidnap()
+        x, y, _ = compose(np.array(target), np.array([1.5, 0.4, 0.0])).tolist()
+        tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
+        tagged = replace(world("office"), landmarks=(tag,), camera=Camera())
+        simulation = Simulation(tagged, seed)
+        mcl = ClusterMCL(tagged.map, landmarks=(tag,), seed=seed)
+        before = list(run(tagged, seed, 100, knows_start=True, simulation=simulation, mcl=mcl))
+        simulation.kidnap(target)
+        after = next(run(tagged, seed, 30, simulation=simulation, mcl=mcl))
+        found.append(before[-1].is_right and after.is_right)
+    return f"{sum(found)} of {seeds}"
+
+
+def cost(seeds: int) -> str:
+    """20 landmarks seen in a step: time for a cluster of 1,000 particles."""
+    rng = np.random.default_rng(seeds)
+    positions = rng.uniform(-20.0, 20.0, (20, 2))
+    marks = Landmarks(tuple(f"l{number}" for number in range(20)), positions, np.full(20, 0.01))
+    grid = Grid(np.zeros((400, 400), np.int8), 0.1, np.zeros(3))
+    seen = [Observation(rng.normal(size=2), np.eye(2) * 0.01, name, 0.05) for name in marks.names]
+    poses, times = rng.normal(size=(1000, 3)) * (0.1, 0.1, 0.03), []
+    for _ in range(100):
+        begin = time.perf_counter()
+        log_likelihood_ratio(poses, seen, marks, grid)
+        times.append(time.perf_counter() - begin)
+    return f"{1e3 * float(np.median(times)):.2f} ms"
+
+
+ROWS: dict[str, Callable[[int], str]] = {
+    row.__name__: row
+    for row in (cross, false_names, moved_tag, gnss, reflectors, biased_fix, kidnapped, cost)
+}
+
+
+def main(
+    rows: Annotated[list[str] | None, typer.Argument(help="Rows; default: all.")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Runs of each row.")] = 20,
+) -> None:
+    """Print a line for each row."""
+    for name in rows or ROWS:
+        row = ROWS[name]
+        print(f"{name}: {row.__doc__}\n    {row(seeds)}", flush=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)
