@@ -18,7 +18,8 @@ import typer
 from clustermcl import ClusterMCL, Reading
 from clustermcl.localizer import Belief
 from particle_filter.grid import Grid
-from particle_filter.observations import Landmarks, Observation, log_likelihood_ratio
+from particle_filter.observation_likelihood import log_likelihood_ratio
+from particle_filter.observations import Landmarks, Observation
 from particle_filter.poses import compose
 from protocol.steps import Landmark
 from robot_simulator.observing import Camera, Gnss

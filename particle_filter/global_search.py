@@ -23,12 +23,8 @@ from particle_filter.evidence_model import evidence_weight, residual, scan_expon
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
-from particle_filter.observations import (
-    NOTHING_OBSERVED,
-    Landmarks,
-    Observation,
-    log_likelihood_ratio,
-)
+from particle_filter.observation_likelihood import log_likelihood_ratio
+from particle_filter.observations import NOTHING_OBSERVED, Landmarks, Observation
 from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_places
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners

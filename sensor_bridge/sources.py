@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from particle_filter.grid import Grid
-from particle_filter.observations import Landmarks, Observation, log_likelihood_ratio
+from particle_filter.observations import Landmarks, Observation, outlier_probability
 from protocol.answers import Belief
 from protocol.errors import printable
 from protocol.pose_arrays import covariance_matrix
@@ -69,8 +69,7 @@ class Sources:
         whole = replace(seen.blurred(by_m, by_rad), share=1.0)
         named = (each for each in self._landmarks if each.name == seen.landmark)
         landmarks = Landmarks.of((each.name, each.x, each.y, each.sigma) for each in named)
-        pose = np.array([best.pose])
-        outlier = math.exp(-log_likelihood_ratio(pose, [whole], landmarks, _FIXES)[0])
+        outlier = outlier_probability(np.array(best.pose), whole, landmarks, _FIXES)
         stated = seen.outlier_probability
         prior = PRIOR_SIGHTS * stated, PRIOR_SIGHTS * (1.0 - stated)
         wrong, right = self._rates.get(source, prior)

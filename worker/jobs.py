@@ -19,13 +19,8 @@ from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.log_weights import multiplied
-from particle_filter.observations import (
-    Landmarks,
-    Observation,
-    allowed_poses,
-    log_average_ratio,
-    log_likelihood_ratio,
-)
+from particle_filter.observation_likelihood import allowed_poses, log_likelihood_ratio
+from particle_filter.observations import Landmarks, Observation, log_average_ratio
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from particle_filter.grid import Grid
+from particle_filter.observation_likelihood import allowed_poses, log_likelihood_ratio
 from particle_filter.observations import (
     Landmarks,
     Observation,
-    allowed_poses,
     log_average_ratio,
-    log_likelihood_ratio,
+    outlier_probability,
 )
 from particle_filter.poses import between, compose
 from tests.unit.oracle.grid_filter import Array, GridFilter
@@ -65,6 +65,8 @@ def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
     ratios = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
     expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
     np.testing.assert_allclose(ratios, expected, rtol=1e-9, atol=1e-12)
+    false = [outlier_probability(pose, KINDS[kind], LANDMARKS, GRID) for pose in poses]
+    assert -np.log(false) == pytest.approx(ratios, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
