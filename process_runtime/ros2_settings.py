@@ -39,6 +39,9 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         float, described("lower edge of that slice above the base frame", "m")
     ] = 0.1
     max_height_m: Annotated[float, described("upper edge of that slice", "m")] = 1.0
+    pose_topics: Annotated[
+        str, described("poses in the map by other sensors, separated by commas; empty: none")
+    ] = ""
     map_topic: Annotated[str, described("the map, latched")] = "map"
     tf_topic: Annotated[
         str, described("transforms; nav2's launch files remap /tf to tf in the namespace")

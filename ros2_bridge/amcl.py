@@ -18,7 +18,7 @@ from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
 from ros2_bridge import topics
 from ros2_bridge.headers import frame_name, nanoseconds, stamp_of, time_problem
-from ros2_bridge.initial_pose import given_pose, initial_pose
+from ros2_bridge.initial_pose import given_pose, initial_pose, observed_pose
 from ros2_bridge.laser_scans import LaserScans
 from ros2_bridge.messages_out import (
     detection,
@@ -194,6 +194,15 @@ class Amcl:
             yield given_pose(message, self.settings, self._frames)
         except ValueError as problem:
             yield Refused("initial pose refused", str(problem))
+
+    def on_observed_pose(self, message: Any, topic: str) -> Iterator[Output]:
+        """Handle a `geometry_msgs/PoseWithCovarianceStamped` of another sensor."""
+        if not self.is_active:
+            return
+        try:
+            yield observed_pose(message, topic, self.settings)
+        except ValueError as problem:
+            yield Refused("observed pose refused", f"{topic}: {problem}")
 
     # --- from the system
 

@@ -22,7 +22,7 @@ from protocol.answers import (
     Update,
 )
 from protocol.errors import MalformedMessageError
-from protocol.steps import LaserReading, MapReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from protocol.work import Report, TrackReport
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
@@ -130,6 +130,7 @@ class BridgeLoop:
         self._status: Status | None = None
         self._laser = node.publisher(keys.LASER_READING)
         self._odometry = node.publisher(keys.ODOMETRY_READING)
+        self._observations = node.publisher(keys.OBSERVATION_READING)
         self._maps = node.publisher(keys.MAP_READING, may_wait=True)
         node.on_other = self._on_ros
         node.serve(keys.MAP_READING, self._on_map_query)
@@ -220,6 +221,8 @@ class BridgeLoop:
                 self._do(amcl.on_transforms(message, now_ns, fixed=True))
             case self._topics.map:
                 self._do(amcl.on_map(message))
+            case topic if topic in self._topics.poses:
+                self._do(amcl.on_observed_pose(message, topic.name))
             case topics.INITIAL_POSE:
                 self._do(amcl.on_initial_pose(message))
             case topics.CLOCK:
@@ -256,6 +259,8 @@ class BridgeLoop:
                     self._laser.put(output)
                 case OdometryReading():
                     self._odometry.put(output)
+                case Observation():
+                    self._observations.put(output)
                 case Configure():
                     self._command(output)
                 case SetPose() | Relocalize() | Update():

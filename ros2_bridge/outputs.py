@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from protocol.answers import Configure, Relocalize, SetPose, Update
-from protocol.steps import LaserReading, MapReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from ros2_bridge.topics import Topic
 
 NO_ID = ""
@@ -36,4 +36,5 @@ class Refused:
 
 
 Command: TypeAlias = SetPose | Relocalize | Update | Configure
-Output: TypeAlias = Publish | Bond | Refused | LaserReading | OdometryReading | MapReading | Command
+Reading: TypeAlias = LaserReading | OdometryReading | Observation | MapReading
+Output: TypeAlias = Publish | Bond | Refused | Reading | Command

@@ -45,6 +45,7 @@ def node_name(settings: Ros2Settings) -> NodeName:
         **{key: [getattr(settings, key)] for key in ("map_topic", "tf_topic", "tf_static_topic")},
         "scan_topic": settings.scan_topic.split(","),
         "pointcloud_topic": [settings.pointcloud_topic or "none"],
+        "pose_topics": (settings.pose_topics or "none").split(","),
     }
     wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]
     wrong += [] if is_name(settings.node_name) else ["node_name"]

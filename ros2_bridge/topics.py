@@ -74,13 +74,20 @@ class Topics:
         return (*scans, Topic(cloud, types.POINT_CLOUD, qos)) if cloud else scans
 
     @property
+    def poses(self) -> tuple[Topic, ...]:
+        """Poses by other sensors, each an observation."""
+        names = filter(None, map(str.strip, self.settings.pose_topics.split(",")))
+        return tuple(Topic(name, types.POSE_STAMPED, Qos()) for name in dict.fromkeys(names))
+
+    @property
     def map(self) -> Topic:
         return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
 
     def read(self) -> tuple[Topic, ...]:
         """Return the topics that the node subscribes to."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
-        return (*self.scans, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
+        transforms = (self.tf, self.tf_static)
+        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.poses, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
         """Return the topics that the node publishes."""

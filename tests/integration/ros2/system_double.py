@@ -13,7 +13,7 @@ from protocol import keys
 from protocol.answers import CommandDone, State, Status
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, MapReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from protocol.work import TrackReport
 from tests.unit.ros2_bridge.beliefs import belief
 
@@ -29,6 +29,7 @@ class SystemDouble:
         self._session = session
         self.lasers: list[LaserReading] = []
         self.odometry: list[OdometryReading] = []
+        self.observations: list[Observation] = []
         self.maps: list[tuple[NDArray[np.int8], float, PoseTuple]] = []
         """Cells as ROS has them, side of a cell, origin."""
         self.commands: list[tuple[str, dict[str, Any]]] = []
@@ -37,6 +38,7 @@ class SystemDouble:
         self._step = 0
         session.declare_subscriber(keys.LASER_READING, self._on_laser)
         session.declare_subscriber(keys.ODOMETRY_READING, self._on_odometry)
+        session.declare_subscriber(keys.OBSERVATION_READING, self._on_observation)
         session.declare_subscriber(keys.MAP_READING, self._on_map)
         for key in (keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.STATUS):
             session.declare_queryable(key, self._on_query, complete=True)
@@ -74,6 +76,9 @@ class SystemDouble:
 
     def _on_odometry(self, sample: zenoh.Sample) -> None:
         self.odometry.append(decode(sample.payload.to_bytes(), OdometryReading))
+
+    def _on_observation(self, sample: zenoh.Sample) -> None:
+        self.observations.append(decode(sample.payload.to_bytes(), Observation))
 
     def _on_map(self, sample: zenoh.Sample) -> None:
         reading = map_in(sample.payload.to_bytes())

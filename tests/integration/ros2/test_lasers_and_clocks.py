@@ -1,4 +1,4 @@
-"""Robots that are not the simplest: several lasers, one upside down; a clock that is set back."""
+"""Robots that are not the simplest: several lasers, other sensors, a clock that is set back."""
 
 import math
 import time
@@ -11,12 +11,13 @@ from protocol.steps import LaserReading
 from recordings.rigid import IDENTITY, Rigid, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
-from ros2_bridge.messages_out import header
+from ros2_bridge.messages_out import header, pose_stamped
 from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
 from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan
 from tests.integration.ros2.system_double import SystemDouble
 from tests.integration.waiting import wait_until
+from tests.unit.ros2_bridge.beliefs import COVARIANCE
 from tests.unit.ros2_bridge.test_point_clouds import cloud
 
 pytestmark = pytest.mark.usefixtures("router")
@@ -84,6 +85,23 @@ def test_several_topics_and_a_cloud_are_lasers_of_one_robot(
     assert cut.ranges.array().min() == 2.0
     assert cut.robot_from_laser == (0.1, 0.0, 0.0)
     assert lasers(system, "rear")[0].robot_from_laser[0] == -0.3
+
+
+def test_topics_of_poses_are_sources_of_observations(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    settings = Ros2Settings(autostart=True, pose_topics="uwb/pose, gnss/pose")
+    robot, system = open_robot(settings), open_system()
+    robot.put_mounts(("laser", IDENTITY))
+    start_bridge(settings)
+
+    def all_are_received() -> bool:
+        for topic in robot.topics.poses:
+            robot.put(topic, pose_stamped((1.0, 2.0, 0.5), COVARIANCE, time.time_ns(), "map"))
+        return {one.sender for one in list(system.observations)} == {"uwb/pose", "gnss/pose"}
+
+    wait_until(all_are_received)
+    np.testing.assert_allclose(system.observations[0].mean, (1.0, 2.0, 0.5), atol=1e-12)
 
 
 def lasers(system: SystemDouble, frame: str) -> list[LaserReading]:

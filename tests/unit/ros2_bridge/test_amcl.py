@@ -12,7 +12,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.answers import Relocalize, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, MapReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from protocol.work import Particles
 from recordings.rigid import Rigid, flat
 from ros2_bridge import message_types as types
@@ -500,6 +500,55 @@ def test_a_pose_without_past_stamp_is_taken_as_the_current_pose(stamp_ns: int) -
 def test_an_invalid_initial_pose_is_refused(frame: str, x: float, covariance: Any) -> None:
     message = pose_stamped((x, 0.0, 0.0), covariance, 0, frame)
     assert causes(list(Robot().amcl.on_initial_pose(message))) == ["initial pose refused"]
+
+
+def wide(x: float, y: float, heading: float) -> Any:
+    return np.diag([x, y, 0.0, 0.0, 0.0, heading]).ravel()
+
+
+def observed(covariance: Any, stamp_ns: int = SECOND, frame: str = "map") -> Any:
+    message = pose_stamped(PLACE, COVARIANCE, stamp_ns, frame)
+    message.pose.covariance = covariance
+    return message
+
+
+def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -> None:
+    amcl = Robot().amcl
+    (seen,) = amcl.on_observed_pose(observed(wide(0.4, 0.5, 0.1)), "uwb/pose")
+    assert isinstance(seen, Observation)
+    assert (seen.sender, seen.stamp_ns, seen.landmark) == ("uwb/pose", SECOND, "")
+    np.testing.assert_allclose(seen.mean, PLACE)
+    assert seen.covariance == (0.4, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("heading", [0.0, -1.0, 1e6, nan])
+def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -> None:
+    (seen,) = Robot().amcl.on_observed_pose(observed(wide(0.4, 0.5, heading)), "gnss")
+    assert isinstance(seen, Observation)
+    assert (len(seen.mean), seen.covariance) == (2, (0.4, 0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("message", "problem"),
+    [
+        (observed(wide(0.0, 0.0, 0.0)), "a covariance that is not positive definite"),
+        (observed(wide(nan, 1.0, 1.0)), "not all numbers are finite"),
+        (observed(wide(1.0, inf, 1.0)), "not all numbers are finite"),
+        (observed(wide(1e30, 1.0, 1.0)), "a covariance that is too large"),
+        (observed(wide(1.0, 1.0, 1.0), frame="odom"), "its frame is 'odom', not 'map'"),
+        (observed(wide(1.0, 1.0, 1.0), stamp_ns=0), "it has no stamp"),
+    ],
+)
+def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None:
+    (refused,) = Robot().amcl.on_observed_pose(message, "gnss")
+    assert isinstance(refused, Refused)
+    assert refused.cause == "observed pose refused"
+    assert refused.detail.startswith(f"gnss: {problem}")
+
+
+def test_an_inactive_node_uses_no_observed_pose() -> None:
+    amcl = Robot(active=False).amcl
+    assert list(amcl.on_observed_pose(observed(wide(1.0, 1.0, 1.0)), "gnss")) == []
 
 
 def test_a_pose_given_while_inactive_is_remembered() -> None:
