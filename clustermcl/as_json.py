@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from protocol.advice import Advice
 from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Covariance, Message, PoseTuple
@@ -56,6 +57,10 @@ def pose_answer_object(answer: PoseAnswer) -> JsonObject:
 def hypotheses_object(answer: Hypotheses) -> JsonObject:
     places = [hypothesis_object(hypothesis) for hypothesis in answer.hypotheses]
     return {**pose_answer_object(answer.pose), "hypotheses": places}
+
+
+def advice_object(answer: Advice) -> JsonObject:
+    return _fields(answer, "sender")
 
 
 def event_object(numbered: NumberedEvent) -> JsonObject:

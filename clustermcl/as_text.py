@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from protocol.advice import Advice, Way
 from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
 from protocol.health import Health
 from protocol.job_events import NumberedEvent, event_text
@@ -12,6 +13,8 @@ SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""
 OFF_MAP = 0.5
 """Probability above which the text says that the robot is probably not on this map."""
+SAME_RANGE_M = 0.5
+"""Ranges at two places that are nearer to each other are listed as one [m]."""
 DOUBT = 0.01
 """Probability above which the text says that the robot may be elsewhere."""
 
@@ -66,6 +69,36 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _off_map(answer.pose)
     yield from _doubts(answer.pose)
+
+
+def advice_lines(answer: Advice) -> Iterator[str]:
+    """Yield the ways as text, best first, and why there is none."""
+    if answer.step >= 0:
+        yield f"{len(answer.clusters)} places at step {answer.step}"
+    for number, way in enumerate(answer.ways, 1):
+        x_m, y_m, _ = way.poses[-1]
+        bearing = math.degrees(math.atan2(y_m, x_m))
+        where = f"to {math.hypot(x_m, y_m):.1f} m at {bearing:.0f} deg" if way.length_m else "turn"
+        yield (
+            f"  {number}. {where}, {way.length_m:.1f} m of way: {way.information:.2f} nat, "
+            f"localized then with probability {way.sure_probability:.2f}"
+        )
+        yield f"     {_sight(way)}"
+    if answer.note:
+        yield answer.note
+
+
+def _sight(way: Way) -> str:
+    """Return which range differs most between the places at the end of a way."""
+    groups: list[list[float]] = []
+    for range_m in sorted(way.sight_ranges_m):
+        if groups and range_m - groups[-1][-1] < SAME_RANGE_M:
+            groups[-1].append(range_m)
+        else:
+            groups.append([range_m])
+    ranges = ", ".join(f"{group[0]:.1f} m in {len(group)}" for group in groups)
+    bearing = math.degrees(way.sight_bearing_rad)
+    return f"then at {bearing:.0f} deg: {ranges} of {len(way.sight_ranges_m)} places"
 
 
 def _off_map(answer: PoseAnswer) -> Iterator[str]:

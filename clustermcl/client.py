@@ -17,6 +17,7 @@ from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from process_runtime.settings_file import with_setting
 from process_runtime.stop import StopFlag
 from protocol import keys
+from protocol.advice import Advice
 from protocol.answers import (
     Belief,
     CommandDone,
@@ -166,6 +167,14 @@ class Client(RobotCommands):
     def hypotheses(self) -> Hypotheses:
         """Return all places where the robot may be, the most probable first."""
         return self._ask(keys.HYPOTHESES, Hypotheses)
+
+    def advice(self, *, timeout_s: float = 20.0) -> Advice:
+        """Return ways for the robot to drive so that scans tell its possible places apart.
+
+        Args:
+            timeout_s: limit for the answer [s]; a worker computes it between steps.
+        """
+        return self._ask(keys.ADVICE, Advice, timeout_s=timeout_s)
 
     def events(self) -> JobEvents:
         """Return the newest events of clusters and searches, oldest first."""

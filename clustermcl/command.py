@@ -49,6 +49,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Query a running system": {
         "pose": query.pose,
         "hypotheses": query.hypotheses,
+        "advise": query.advise,
         "watch": query.watch,
         "events": query.events,
         "status": query.status,

@@ -23,10 +23,18 @@ from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
+from particle_filter.slices import finished
 from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
+from protocol.advice import (
+    LEAST_PROBABILITY,
+    MAX_PLACES,
+    USUAL_RADIUS_M,
+    Advice,
+    AdviceQuestion,
+)
 from protocol.answers import Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.errors import CommandRefusedError, StateFileError
@@ -34,6 +42,7 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import odometry_problem
 from protocol.steps import Landmark, Observation, OdometryReading, Scan
 from sensor_bridge.step_maker import StepMaker
+from worker.advising import advice
 from worker.map_model import default_cache_folder, sensor_model
 from worker.warm_up import compile_kernels
 
@@ -295,6 +304,29 @@ class ClusterMCL(RobotCommands):
         self._commands, self._odometry = state.commands, recent_odometry()
         self._odometry.add(*state.odometry)
         self._set_belief(resumed.ensemble.again(scan.step, ()), scan)
+
+    def advice(self, *, radius_m: float = USUAL_RADIUS_M) -> Advice:
+        """Return ways for the robot to drive so that scans tell its possible places apart.
+
+        Args:
+            radius_m: radius of the robot [m].
+        """
+        belief = self.belief
+        if belief is None:
+            return Advice(sender=_SENDER, note="there is no belief yet")
+        places = [place for place in belief.hypotheses if place.probability >= LEAST_PROBABILITY]
+        question = AdviceQuestion(
+            sender=_SENDER,
+            step=belief.step,
+            map_digest=belief.scan.map_digest,
+            hypotheses=tuple(places[:MAX_PLACES]),
+            elsewhere_probability=belief.elsewhere_probability,
+            radius_m=radius_m,
+            views=self._filter.ensemble.seen.views,
+            gate_distance_m=self._settings.bridge.gate_distance_m,
+            gate_turn_rad=self._settings.bridge.gate_turn_rad,
+        )
+        return finished(advice(question, belief.scan, self._model, self._settings, _SENDER))
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(

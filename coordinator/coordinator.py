@@ -5,6 +5,7 @@ No network and no clock, so a unit test can replay any failure of a worker or a 
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import islice
 from typing import assert_never
 
 import msgspec
@@ -31,6 +32,7 @@ from coordinator.state import NO_ROOM, CoordinatorState
 from coordinator.step_collector import is_bulky, without_snapshot
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from protocol.advice import LEAST_PROBABILITY, MAX_PLACES, Advice, AdviceQuestion
 from protocol.answers import (
     CommandDone,
     Hypotheses,
@@ -451,6 +453,31 @@ class Coordinator(Part):
             settings=self.state.newest_settings,
             overloaded=self.state.overload.is_overloaded,
         )
+
+    def advice_question(self, radius_m: float) -> tuple[str, AdviceQuestion] | Advice:
+        """Return a worker and the question for it, or the advice where nothing is to ask.
+
+        Args:
+            radius_m: of the robot [m].
+        """
+        outcome, scan = self.state.outcome, self.state.collector.applied
+        jobs = {name: jobs for name, jobs in self.state.placement.workers.items() if jobs}
+        if outcome is None or scan is None or not jobs:
+            problem = "there is no belief yet" if jobs else "no worker has a job"
+            return Advice(sender=self.sender, note=problem)
+        places = (h for h in outcome.hypotheses if h.probability >= LEAST_PROBABILITY)
+        question = AdviceQuestion(
+            sender=self.sender,
+            step=scan.step,
+            map_digest=scan.map_digest,
+            hypotheses=tuple(islice(places, MAX_PLACES)),
+            elsewhere_probability=outcome.elsewhere_probability,
+            radius_m=radius_m,
+            views=self.state.ensemble.seen.views,
+            gate_distance_m=self.state.bridge.gate_distance_m,
+            gate_turn_rad=self.state.bridge.gate_turn_rad,
+        )
+        return min(jobs, key=lambda name: len(jobs[name])), question
 
     def events(self) -> JobEvents:
         return self._to_message(tuple(self.state.event_log.kept))

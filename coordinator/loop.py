@@ -44,6 +44,7 @@ from coordinator.step_collector import check_places, has_too_large_snapshot, wit
 from grid_maps.map_message import from_message
 from process_runtime.logs import CauseCounter
 from protocol import keys
+from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MapMismatchError, printable
@@ -61,6 +62,7 @@ TICK_S = 0.05
 TICK_NS = int(TICK_S * 1e9)
 ASK_AGAIN_WITHIN_S = 0.5
 """A query for scans is repeated for this time: a new link does not reach the bridge at once [s]."""
+ADVICE_TIMEOUT_S = 20.0
 ORDER_TIMEOUT_S = 35.0
 """Time for an answer: a worker may fetch a large map first. Orders are repeated sooner [s]."""
 FORGOTTEN_AFTER_NS = 30_000_000_000
@@ -77,10 +79,12 @@ class Loop:
     Args:
         node: the open node of the process.
         replica: takes events and returns instructions.
+        radius_m: radius of the robot [m]; 0: unknown.
     """
 
-    def __init__(self, node: Node, replica: Replica) -> None:
+    def __init__(self, node: Node, replica: Replica, radius_m: float) -> None:
         self._node, self._replica = node, replica
+        self._radius_m = radius_m or USUAL_RADIUS_M
         self._ticked_ns, self._linked = 0, True
         self._another_map = CauseCounter()
         node.subscribe(
@@ -145,6 +149,7 @@ class Loop:
         node = self._node
         for key in (keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS):
             node.serve(key, self._on_query)
+        node.serve(keys.ADVICE, self._on_advice_query)
         node.serve(keys.SET_POSE, partial(self._on_command, SetPose))
         node.serve(keys.RELOCALIZE, partial(self._on_command, Relocalize))
         node.announce(keys.COORDINATOR_ALIVE)
@@ -227,6 +232,25 @@ class Loop:
                 asked.answer(self._coordinator.events())
             case _:
                 asked.answer(self._status(now_ns))
+
+    def _on_advice_query(self, asked: Asked) -> None:
+        """Pass a question on to a worker, and its answer to the client."""
+        self._node.health.happened("questions")
+        if not self._replica.may_answer(time.monotonic_ns()):
+            asked.refuse("another coordinator may have taken over; ask again")
+            return
+        match self._coordinator.advice_question(self._radius_m):
+            case Advice() as known:
+                asked.answer(known)
+            case worker, question:
+                self._node.ask(
+                    keys.worker_advice(worker),
+                    Advice,
+                    asked.answer,
+                    lambda problem: asked.refuse(problem or f"{worker} did not answer"),
+                    timeout_s=ADVICE_TIMEOUT_S,
+                    message=question,
+                )
 
     def _status(self, now_ns: int) -> Status:
         health = self._node.health

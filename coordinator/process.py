@@ -73,7 +73,7 @@ def follow_and_lead(
     """
     settings = invocation.settings
     with metrics_served(settings.metrics, lambda: node.session):
-        loop = Loop(node, replica)
+        loop = Loop(node, replica, settings.robot.radius_m)
         # After a deposition: a successor declares its liveliness token only after recovery.
         if replica.role == "deposed" or is_alive(
             node.session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s

@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import Pose
+from particle_filter.arrays import Pose, Poses
 from particle_filter.motion_noise import motion_covariance
-from particle_filter.poses import compose, inverse
+from particle_filter.poses import compose, heading_distance, inverse
 from particle_filter.settings import BeliefSettings, MotionSettings
 
 MAX_VIEWS = 256
@@ -90,6 +90,22 @@ class ViewMemory(msgspec.Struct, frozen=True):
         if np.count_nonzero(kept) > MAX_VIEWS:
             kept[np.argsort(np.where(kept, own, 0.0), kind="stable")[:-MAX_VIEWS]] = False
         return weight, ViewMemory(rows[kept].astype("<f4").tobytes())
+
+    def new_share(self, poses: Poses, rules: BeliefSettings) -> NDArray[np.float64]:
+        """Return how much of a new view scans from (N, 3) poses, relative to the robot, are, (N,).
+
+        Only the views in memory count, not the other poses.
+        """
+        rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS).astype(np.float64)
+        if rules.view_distance_m == 0.0 or not len(rows):
+            return np.ones(len(poses))
+        wide_m = np.sqrt(rules.view_distance_m**2 + rows[:, 4] / 6.0)
+        wide_rad = np.sqrt(rules.view_turn_rad**2 + rows[:, 5] / 2.0)
+        own = rows[:, 3] * (rules.view_distance_m / wide_m) ** 2 * (rules.view_turn_rad / wide_rad)
+        off = poses[:, None] - rows[None, :, :3]
+        apart, turned = np.hypot(off[..., 0], off[..., 1]), heading_distance(off[..., 2], 0.0)
+        repeated = (own * np.exp(-apart / wide_m - turned / wide_rad)).sum(axis=1)
+        return np.asarray(np.maximum(1.0 - repeated, 0.0))
 
     def _moved(self, before_from_after: Pose, motion: MotionSettings) -> NDArray[np.float64]:
         """Return (V, 6) views relative to the new pose, with the variance of this motion added."""

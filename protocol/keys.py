@@ -33,6 +33,7 @@ POSE = "pose"
 HYPOTHESES = "hypotheses"
 EVENTS = "events"
 STATUS = "status"
+ADVICE = "advice"
 SET_POSE = "command/set_pose"
 RELOCALIZE = "command/relocalize"
 COORDINATOR_ALIVE = "coordinator/alive"
@@ -42,7 +43,7 @@ _CONSTANT = frozenset((
     ODOMETRY_READING, LASER_READING, MAP_READING, OBSERVATION_READING, SCAN, ODOMETRY,
     SCAN_HISTORY, MAP, TRUTH,
     BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE, UPDATE, CONFIGURE, BELIEF, POSE, HYPOTHESES,
-    EVENTS, STATUS, SET_POSE, RELOCALIZE, COORDINATOR_ALIVE, CHECKPOINT,
+    EVENTS, STATUS, ADVICE, SET_POSE, RELOCALIZE, COORDINATOR_ALIVE, CHECKPOINT,
 ))  # fmt: skip
 
 ALL_REPORTS = "worker/*/report"
@@ -70,6 +71,11 @@ def worker_state(name: str) -> str:
     return f"worker/{name}/{WorkerTopic.STATE}"
 
 
+def worker_advice(name: str) -> str:
+    """Return the key of queries that carry an `AdviceQuestion`."""
+    return f"worker/{name}/{WorkerTopic.ADVICE}"
+
+
 def worker_report(name: str) -> str:
     return f"worker/{name}/{WorkerTopic.REPORT}"
 
@@ -87,6 +93,7 @@ class WorkerTopic(StrEnum):
     ALIVE = "alive"
     ORDER = "order"
     STATE = "state"
+    ADVICE = "advice"
     REPORT = "report"
     HEALTH = "health"
 

@@ -10,6 +10,7 @@ from functools import singledispatch
 
 import numpy as np
 
+from protocol.advice import AdviceQuestion
 from protocol.answers import SetPose
 from protocol.errors import MalformedMessageError
 from protocol.found_places import found_places_problem
@@ -78,6 +79,14 @@ def _(message: ElsewhereReport) -> str | None:
 @problem_of.register
 def _(message: SetPose) -> str | None:
     return message.covariance and drawable_problem(message.pose, message.covariance)
+
+
+@problem_of.register
+def _(message: AdviceQuestion) -> str | None:
+    places = (gaussian_problem(place.pose, place.covariance) for place in message.hypotheses)
+    if not all(0.0 <= place.probability <= 1.0 for place in message.hypotheses):
+        return "a place whose probability is not from 0 to 1"
+    return first_problem(places)
 
 
 def first_problem(problems: Iterable[str | None]) -> str | None:

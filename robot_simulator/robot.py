@@ -61,6 +61,8 @@ class Robot:
             np.vstack([map_from_robot[:2], route])
         ).tolist()
         self._next = 0
+        self.follows = False
+        """Whether the robot is on the way that `follow` gave it."""
         self._hand: tuple[float, float] | None = None
         self._hand_left_s = 0.0
 
@@ -72,6 +74,11 @@ class Robot:
         """End manual driving, if it has begun, and drive to random goals."""
         if self._hand is not None:
             self._hand, self._path, self._next = None, [], 0
+
+    def follow(self, points: Points) -> None:
+        """Drive along (n, 2) points of the map [m], then to random goals."""
+        self._hand, self._blocked_s = None, 0.0
+        self._path, self._next, self.follows = points.tolist(), 0, True
 
     def put(self, map_from_robot: PoseTuple) -> None:
         """Move the robot to a pose, at rest and without a route."""
@@ -137,6 +144,7 @@ class Robot:
             way_out = [self._free_space.roomiest_near(x, y)] if self._blocked_s > 0.0 else []
             path = self._free_space.random_path(x, y, _FARTHEST_GOAL_M, self._rng)
             self._path, self._next, self._blocked_s = [*way_out, *path.tolist()], 0, 0.0
+            self.follows = False
             self._advance(x, y)
         goal_x, goal_y = self._path[self._next]
         return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)

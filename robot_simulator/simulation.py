@@ -7,6 +7,8 @@ from math import hypot
 
 import numpy as np
 
+from particle_filter.arrays import Points
+from particle_filter.poses import compose
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Observation, OdometryReading
@@ -126,6 +128,20 @@ class Simulation:
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
+
+    def follow(self, points: Points) -> None:
+        """Drive along a way, then to random goals.
+
+        Args:
+            points: (n, 2) relative to the robot [m].
+        """
+        poses = np.column_stack([points, np.zeros(len(points))])
+        self._robot.follow(compose(np.array(self.map_from_robot), poses)[:, :2])
+
+    @property
+    def follows(self) -> bool:
+        """Whether the robot is on the way that `follow` gave it, and was not blocked."""
+        return self._robot.follows
 
     def wander(self) -> None:
         self._robot.wander()

@@ -178,6 +178,10 @@ class JobTable:
             return None
         return MissingScans(newest.step + 1, scan.step - 1)
 
+    def scan_of(self, step: int) -> Scan | None:
+        """Return the scan of a step; None: this worker has it no more, or has not received it."""
+        return next((scan for scan in self._recent if scan.step == step), None)
+
     def last_reports(self) -> list[Report]:
         """Return the reports of the newest step."""
         newest = self._recent[-1].step if self._recent else -1

@@ -365,8 +365,8 @@ def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     for last, its_model, beams in _latest:
         if last is scan and its_model is model:
             return beams
-    others = tuple(map(_laser_scan, scan.others))
-    measured = _laser_scan(scan)
+    others = tuple(map(scan_of_laser, scan.others))
+    measured = scan_of_laser(scan)
     beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
     _latest[:] = [(scan, model, beams), *_latest[:1]]
     return beams
@@ -382,7 +382,7 @@ def mirror_image(scan: Scan) -> Scan:
     return image
 
 
-def _laser_scan(beams: Scan | LaserBeams) -> LaserScan:
+def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
     return LaserScan(
         beams.ranges.array(),
         beams.range_max_m,

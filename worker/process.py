@@ -17,6 +17,7 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import run_forked, work_without_preempting
 from protocol import keys
+from protocol.advice import AdviceQuestion
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableError
 from protocol.steps import MapMessage, Scan, ScanHistory
@@ -108,6 +109,7 @@ class WorkerLoop:
         self._checkpoints = node.poll(keys.CHECKPOINT, "checkpoint", KEPT_CHECKPOINTS)
         node.serve(keys.worker_order(node.name), self._on_order)
         node.serve(keys.worker_state(node.name), self._on_state)
+        node.serve(keys.worker_advice(node.name), self._on_advice)
         node.announce(keys.worker_alive(node.name))
 
     def run(self) -> None:
@@ -152,6 +154,10 @@ class WorkerLoop:
         take_over = _with_term(asked.payload, TakeOver) if asked.payload else None
         self._carry_out(self._worker.on_state_query(asked, take_over))
         self._node.heap.on_large_message(time.monotonic())
+
+    def _on_advice(self, asked: Asked) -> None:
+        question = decode(asked.payload, AdviceQuestion)
+        self._carry_out(self._worker.on_advice_query(asked, question))
 
     # --- instructions
 

@@ -8,11 +8,15 @@ import msgspec
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings, filter_with
+from particle_filter.slices import Slices
+from particle_filter.view_memory import ViewMemory
+from protocol.advice import Advice, AdviceQuestion
 from protocol.codec import encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
 from protocol.steps import MapMessage, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
+from worker.advising import advice
 from worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
@@ -34,7 +38,7 @@ class Answer:
     """Answer a query, once."""
 
     question: Any
-    message: OrderAnswer | WorkerState
+    message: OrderAnswer | WorkerState | Advice
 
 
 @dataclass(frozen=True)
@@ -159,11 +163,13 @@ class Worker:
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
+        self._advising: tuple[Any, Slices[Advice]] | None = None
+        """A query for advice, and the slices of its answer."""
 
     @property
     def searches(self) -> bool:
         """Whether there is work for `search`."""
-        return self._table.searches
+        return self._table.searches or self._advising is not None
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
         """Note a coordinator's published state."""
@@ -171,8 +177,35 @@ class Worker:
         return []
 
     def search(self) -> list[Instruction]:
-        """Compute one slice of a search, when there is time."""
-        return _published(self._table.search_on())
+        """Compute one slice of an advice or of a search, when there is time."""
+        if self._advising is None:
+            return _published(self._table.search_on())
+        question, slices = self._advising
+        try:
+            next(slices)
+        except StopIteration as done:
+            self._advising = None
+            return [Answer(question, done.value)]
+        return []
+
+    def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
+        """Begin an advice; it takes the place of one that is not finished."""
+        before, self._advising = self._advising, None
+        model, settings = self._model, self._in_force or self._ordered
+        replaced = [Answer(before[0], self._no_advice("a newer question came"))] if before else []
+        scan = self._table.scan_of(asked.step)
+        if model is None or settings is None or asked.map_digest != self._model_digest:
+            problem = "the worker has no map yet"
+        elif scan is None:
+            problem = f"the worker has no scan of step {asked.step}: ask again"
+        else:
+            problem = ViewMemory(asked.views).problem or ""
+            if not problem:
+                self._advising = question, advice(asked, scan, model, settings, self._name)
+        return [*replaced, *([Answer(question, self._no_advice(problem))] if problem else [])]
+
+    def _no_advice(self, note: str) -> Advice:
+        return Advice(sender=self._name, note=note)
 
     # --- scans
 

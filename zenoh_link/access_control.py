@@ -58,7 +58,11 @@ def rights_of(role: str, *workers: str) -> Rights:
         return Rights(
             publishes=(*map(keys.worker_report, names), *map(keys.worker_health, names)),
             reads=(keys.SCAN, keys.CHECKPOINT),
-            serves=(*map(keys.worker_order, names), *map(keys.worker_state, names)),
+            serves=(
+                *map(keys.worker_order, names),
+                *map(keys.worker_state, names),
+                *map(keys.worker_advice, names),
+            ),
             asks=(keys.MAP, keys.SCAN_HISTORY),
             announces=tuple(map(keys.worker_alive, names)),
             watches=(keys.COORDINATOR_ALIVE,),
@@ -68,7 +72,7 @@ def rights_of(role: str, *workers: str) -> Rights:
 
 _VIEWER = Rights(
     reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH, keys.SCAN),
-    asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
+    asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.ADVICE, keys.MAP),
 )
 
 _READINGS = (
@@ -98,11 +102,12 @@ _ROLES = {
             *(keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH),
         ),
         serves=(
-            *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS),
+            *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.ADVICE),
             *(keys.SET_POSE, keys.RELOCALIZE),
         ),
         asks=(
-            *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY, keys.MAP),
+            *(keys.worker_order("*"), keys.worker_state("*"), keys.worker_advice("*")),
+            *(keys.SCAN_HISTORY, keys.MAP),
             keys.STATUS,  # a standby serves metrics and probes from the active coordinator's status
         ),
         announces=(keys.COORDINATOR_ALIVE,),

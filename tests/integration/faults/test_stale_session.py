@@ -146,7 +146,7 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
         with closing(node):
             node.open()
             opened.set()
-            if Loop(node, Replica(silence_s, time.monotonic_ns())).follow():
+            if Loop(node, Replica(silence_s, time.monotonic_ns()), 0.0).follow():
                 over.append(time.monotonic())
 
     thread = threading.Thread(target=follow)

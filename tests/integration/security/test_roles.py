@@ -25,6 +25,7 @@ require_openssl()
 REPORT_A, REPORT_B = keys.worker_report("worker-a-0"), keys.worker_report("worker-b-0")
 ORDER_A = keys.worker_order("worker-a-0")
 STATE_A = keys.worker_state("worker-a-0")
+ADVICE_A = keys.worker_advice("worker-a-0")
 
 PUBLISHED = {  # key: roles that may publish it, roles that read it
     keys.ODOMETRY_READING: ("robot", "bridge"),
@@ -54,11 +55,13 @@ SERVED = {  # key: roles that serve it, roles that may query it
     keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),
     keys.HYPOTHESES: ("coordinator", {"viewer", "operator"}),
     keys.EVENTS: ("coordinator", {"viewer", "operator", "robot"}),
+    keys.ADVICE: ("coordinator", {"viewer", "operator"}),
     keys.STATUS: ("coordinator", {"viewer", "operator", "bridge"}),
     keys.SET_POSE: ("coordinator", {"operator"}),
     keys.RELOCALIZE: ("coordinator", {"operator"}),
     ORDER_A: ("worker-a", {"coordinator"}),
     STATE_A: ("worker-a", {"coordinator"}),
+    ADVICE_A: ("worker-a", {"coordinator"}),
 }
 
 ANNOUNCED = {  # key: whose liveliness token it is, who watches it

@@ -33,6 +33,7 @@ PUBLISHED = (
 SERVED = (
     keys.MAP, keys.SCAN_HISTORY, keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE,
     keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP, keys.worker_order(WORKER), keys.worker_state(WORKER),
+    keys.ADVICE, keys.worker_advice(WORKER),
 )  # fmt: skip
 
 NO_MESSAGES = {

@@ -87,6 +87,12 @@ def test_pose_hypotheses_and_status_are_printed_as_json(system: Settings) -> Non
     assert sum(probabilities) + answer["elsewhere_probability"] == pytest.approx(1.0)
     above = asked(system, "hypotheses", "--above", "0.2")["hypotheses"]
     assert [place["probability"] for place in above] == [p for p in probabilities if p >= 0.2]
+    advice = asked(system, "advise")
+    assert advice["step"] == STEPS - 1
+    assert advice["clusters"] == [
+        p["cluster"] for p in answer["hypotheses"] if p["probability"] >= 0.01
+    ]
+    assert advice["ways"] or "places" in advice["note"] or "place is" in advice["note"]
     status = asked(system, "status")
     counted = [status[name] for name in ("steps_applied", "steps_lost", "reports_missing")]
     assert counted == [STEPS, 0, 0]

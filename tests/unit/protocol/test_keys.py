@@ -23,6 +23,7 @@ def test_every_key_of_a_worker_is_parsed_as_its_name_and_topic() -> None:
         keys.worker_alive("w-0"): WorkerTopic.ALIVE,
         keys.worker_order("w-0"): WorkerTopic.ORDER,
         keys.worker_state("w-0"): WorkerTopic.STATE,
+        keys.worker_advice("w-0"): WorkerTopic.ADVICE,
         keys.worker_report("w-0"): WorkerTopic.REPORT,
         keys.worker_health("w-0"): WorkerTopic.HEALTH,
     }

@@ -1,0 +1,84 @@
+"""Advice where to drive: the question to a worker, and the answer that clients get."""
+
+from typing import Annotated, ClassVar
+
+import msgspec
+from msgspec import Meta
+
+from protocol.answers import Hypothesis
+from protocol.message import (
+    LIST_BYTES,
+    Finite,
+    Message,
+    NotNegative,
+    PoseTuple,
+    Probability,
+    ScanStep,
+)
+
+LEAST_PROBABILITY = 0.01
+"""Ways keep clear of obstacles at all places with at least this probability."""
+MAX_PLACES = 64
+"""The most probable places that are told apart."""
+MAX_VIEWS_BYTES = 6144
+"""256 views of six numbers."""
+USUAL_RADIUS_M = 0.3
+"""Radius of a robot whose settings do not have one [m]."""
+
+
+class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"):
+    """The belief after a step. A query of the coordinator on ``worker/{name}/advice``."""
+
+    max_bytes: ClassVar[int] = LIST_BYTES
+    step: ScanStep
+    """The step, whose scan the worker has."""
+    map_digest: str
+    """As in `Scan`."""
+    hypotheses: Annotated[tuple[Hypothesis, ...], Meta(max_length=MAX_PLACES)]
+    """The places to tell apart."""
+    elsewhere_probability: Probability
+    """Probability that the robot is at none of the tracked places."""
+    views: Annotated[bytes, Meta(max_length=MAX_VIEWS_BYTES)] = b""
+    """The robot's earlier views, as in `particle_filter.view_memory`."""
+    radius_m: Annotated[float, Meta(ge=0.0, le=10.0)]
+    """Radius of the robot."""
+    gate_distance_m: NotNegative
+    """Distance between two steps."""
+    gate_turn_rad: NotNegative
+    """Turn between two steps."""
+
+
+class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A way that is free at all places, and what it tells."""
+
+    poses: tuple[PoseTuple, ...]
+    """Relative to the robot at the step: x [m] ahead, y [m] to the left, heading [rad]."""
+    length_m: NotNegative
+    turn_rad: NotNegative
+    """Sum of all turns."""
+    information: NotNegative
+    """Expected gain of the logarithm of the right place's probability [nat]."""
+    sure_probability: Probability
+    """Probability that the robot is localized after the way."""
+    sight_bearing_rad: Finite
+    """Direction, from the end of the way, in which the places differ most."""
+    sight_ranges_m: tuple[NotNegative, ...]
+    """Predicted range of that beam at each of `Advice.clusters`."""
+
+
+class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
+    """Ways that tell the robot's possible places apart. Answers ``advice``."""
+
+    max_bytes: ClassVar[int] = LIST_BYTES
+    step: int = -1
+    """The step whose belief the advice is for; -1: there was none yet."""
+    stamp_ns: int = 0
+    """Robot's clock at that step's scan."""
+    odom_from_robot: PoseTuple = (0.0, 0.0, 0.0)
+    """Odometry at that scan, where all ways begin."""
+    clusters: tuple[int, ...] = ()
+    """The places that are told apart, most probable first."""
+    ways: tuple[Way, ...] = ()
+    """Most information per metre first."""
+    note: str = ""
+    """Why there is no way, or what else to know; may be empty."""

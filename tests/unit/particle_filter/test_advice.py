@@ -1,0 +1,153 @@
+"""Advice where to drive: information, ways that are free at all places, and maps without any."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from particle_filter.advice import LEAST_INFORMATION, Question, Way, advised_ways, information_of
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from particle_filter.poses import compose
+from particle_filter.sensor_model import LaserScan
+from particle_filter.settings import FilterSettings
+from particle_filter.slices import finished
+from particle_filter.view_memory import ViewMemory
+from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
+
+RADIUS_M = 0.2
+RIGHT, LEFT = (2.0, 2.0, 0.0), (12.0, 2.0, 0.0)
+
+
+def two_flats(*, cupboard: bool) -> Cells:
+    """Two equal flats of two rooms with a door between; a cupboard in the far room of one."""
+    flat = np.full((80, 200), OCCUPIED, np.int8)
+    flat[3:77, 3:97] = FREE
+    flat[3:77, 103:197] = FREE
+    flat[30:50, 97:103] = FREE  # a door of 1 m
+    other = flat.copy()
+    if cupboard:
+        other[55:70, 150:175] = OCCUPIED
+    return np.concatenate([flat, other], axis=1)
+
+
+def question(*places: tuple[float, float, float], seen: ViewMemory | None = None) -> Question:
+    step = float(ANGLES[1] - ANGLES[0])
+    laser = LaserScan(np.ones(len(ANGLES)), 8.0, float(ANGLES[0]), step, NO_OFFSET)
+    count = len(places)
+    return Question(
+        np.array(places), np.full((count, 3), 0.03), np.full(count, 1.0 / count), laser,
+        0.0, RADIUS_M, seen or ViewMemory(), 0.2, 0.2,
+    )  # fmt: skip
+
+
+def ways_in(cells: Cells, asked: Question) -> list[Way]:
+    return finished(advised_ways(asked, model_of(cells), FilterSettings()))[0]
+
+
+FLATS = two_flats(cupboard=True)
+ASKED = question((2.0, 2.0, 0.0), (12.0, 2.0, 0.0))
+
+
+def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
+    ways = ways_in(FLATS, ASKED)
+    assert ways
+    for way in ways:
+        x, y, _ = way.poses[-1] + (2.0, 2.0, 0.0)
+        assert x > 4.5  # at or behind the door; from the first room, nothing differs
+        assert 0.0 < y < 4.0
+    assert ways[0].information > LEAST_INFORMATION
+    assert ways[0].length_m == pytest.approx(
+        np.hypot(*np.diff(ways[0].poses[:, :2], axis=0).T).sum()
+    )
+    near, far = sorted(ways[0].sight.ranges_m)
+    assert far - near > 0.3
+
+
+def test_a_view_of_the_past_tells_nothing_again() -> None:
+    first = ways_in(FLATS, ASKED)[0]
+    at_its_views = np.zeros((40, 6), "<f4")
+    chosen = np.linspace(0, len(first.poses) - 1, 40).astype(int)
+    at_its_views[:, :3], at_its_views[:, 3] = first.poses[chosen], 1.0
+    again = ways_in(FLATS, replace(ASKED, seen=ViewMemory(at_its_views.tobytes())))
+    ends = [math.dist(way.poses[-1, :2], first.poses[-1, :2]) for way in again]
+    assert all(end > 0.5 for end in ends)
+
+
+def test_equal_flats_cannot_be_told_apart() -> None:
+    ways, reach_m = finished(
+        advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
+    )
+    assert ways == []
+    assert reach_m > 5.0
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.13, -0.31, 1.1), (-0.4, 0.62, -2.2)])
+def test_no_way_comes_near_a_wall_at_any_place(off: tuple[float, float, float]) -> None:
+    places = [tuple(compose(np.array(p), np.array(off)).tolist()) for p in (RIGHT, LEFT)]
+    cells = FLATS.copy()
+    cells[10:20, 240:250] = OCCUPIED  # a box that is in the way at the second place only
+    cells[60:70, 60:70] = UNKNOWN
+    obstacles = (np.argwhere(cells != FREE)[:, ::-1] + 0.5) * CELL_M
+    checked = 0
+    for way in ways_in(cells, question(*places)):
+        for place in places:
+            for point in dense(way.poses[:, :2]):
+                x, y, _ = compose(np.array(place), np.array([*point, 0.0]))
+                nearest = np.hypot(*(obstacles - (x, y)).T).min() - 0.5 * CELL_M * math.sqrt(2.0)
+                assert nearest >= RADIUS_M - 0.05
+                checked += 1
+    assert checked > 200
+
+
+def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    shares = np.linspace(0.0, 1.0, 5)[:, None, None]
+    return np.concatenate((1.0 - shares) * points[:-1] + shares * points[1:])
+
+
+def test_a_closed_room_leaves_the_turn_only() -> None:
+    cells = np.full((200, 200), OCCUPIED, np.int8)
+    cells[94:106, 94:106] = FREE
+    _, reach_m = finished(
+        advised_ways(question((5.0, 5.0, 0.0), (5.0, 5.0, 1.5)), model_of(cells), FilterSettings())
+    )
+    assert reach_m < 0.5
+
+
+def test_places_outside_of_the_map_have_no_way() -> None:
+    asked = question((500.0, 2.0, 0.0), (-500.0, 2.0, 0.0))
+    assert ways_in(FLATS, asked) == []
+
+
+@given(
+    shares=st.lists(st.floats(1e-6, 1.0), min_size=2, max_size=6),
+    size=st.floats(0.0, 500.0),
+    total=st.floats(0.1, 1.0),
+)
+def test_information_is_between_none_and_the_entropy(
+    shares: list[float], size: float, total: float
+) -> None:
+    prior = np.array(shares) / math.fsum(shares)
+    evidence = size * (1.0 - np.eye(len(prior)))
+    information, sure = information_of(total * prior, evidence, 0.9)
+    entropy = float(-(prior * np.log(prior)).sum())
+    assert -1e-9 <= information <= entropy + 1e-9
+    assert 0.0 <= sure <= total + 1e-9
+    if size == 500.0:
+        assert information == pytest.approx(entropy)
+        assert sure == pytest.approx(total)
+    if size == 0.0:
+        assert information == pytest.approx(0.0, abs=1e-9)
+
+
+def test_information_equals_that_of_a_certain_answer() -> None:
+    """One of four places differs from the other three, which are alike."""
+    evidence = np.zeros((4, 4))
+    evidence[0, 1:] = evidence[1:, 0] = 1e4
+    information, sure = information_of(np.full(4, 0.25), evidence, 0.9)
+    expected = 0.25 * math.log(4.0) + 0.75 * math.log(4.0 / 3.0)
+    assert information == pytest.approx(expected)
+    assert sure == pytest.approx(0.25)

@@ -1,0 +1,108 @@
+"""A worker's answers to questions for advice."""
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import FilterSettings
+from particle_filter.slices import finished
+from process_runtime.settings import BridgeSettings
+from protocol.advice import Advice, AdviceQuestion
+from protocol.answers import Hypothesis
+from protocol.steps import Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world
+from sensor_bridge.step_maker import StepMaker
+from worker.advising import advice
+from worker.worker import Answer, Instruction, Worker
+
+SETTINGS = FilterSettings()
+CROSS = world("cross_feature")
+MODEL = computed_model(CROSS.map.grid, SETTINGS.sensor)
+FLAT = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
+
+
+def first_scan() -> Scan:
+    maker = StepMaker(BridgeSettings(), CROSS.map.digest, "test")
+    made = (maker.on_reading(r) for tick in Simulation(CROSS, 1) for r in tick.readings)
+    return next(step for step in made if step is not None)
+
+
+SCAN = first_scan()
+
+
+def question(*poses: tuple[float, float, float], **changed: Any) -> AdviceQuestion:
+    places = tuple(
+        Hypothesis(
+            cluster=number, probability=1.0 / len(poses), log_probability=0.0, pose=pose,
+            covariance=FLAT, effective_sample_size=100.0, age_steps=3,
+        )
+        for number, pose in enumerate(poses)
+    )  # fmt: skip
+    asked = AdviceQuestion(
+        sender="test", step=SCAN.step, map_digest=SCAN.map_digest, hypotheses=places,
+        elsewhere_probability=0.0, radius_m=0.25, gate_distance_m=0.2, gate_turn_rad=0.2,
+    )  # fmt: skip
+    return replace(asked, **changed)
+
+
+def answer_to(asked: AdviceQuestion) -> Advice:
+    return finished(advice(asked, SCAN, MODEL, SETTINGS, "worker-0"))
+
+
+def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
+    asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    told = answer_to(asked)
+    assert told.ways
+    assert told.clusters == (0, 1)
+    assert (told.step, told.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
+    assert all(len(way.sight_ranges_m) == 2 for way in told.ways)
+
+
+def test_without_a_second_place_a_note_says_why() -> None:
+    assert "only one place" in answer_to(question((0.0, 3.7, -1.57))).note
+    assert "no place" in answer_to(question()).note
+
+
+def test_a_probable_elsewhere_is_noted() -> None:
+    asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14), elsewhere_probability=0.8)
+    assert "probably at another place" in answer_to(asked).note
+
+
+def test_places_in_walls_have_no_common_way() -> None:
+    told = answer_to(question((5.0, 5.0, 0.0), (-5.0, -5.0, 0.0)))
+    assert told.ways == ()
+    assert told.note == "no way is free at all 2 places"
+
+
+def test_a_worker_without_a_map_answers_at_once() -> None:
+    answers = Worker("worker-0").on_advice_query("asked", question((0.0, 3.7, 0.0)))
+    assert "no map" in note_of(answers)
+
+
+def note_of(instructions: list[Instruction]) -> str:
+    (answer,) = instructions
+    assert isinstance(answer, Answer)
+    assert isinstance(answer.message, Advice)
+    return answer.message.note
+
+
+def test_a_newer_question_replaces_an_older_one() -> None:
+    worker = Worker("worker-0")
+    asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    worker._model, worker._ordered, worker._model_digest = MODEL, SETTINGS, CROSS.map.digest
+    assert "no scan of step 0" in note_of(worker.on_advice_query("early", asked))
+    worker._table._keep(SCAN)
+    assert worker.on_advice_query("first", asked) == []
+    (replaced,) = worker.on_advice_query("second", asked)
+    assert isinstance(replaced, Answer)
+    assert (replaced.question, replaced.message.sender) == ("first", "worker-0")
+    answers = []
+    while worker.searches:
+        answers += worker.search()
+    (answer,) = answers
+    assert isinstance(answer, Answer)
+    assert answer.question == "second"
+    assert isinstance(answer.message, Advice)
+    assert answer.message.ways
