@@ -169,7 +169,7 @@ class Client(RobotCommands):
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
     def advice(self, *, timeout_s: float = 20.0) -> Advice:
-        """Return ways for the robot to drive so that scans tell its possible places apart.
+        """Return ways for the robot to drive so that scans distinguish its possible places.
 
         Args:
             timeout_s: limit for the answer [s]; a worker computes it between steps.

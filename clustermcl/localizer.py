@@ -306,7 +306,7 @@ class ClusterMCL(RobotCommands):
         self._set_belief(resumed.ensemble.again(scan.step, ()), scan)
 
     def advice(self, *, radius_m: float = USUAL_RADIUS_M) -> Advice:
-        """Return ways for the robot to drive so that scans tell its possible places apart.
+        """Return ways for the robot to drive so that scans distinguish its possible places.
 
         Args:
             radius_m: radius of the robot [m].

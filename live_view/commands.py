@@ -65,6 +65,10 @@ class KidnapRobot(_Request, frozen=True, tag="kidnap"):
     """The new pose: x [m], y [m], heading [rad]; None: a random pose far away."""
 
 
+class AskAdvice(_Request, frozen=True, tag="advise"):
+    """Request for ways that distinguish the places."""
+
+
 class DriveRobot(_Request, frozen=True, tag="drive"):
     """Command to drive the simulated robot manually, or to end manual driving."""
 
@@ -76,7 +80,7 @@ class DriveRobot(_Request, frozen=True, tag="drive"):
 
 Question: TypeAlias = ShowPast | ShowEarlier
 Command: TypeAlias = PlaceRobot | SearchAgain | UpdateOnce | KidnapRobot | DriveRobot
-Request: TypeAlias = Drawn | Question | Command
+Request: TypeAlias = Drawn | Question | Command | AskAdvice
 
 MAX_REQUEST_BYTES = 1000
 

@@ -8,7 +8,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from live_view.commands import DriveRobot, ShowEarlier, ShowPast, message_of
+import msgspec
+
+from live_view.commands import AskAdvice, DriveRobot, ShowEarlier, ShowPast, message_of
 from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
@@ -16,6 +18,7 @@ from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, 
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
+from protocol.advice import Advice
 from protocol.answers import Belief, CommandDone, Hypotheses, PoseAnswer, Status
 from protocol.codec import decode
 from protocol.errors import UnreachableError
@@ -39,6 +42,7 @@ _STATUS_EVERY_S = 1.0
 _MAX_UNANSWERED = 2
 """Number of consecutive unanswered status queries after which no system seems to run."""
 _MAP_TIMEOUT_S = 30.0
+_ADVICE_TIMEOUT_S = 20.0
 _COMMAND_TIMEOUT_S = 5.0
 LAST_STEPS = 100
 """Number of steps whose latency is shown."""
@@ -229,11 +233,14 @@ class LiveLoop:
                 self._command(event)
 
     def _command(self, commanded: Commanded) -> None:
-        browser = commanded.browser
-        key, message = message_of(commanded.command, "live_view", uuid.uuid4().hex)
+        browser, command = commanded.browser, commanded.command
+        if isinstance(command, AskAdvice):
+            self._ask_advice(browser)
+            return
+        key, message = message_of(command, "live_view", uuid.uuid4().hex)
 
         def on_done(done: CommandDone) -> None:
-            if done.problem or not isinstance(commanded.command, DriveRobot):
+            if done.problem or not isinstance(command, DriveRobot):
                 self._show_done(browser, done.problem)
 
         def on_failure(problem: str) -> None:
@@ -242,6 +249,16 @@ class LiveLoop:
         self.node.ask(
             key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=message
         )
+
+    def _ask_advice(self, browser: Browser) -> None:
+        def on_answer(advice: Advice) -> None:
+            self.room.send(browser, {"advice": msgspec.to_builtins(advice)})
+
+        def on_failure(problem: str) -> None:
+            self._show_done(browser, problem or "no answer: the system is not running")
+
+        timeout_s = _ADVICE_TIMEOUT_S
+        self.node.ask(keys.ADVICE, Advice, on_answer, on_failure, timeout_s=timeout_s)
 
     def _show_done(self, browser: Browser, problem: str) -> None:
         self.room.send(browser, {"done": {"problem": problem}})

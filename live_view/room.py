@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from live_view.commands import Command, Drawn, Question
+from live_view.commands import AskAdvice, Command, Drawn, Question
 
 MESSAGES_AHEAD = 6
 """Limit for unacknowledged messages to a page that does not report that it is slow."""
@@ -57,10 +57,10 @@ class Joined:
 
 @dataclass(frozen=True)
 class Commanded:
-    """A command from a page."""
+    """A command from a page, or its request for advice."""
 
     browser: Browser
-    command: Command
+    command: Command | AskAdvice
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Ways for the robot to drive so that scans tell its possible places apart (docs/advice.md).
+"""Ways for the robot to drive so that scans distinguish its possible places (docs/advice.md).
 
 A way is relative to the robot, and lies on ground that is free at every place. At views along it,
 scans are predicted for each place by ray casting, and weighed at all other places by the sensor
@@ -38,7 +38,7 @@ MARGIN_M = 0.1
 """Distance that a way keeps from obstacles, beyond the robot's radius [m]."""
 MAX_WAYS = 5
 LEAST_INFORMATION = 0.2
-"""A way with less information does not tell places apart [nat]."""
+"""A way with less information is not advised [nat]."""
 _LATTICE_M = 0.1
 """Distance between points whose clearance is checked; nodes of ways are twice as far apart [m]."""
 _NEAR_M = 0.5
@@ -57,8 +57,8 @@ _LEAST_PROBABILITY = 1e-9
 _LEAST_SIGMAS = np.array([0.05, 0.05, 0.02])
 """Least standard deviations of a place: x, y [m], heading [rad]."""
 _OFFSETS = np.stack(np.meshgrid(*[(0.0, -1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
-"""(27, 3) multiples of these; the first is none. Places are known no better, so a scan that fits
-at one of them tells nothing."""
+"""(27, 3) multiples of these; the first is none. Poses are known no better, so a scan
+that fits at one of them is no evidence."""
 _METRES_PER_RAD = 0.3
 """A turn of one radian costs as much as this distance [m]."""
 _BEGINNING_M = 5.0
@@ -77,7 +77,7 @@ class Sight:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A way relative to the robot, and what it tells."""
+    """A way relative to the robot, and its expected information."""
 
     poses: Poses
     """(n, 3) in the robot's frame, 0.2 m or 0.28 m apart; the first is the robot's."""
@@ -98,7 +98,7 @@ class Way:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What advice is asked for."""
+    """The places, and what is known of robot and laser."""
 
     places: Poses
     """(K, 3) possible poses of the robot."""
@@ -123,7 +123,7 @@ class Question:
 def advised_ways(
     question: Question, model: SensorModel, settings: FilterSettings
 ) -> Slices[tuple[list[Way], float]]:
-    """Find the ways that tell most for their length.
+    """Find the ways with the most information for their length.
 
     Args:
         question: the places and the robot.
@@ -278,7 +278,7 @@ def _spots(
     return spots, spot_of
 
 
-# --- what it would see --------------------------------------------------------------------------
+# --- scans that are expected there ----------------------------------------------------------------
 
 View = tuple[int, int]
 """A spot, and the robot's heading there in eighths of a turn."""
@@ -286,7 +286,7 @@ View = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What a view tells."""
+    """The evidence and the ranges that are expected at a view."""
 
     evidence: NDArray[np.float64]
     """(K, K) expected evidence of one new view for the place of the row, against the column's."""
@@ -398,7 +398,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     return _Seen(evidence, ranges)
 
 
-# --- what that is worth -------------------------------------------------------------------------
+# --- their information --------------------------------------------------------------------------
 
 
 def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[Way]:

@@ -19,7 +19,7 @@ from protocol.message import (
 LEAST_PROBABILITY = 0.01
 """Ways keep clear of obstacles at all places with at least this probability."""
 MAX_PLACES = 64
-"""The most probable places that are told apart."""
+"""Number of the most probable places that are distinguished."""
 MAX_VIEWS_BYTES = 6144
 """256 views of six numbers."""
 USUAL_RADIUS_M = 0.3
@@ -35,7 +35,7 @@ class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"
     map_digest: str
     """As in `Scan`."""
     hypotheses: Annotated[tuple[Hypothesis, ...], Meta(max_length=MAX_PLACES)]
-    """The places to tell apart."""
+    """The places to distinguish."""
     elsewhere_probability: Probability
     """Probability that the robot is at none of the tracked places."""
     views: Annotated[bytes, Meta(max_length=MAX_VIEWS_BYTES)] = b""
@@ -49,7 +49,7 @@ class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"
 
 
 class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A way that is free at all places, and what it tells."""
+    """A way that is free at all places, and its expected information."""
 
     poses: tuple[PoseTuple, ...]
     """Relative to the robot at the step: x [m] ahead, y [m] to the left, heading [rad]."""
@@ -67,7 +67,7 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
-    """Ways that tell the robot's possible places apart. Answers ``advice``."""
+    """Ways that distinguish the robot's possible places. Answers ``advice``."""
 
     max_bytes: ClassVar[int] = LIST_BYTES
     step: int = -1
@@ -77,7 +77,9 @@ class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
     odom_from_robot: PoseTuple = (0.0, 0.0, 0.0)
     """Odometry at that scan, where all ways begin."""
     clusters: tuple[int, ...] = ()
-    """The places that are told apart, most probable first."""
+    """The places to distinguish, most probable first."""
+    places: tuple[PoseTuple, ...] = ()
+    """Pose of each of these in the map at that step."""
     ways: tuple[Way, ...] = ()
     """Most information per metre first."""
     note: str = ""

@@ -1,4 +1,4 @@
-"""A worker's advice: from a belief to ways that tell its places apart."""
+"""A worker's advice: from a belief to ways that distinguish its places."""
 
 import numpy as np
 from msgspec.structs import replace
@@ -36,10 +36,11 @@ def advice(
         stamp_ns=scan.stamp_ns,
         odom_from_robot=scan.odom_from_robot,
         clusters=tuple(place.cluster for place in asked.hypotheses),
+        places=tuple(place.pose for place in asked.hypotheses),
     )
     count = len(asked.hypotheses)
     if count < 2:
-        known = "only one place is possible: there is nothing to tell apart"
+        known = "only one place is possible: there is nothing to distinguish"
         return replace(head, note=known if count else "no place is known yet: first, a search")
     question = _question(asked, scan, model)
     ways, reach_m = yield from advised_ways(question, model, settings)
@@ -61,7 +62,7 @@ def advice(
     elif not made and reach_m < 1.0:
         note = f"no way is free at all {count} places"
     elif not made:
-        note = f"these {count} places cannot be told apart within {REACH_M:.0f} m"
+        note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
     return replace(head, ways=made, note=note)
 
 

@@ -49,7 +49,7 @@ def hypotheses(
 
 @client_command
 def advise(settings: Settings, as_json: AsJson = False) -> None:
-    """Print where to drive so that scans tell the robot's possible places apart."""
+    """Print where to drive so that scans distinguish the robot's possible places."""
     with connected(settings) as client:
         answer = client.advice()
     print_answer(js.advice_object(answer) if as_json else text.advice_lines(answer))

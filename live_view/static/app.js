@@ -12,7 +12,7 @@ import { ROW_PLACES, StepRows } from "./step_rows.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
+const CONFIRMED_MS = 4000, SURE = 0.9, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
 const RECORDED = ["replaying", "finished", "saved"]; // links without a running system
 
 const view = new MapView($("map"));
@@ -89,6 +89,7 @@ const TAKE = {
     now.step = frame;
     const likely = frame.places.slice(0, ROW_PLACES); // as in the rows of the server
     known.add([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
+    if (frame.places[0]?.p >= SURE) view.advice = [];
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
     if (travel.at !== null) {
       travel.onRows();
@@ -121,9 +122,16 @@ const TAKE = {
     [now.events, now.eventsDue] = [frame, true];
     if (travel.at === null) showBesidesSoon();
   },
+  advice(frame) {
+    view.advice = frame.clusters.map((cluster, i) => ({ slot: slots.get(cluster) ?? 0, pose: frame.places[i], ways: frame.ways }));
+    const [best] = frame.ways;
+    const found = best && `The best way: ${best.length_m.toFixed(1)} m, ${best.information.toFixed(2)} nat expected.`;
+    hint([found, frame.note].filter(Boolean).join(" "), !best, 2 * CONFIRMED_MS);
+    view.redraw();
+  },
   done: ({ problem }) => hint(problem || "done", Boolean(problem), CONFIRMED_MS),
 };
-const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "events", "done"];
+const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "events", "advice", "done"];
 
 /** The panel follows the map five times a second, which is enough for reading. */
 let soon = 0;

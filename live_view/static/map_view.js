@@ -4,7 +4,7 @@ import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
 import { drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
-import { drawWays } from "./ways.js";
+import { drawAdvice, drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters with a percentage, where there is room
 const MARGIN = 16; // around the map and the controls over it [px]
@@ -21,6 +21,7 @@ export class MapView {
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
     this.radius = 0; // of the robot's footprint [m]; 0: unknown
     this.others = []; // robots in the same map: { name, pose }
+    this.advice = []; // { slot, pose, ways } of each place
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are classified
     this.ruler = null; // { from: [x, y], to: [x, y] }
@@ -190,6 +191,7 @@ export class MapView {
     if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
     drawWays(this, this.rows, places);
+    drawAdvice(this);
     for (const robot of this.others) drawOther(this, robot);
     if (this.step) {
       if (layers.has("particles")) drawParticles(this, this.clouds, this.step);

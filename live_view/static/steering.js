@@ -172,6 +172,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   canvas.addEventListener("pointerleave", () => ($("cursor").textContent = ""));
   $("set-pose").onclick = keys.p;
   $("update").onclick = update;
+  $("advise").onclick = () => mayCommand() && send({ type: "advise" });
   $("relocalize").onclick = askToRelocalize;
   $("kidnap").onclick = kidnap;
   $("drive").onclick = keys.d;

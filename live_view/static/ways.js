@@ -1,4 +1,4 @@
-// Trails of the clusters, and of the ground truth.
+// Trails of the clusters and of the ground truth, and advised ways.
 import { colourOf, themed } from "./palette.js";
 
 const SHOWN_PLACES = 16; // the most probable ones
@@ -32,6 +32,28 @@ export function drawWays(view, rows, places) {
     line(view, points.slice(0, 1 - RECENT_STEPS));
     context.globalAlpha = usual * (0.35 + 0.5 * Math.sqrt(p));
     line(view, points.slice(-RECENT_STEPS));
+  }
+  context.globalAlpha = usual;
+}
+
+/** The advised ways from each place, the best one widest. */
+export function drawAdvice(view) {
+  const { context } = view, usual = context.globalAlpha;
+  context.lineJoin = context.lineCap = "round";
+  for (const { slot, pose: [x, y, heading], ways } of view.advice) {
+    const c = Math.cos(heading), s = Math.sin(heading);
+    context.strokeStyle = context.fillStyle = colourOf(slot);
+    ways.forEach(({ poses }, rank) => {
+      const points = poses.map(([along, across]) => [x + c * along - s * across, y + s * along + c * across]);
+      context.globalAlpha = usual * (rank ? 0.5 : 1);
+      context.lineWidth = rank ? 1.5 : 4;
+      context.setLineDash([6, 6]);
+      line(view, points);
+      context.setLineDash([]);
+      context.beginPath();
+      context.arc(...view.screenOf(points.at(-1)), rank ? 3 : 6, 0, 2 * Math.PI);
+      context.fill();
+    });
   }
   context.globalAlpha = usual;
 }

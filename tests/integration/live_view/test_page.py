@@ -1,6 +1,7 @@
 """The page in a real browser, on a real system. The tests follow one another, as a person would."""
 
 import itertools
+import json
 import math
 import re
 import time
@@ -74,6 +75,24 @@ def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictu
     assert len({place["slot"] for place in places}) == 4
     for place in places:
         assert taken[-1].pixel_at(*place["pose"][:2]) == PALETTE[place["slot"]]
+
+
+def test_where_to_look_is_answered_and_drawn_from_each_place(running: Page) -> None:
+    running.wait_for_places(4)
+    running.click("advise")
+    wait_until(lambda: "cannot be distinguished" in running.text("hint"))
+    assert running.run("return liveView.view.advice.length") >= 4
+    way = {
+        "poses": [[0, 0, 0], [0.5, 0, 0], [1, 0, 0]], "length_m": 1, "information": 0.5,
+        "sure_probability": 0.2,
+    }  # fmt: skip
+    running.run(
+        "const [one] = liveView.view.advice;"
+        f"one.ways = [{json.dumps(way)}]; one.pose = [0.5, 0, 0]; one.slot = 5;"
+        "liveView.view.redraw()"
+    )
+    wait_until(lambda: running.snapshot().pixel_at(1.5, 0.0) == PALETTE[5])
+    running.run("liveView.view.advice = []; liveView.view.redraw()")
 
 
 def probable(snapshot: Snapshot) -> list[dict[str, Any]]:

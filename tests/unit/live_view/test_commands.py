@@ -3,6 +3,7 @@
 import pytest
 
 from live_view.commands import (
+    AskAdvice,
     Command,
     Drawn,
     DriveRobot,
@@ -30,6 +31,7 @@ from protocol.message import Message
         ('{"type": "relocalize"}', SearchAgain()),
         ('{"type": "set_pose", "pose": [1, 2.5, -3]}', PlaceRobot((1, 2.5, -3))),
         ('{"type": "update"}', UpdateOnce()),
+        ('{"type": "advise"}', AskAdvice()),
         ('{"type": "kidnap"}', KidnapRobot()),
         ('{"type": "kidnap", "pose": [1, 2, 3]}', KidnapRobot((1, 2, 3))),
         ('{"type": "past", "step": 7}', ShowPast(7)),
