@@ -153,9 +153,10 @@ def moved_tag(seeds: int) -> str:
         broken += any("broken" in cause for cause in mcl.dropped)
         sights.append(math.fsum(o.share for s in made for o in s.belief.scan.observations))
     right = sum(step.is_right for step in steps)
+    wrong = sum(step.is_sure and not step.is_right for step in steps)
     return (
         f"broken in {broken} of {seeds} after at most {max(sights):.1f} independent sights; "
-        f"right at {right} of {len(steps)} steps"
+        f"right at {right} of {len(steps)} steps, sure and wrong at {wrong}"
     )
 
 
