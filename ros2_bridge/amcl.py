@@ -7,10 +7,13 @@ import numpy as np
 
 from grid_maps.map_message import grid_map_of
 from particle_filter.arrays import OCCUPIED
+from particle_filter.poses import compose
 from process_runtime.ros2_settings import Ros2Settings
+from protocol.advice import Advice
 from protocol.answers import Belief, Relocalize
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.reading_checks import pose_problem
 from protocol.steps import MapReading, OdometryReading
 from protocol.work import Particles
@@ -25,6 +28,7 @@ from ros2_bridge.messages_out import (
     markers,
     number,
     particle_cloud,
+    path,
     pose_array,
     pose_stamped,
     text,
@@ -245,6 +249,17 @@ class Amcl:
             yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
 
     # --- helpers
+
+    def on_advice(self, advice: Advice) -> Iterator[Output]:
+        """Publish the best way in the odometry frame; an empty path if there is none."""
+        poses: list[PoseTuple] = []
+        if advice.ways:
+            ahead = compose(np.array(advice.odom_from_robot), np.array(advice.ways[0].poses))
+            poses = list(map(pose_tuple, ahead))
+        if advice.note:
+            yield Refused("advice", advice.note)
+        message = path(poses, advice.stamp_ns, self.settings.odom_frame)
+        yield Publish(topics.ADVICE, message)
 
     def _odometry(self) -> Iterator[Output]:
         """Yield the newest odometry, unless it was yielded before."""

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
+from protocol.advice import Advice
 from protocol.answers import (
     Belief,
     CommandDone,
@@ -31,7 +32,7 @@ from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
 from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher
-from ros2_bridge.outputs import Bond, Command, Output, Publish, Refused
+from ros2_bridge.outputs import AskAdvice, Bond, Command, Output, Publish, Refused
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.ros_log import log_to_ros
 from ros2_bridge.services import Services
@@ -44,7 +45,7 @@ _log = logging.getLogger(__name__)
 _KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
 _POLL_S = 0.05
 _STATUS_EVERY_S = 1.0
-_COMMAND_TIMEOUT_S = 5.0
+_COMMAND_TIMEOUT_S, _ADVICE_TIMEOUT_S = 5.0, 20.0
 _PLACES_WITHIN_S = 0.1
 """All places are published when the inbox is empty, at most this long after their belief."""
 _COMMAND_KEYS: dict[type[Command], str] = {
@@ -261,10 +262,24 @@ class BridgeLoop:
                     self._odometry.put(output)
                 case Observation():
                     self._observations.put(output)
+                case AskAdvice():
+                    self._ask_advice()
                 case Configure():
                     self._command(output)
                 case SetPose() | Relocalize() | Update():
                     self._command(replace(output, command_id=uuid.uuid4().hex))
+
+    def _ask_advice(self) -> None:
+        def on_failure(problem: str) -> None:
+            self._refused(Refused("no advice", problem or "no answer"))
+
+        self._node.ask(
+            keys.ADVICE,
+            Advice,
+            lambda advice: self._do(self._amcl.on_advice(advice)),
+            on_failure,
+            timeout_s=_ADVICE_TIMEOUT_S,
+        )
 
     def _refused(self, refused: Refused) -> None:
         self._node.causes.warn(_log, refused.cause, refused.detail, time.monotonic())

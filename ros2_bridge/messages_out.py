@@ -81,6 +81,14 @@ def pose_array(belief: Belief, frame: str) -> Any:
     return new(types.POSE_ARRAY, header=header(belief.stamp_ns, frame), poses=poses)
 
 
+def path(poses: Iterable[PoseTuple], stamp_ns: int, frame: str) -> Any:
+    """Return a `nav_msgs/Path`."""
+    stamped = header(stamp_ns, frame)
+    kind = "geometry_msgs/msg/PoseStamped"
+    points = [new(kind, header=stamped, pose=pose(one)) for one in poses]
+    return new(types.PATH, header=stamped, poses=points)
+
+
 def detection(belief: Belief, frame: str, node_name: str) -> Any:
     """Return places, probabilities and covariances as a `vision_msgs/Detection3D` of the robot.
 

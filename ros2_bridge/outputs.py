@@ -35,6 +35,11 @@ class Refused:
     detail: str
 
 
+@dataclass(frozen=True)
+class AskAdvice:
+    """Query ways that distinguish the places; `Amcl.on_advice` takes the answer."""
+
+
 Command: TypeAlias = SetPose | Relocalize | Update | Configure
 Reading: TypeAlias = LaserReading | OdometryReading | Observation | MapReading
-Output: TypeAlias = Publish | Bond | Refused | Reading | Command
+Output: TypeAlias = Publish | Bond | Refused | AskAdvice | Reading | Command

@@ -12,7 +12,7 @@ from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
 from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
-from ros2_bridge.outputs import NO_ID, Bond, Output, Publish
+from ros2_bridge.outputs import NO_ID, AskAdvice, Bond, Output, Publish
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.type_descriptions import get_type_description
 
@@ -42,6 +42,7 @@ class Services:
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
             "reinitialize_global_localization": (types.EMPTY, self._search_everywhere),
             "request_nomotion_update": (types.EMPTY, self._no_motion_update),
+            "~/advise": (types.EMPTY, self._advise),
             "set_initial_pose": (types.SET_INITIAL_POSE, self._set_initial_pose),
             "~/is_localized": (types.TRIGGER, self._is_localized),
             "~/change_state": (types.CHANGE_STATE, self._change_state),
@@ -112,6 +113,9 @@ class Services:
 
     def _search_everywhere(self, _request: Any) -> Answer:
         return new(response_of(types.EMPTY)), [Relocalize(sender=self._sender, command_id=NO_ID)]
+
+    def _advise(self, _request: Any) -> Answer:
+        return new(response_of(types.EMPTY)), [AskAdvice()]
 
     def _no_motion_update(self, _request: Any) -> Answer:
         return new(response_of(types.EMPTY)), [self.no_motion_update]

@@ -121,7 +121,10 @@ _ROLES = {
         publishes=_READINGS,
         reads=(keys.BELIEF, keys.ALL_REPORTS),
         serves=(keys.MAP_READING,),
-        asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.CONFIGURE),
+        asks=(
+            *(keys.STATUS, keys.ADVICE, keys.SET_POSE, keys.RELOCALIZE),
+            *(keys.UPDATE, keys.CONFIGURE),
+        ),
     ),
     "viewer": _VIEWER,
     "operator": Rights(

@@ -10,6 +10,7 @@ import zenoh
 from numpy.typing import NDArray
 
 from protocol import keys
+from protocol.advice import Advice
 from protocol.answers import CommandDone, State, Status
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
@@ -34,13 +35,14 @@ class SystemDouble:
         """Cells as ROS has them, side of a cell, origin."""
         self.commands: list[tuple[str, dict[str, Any]]] = []
         self.freshness = "fresh"
+        self.advice = Advice(sender="coordinator", note="there is no belief yet")
         self.state: State = "searching"
         self._step = 0
         session.declare_subscriber(keys.LASER_READING, self._on_laser)
         session.declare_subscriber(keys.ODOMETRY_READING, self._on_odometry)
         session.declare_subscriber(keys.OBSERVATION_READING, self._on_observation)
         session.declare_subscriber(keys.MAP_READING, self._on_map)
-        for key in (keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.STATUS):
+        for key in (keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.STATUS, keys.ADVICE):
             session.declare_queryable(key, self._on_query, complete=True)
 
     def believe(
@@ -89,6 +91,9 @@ class SystemDouble:
         with query:
             if key == keys.STATUS:
                 query.reply(key, encode(self._status()))
+                return
+            if key == keys.ADVICE:
+                query.reply(key, encode(self.advice))
                 return
             assert query.payload is not None
             self.commands.append((key, msgpack.unpackb(query.payload.to_bytes())))

@@ -29,6 +29,7 @@ SENT = {
     "MP /amcl/hypotheses visualization_msgs::msg::dds_::MarkerArray_ :1:,1:,:,:,,",
     "MP /amcl/hypotheses/poses geometry_msgs::msg::dds_::PoseArray_ :1:,1:,:,:,,",
     "MP /amcl/hypotheses/detection vision_msgs::msg::dds_::Detection3D_ :1:,1:,:,:,,",
+    "MP /amcl/advice nav_msgs::msg::dds_::Path_ :1:,1:,:,:,,",
     "MP /amcl/state std_msgs::msg::dds_::String_ :1:,1:,:,:,,",
     "MP /amcl/probability std_msgs::msg::dds_::Float64_ :1:,1:,:,:,,",
 }
@@ -43,6 +44,7 @@ SERVED = {
     "/reinitialize_global_localization std_srvs::srv::dds_::Empty_",
     "/request_nomotion_update std_srvs::srv::dds_::Empty_",
     "/set_initial_pose nav2_msgs::srv::dds_::SetInitialPose_",
+    "/amcl/advise std_srvs::srv::dds_::Empty_",
     "/amcl/is_localized std_srvs::srv::dds_::Trigger_",
     "/amcl/change_state lifecycle_msgs::srv::dds_::ChangeState_",
     "/amcl/get_state lifecycle_msgs::srv::dds_::GetState_",

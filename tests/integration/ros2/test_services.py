@@ -2,14 +2,16 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
+from protocol.advice import Advice, Way
 from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.messages_out import pose_stamped
-from ros2_bridge.topics import DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
+from ros2_bridge.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
 from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
 from tests.integration.waiting import wait_until
 
@@ -37,6 +39,32 @@ def test_commands_reach_the_system(
     assert command["covariance"] == pytest.approx(COVARIANCE)
     robot.put_initial_pose((4.0, 2.0, 0.5))
     wait_until(lambda: len(system.commands) == 4)
+
+
+def test_advice_is_published_as_a_path_in_the_odometry_frame(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts()
+    start_bridge(ACTIVE)
+    paths = robot.listen(ADVICE)
+    robot.call("/amcl/advise", types.EMPTY)
+    wait_until(lambda: paths)
+    assert len(paths[-1].poses) == 0
+    way = Way(
+        poses=((0.0, 0.0, 0.0), (1.0, 0.5, 0.0)), length_m=1.1, turn_rad=0.0, information=0.5,
+        sure_probability=0.3, sight_bearing_rad=0.0, sight_ranges_m=(1.0, 2.0),
+    )  # fmt: skip
+    system.advice = Advice(
+        sender="coordinator", step=3, stamp_ns=7_000_000_000, clusters=(1, 2), ways=(way,),
+        odom_from_robot=(2.0, 3.0, np.pi / 2.0), places=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+    )  # fmt: skip
+    robot.call("/amcl/advise", types.EMPTY)
+    wait_until(lambda: len(paths[-1].poses) == 2)
+    path = paths[-1]
+    assert (path.header.frame_id, path.header.stamp.sec) == ("odom", 7)
+    end = path.poses[1].pose.position
+    assert (end.x, end.y) == pytest.approx((1.5, 4.0))
 
 
 def test_the_service_is_localized_answers_the_state(
