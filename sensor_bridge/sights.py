@@ -3,7 +3,7 @@
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,10 +37,13 @@ FIRST_SHARE = 0.5
 @dataclass(frozen=True)
 class _Sight:
     source: str
+    name: str
     place: Pose | None
     """(3,) the landmark's position by odometry; None: an observation of the robot's pose."""
     odom_from_robot: Pose
     stamp_ns: int
+    share: float = 0.0
+    """Share of it that was new."""
 
 
 class Sights:
@@ -59,7 +62,7 @@ class Sights:
         self._names = frozenset(landmark.name for landmark in landmarks)
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
-        self._placed: list[tuple[Source, Placed, Pose]] = []
+        self._placed: list[tuple[Source, Placed, Pose, float]] = []
         self._sources = Sources(landmarks)
         self.judge = self._sources.judge
         self._past: deque[_Sight] = deque(maxlen=256)
@@ -92,14 +95,14 @@ class Sights:
         """Return the observations for the next step, relative to the robot's pose there."""
         after, placed = np.array(odom_from_robot), self._placed
         self._placed, usable = [], []
-        for source, there, before in placed:
+        for source, there, before, weight in placed:
             here = there.moved(between(before, after))
             seen = Seen(
                 landmark=here.landmark,
                 mean=tuple(here.mean.tolist()),
                 covariance=tuple(here.covariance.ravel().tolist()),
                 outlier_probability=here.outlier_probability,
-                share=here.share,
+                share=here.share * weight,
             )
             # A step with an impossible observation would be refused by every worker.
             if observation_problem(seen) is not None:
@@ -125,29 +128,43 @@ class Sights:
         mean, odom_from_robot, place = np.array(observation.mean), np.array(pose), None
         if observation.landmark:
             place = compose(odom_from_robot, np.append(mean, 0.0))
-        sight = _Sight(observation.sender, place, odom_from_robot, observation.stamp_ns)
-        share = self._share(sight, observation.correlation_s)
+        name = observation.landmark
+        sight = _Sight(observation.sender, name, place, odom_from_robot, observation.stamp_ns)
+        share, weight = self._share(sight, observation.correlation_s)
         if share < LEAST_SHARE:
             return 0.0
         if len(self._placed) >= MAX_OBSERVATIONS:
             self._dropped[TOO_MANY_OBSERVATIONS] += 1
             return 0.0
-        self._past.append(sight)
+        self._past.append(replace(sight, share=share))
         covariance = np.reshape(observation.covariance, (len(mean), len(mean)))
         odds = observation.outlier_probability
         seen = Placed(mean, covariance, observation.landmark, odds, share)
-        self._placed.append(((observation.sender, observation.landmark), seen, odom_from_robot))
-        return share
+        source = (observation.sender, observation.landmark)
+        self._placed.append((source, seen, odom_from_robot, weight))
+        return share * weight
 
-    def _share(self, sight: _Sight, correlation_s: float) -> float:
-        for past in reversed(self._past):
-            if past.source != sight.source or (past.place is None) != (sight.place is None):
-                continue
-            apart = 0.0
-            if past.place is not None and sight.place is not None:
-                if math.dist(past.place[:2], sight.place[:2]) > SAME_M:
-                    continue
-                apart = math.dist(past.odom_from_robot[:2], sight.odom_from_robot[:2]) / VIEW_M
-            waited_s = abs(sight.stamp_ns - past.stamp_ns) * 1e-9
-            return -math.expm1(-apart - waited_s / correlation_s)
-        return 1.0
+    def _share(self, sight: _Sight, correlation_s: float) -> tuple[float, float]:
+        """Return the share of a sight that is new, and the weight of that share in the belief."""
+        before = [past for past in self._past if self._is_same(past, sight)]
+        if not before:
+            return 1.0, 1.0
+        last, apart = before[-1], 0.0
+        if sight.place is not None:
+            apart = math.dist(last.odom_from_robot[:2], sight.odom_from_robot[:2]) / VIEW_M
+        waited_s = abs(sight.stamp_ns - last.stamp_ns) * 1e-9
+        share = -math.expm1(-apart - waited_s / correlation_s)
+        # A landmark that was moved is wrong at every sight, so later sights of it weigh less. One
+        # with another name is no repetition: the names before may have been false.
+        if sight.place is None:
+            return share, 1.0
+        repeated = math.fsum(each.share for each in before if each.name == sight.name)
+        return share, 1.0 / (1.0 + repeated)
+
+    @staticmethod
+    def _is_same(past: _Sight, sight: _Sight) -> bool:
+        if past.source != sight.source or (past.place is None) != (sight.place is None):
+            return False
+        if past.place is None or sight.place is None:
+            return True
+        return math.dist(past.place[:2], sight.place[:2]) <= SAME_M

@@ -1,5 +1,6 @@
 """Observations on their way to a step."""
 
+import math
 from collections import Counter
 
 import pytest
@@ -64,6 +65,18 @@ def test_a_wrong_name_does_not_make_a_sight_of_the_same_thing_new() -> None:
         (0.0, 1.0),
         (1.5, 1.0),
     ]
+
+
+def test_later_sights_of_the_same_tag_weigh_less() -> None:
+    """A tag that was moved is wrong at every sight, however far the robot drives meanwhile."""
+    sights, shares = Sights(TAGS, Counter()), []
+    for metre in range(30):
+        sights.see(seen(metre, x=5.0 - 0.1 * metre))
+        sights.moved(metre * SECOND, (0.1 * metre, 0.0, 0.0))
+        shares += [each.share for each in sights.take(metre, (0.1 * metre, 0.0, 0.0))]
+    assert shares[0] == 1.0
+    assert shares == sorted(shares, reverse=True)
+    assert sum(shares) < 1.0 + math.log(1.0 + len(shares))
 
 
 def test_what_cannot_be_used_is_counted_by_its_cause() -> None:
