@@ -24,7 +24,7 @@ def drive(seed: int, moved_m: float) -> tuple[list[bool], list[float], list[int]
     """Drive past the tag.
 
     Returns:
-        For each step: whether the belief is right, the share of its observations that was new,
+        For each step: whether the belief is right, the weight of its observations,
         and how many did not count.
     """
     simulation, rng = Simulation(OFFICE, seed), np.random.default_rng(seed)
@@ -61,12 +61,12 @@ def test_a_tag_that_was_moved_back_counts_again() -> None:
     _, news, left_out = drive(4, 2.0)
     last = np.flatnonzero(left_out)[-1]
     assert sum(left_out[:last]) > 20
-    assert math.fsum(news[last:]) > 3.0
+    assert math.fsum(news[last:]) > 0.5  # later sights weigh less
 
 
 def test_a_tag_at_its_place_always_counts() -> None:
     for seed in range(3):
         rights, news, left_out = drive(seed, 0.0)
         assert all(rights)
-        assert math.fsum(news) > 4.0
+        assert math.fsum(news) > 2.5
         assert not any(left_out)
