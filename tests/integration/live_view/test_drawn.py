@@ -715,9 +715,13 @@ def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> No
             )
             drawn = "return liveView.beside.view.step.step"
             shows(stage, lambda: page.run(drawn) == 7)
-            assert page.run("return liveView.beside.view.view") == page.run(
-                "return liveView.view.view"
-            ), "both show the same section"
+            both = "return [liveView.beside.view.view, liveView.view.view]"
+
+            def show_the_same_section() -> bool:
+                one, other = page.run(both)
+                return bool(one == other)
+
+            shows(stage, show_the_same_section)  # the caption may just have changed its height
             page.save(pictures / f"amcl-{screen}.png")
             page.run("liveView.travel.toNow()")
             shows(stage, lambda: page.run(drawn) == 12)
