@@ -16,7 +16,7 @@ from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
-from process_runtime.watchdog import sign_of_life
+from process_runtime.watchdog import SignsOfLife
 from protocol.errors import ClusterMclError
 from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 
@@ -68,7 +68,7 @@ def process_main(
     share_arenas()
     faulthandler.enable()  # prints the stack when systemd's watchdog sends SIGABRT
     stop = stop_on_signals()
-    stop.on_look = sign_of_life()
+    stop.on_look = SignsOfLife().give
     code = run_process(name, body, stop, describe=describe, add_arguments=add_arguments)
     stop.on_look = lambda: None  # a failed process must not report READY now
     if not stop.is_set():  # else the signal handler has set the same timer

@@ -158,7 +158,10 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
 class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Worker processes of this machine."""
 
-    count: Annotated[int, described("worker processes", "", gt=0)] = 12
+    count: Annotated[
+        int,
+        described("worker processes; 0: as many as have work, from 2 to one for each core", ge=0),
+    ] = 0
     cache_folder: Annotated[
         str, described("folder for likelihood fields; empty: the user's cache folder")
     ] = ""

@@ -5,6 +5,7 @@ seconds. A parent that forks its children imports and compiles once, and they st
 """
 
 import gc
+import itertools
 import logging
 import os
 import signal
@@ -17,13 +18,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn, Protocol
+from typing import NoReturn, Protocol, TypeAlias
 
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR, outermost
 from process_runtime.parent import PARENT_VARIABLE, die_with_parent
 from process_runtime.stop import StopFlag, stop_on_signals
-from process_runtime.watchdog import Listener, sign_of_life
+from process_runtime.watchdog import Listener, SignsOfLife
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +61,10 @@ class Backoff:
         return wait_s
 
 
+ReportJobs: TypeAlias = Callable[[int], None]
+"""Reports to the supervisor how many jobs a child has."""
+
+
 @dataclass(frozen=True)
 class ChildSpec:
     """A process to keep alive."""
@@ -69,7 +74,7 @@ class ChildSpec:
     """Program and arguments; see `python_module`."""
     log: Path | None = None
     """File for its output (appended); None: this process's standard error."""
-    fork: Callable[[StopFlag], None] | None = None
+    fork: Callable[[StopFlag, ReportJobs], None] | None = None
     """Work of a forked child, in place of a command; called with the child's own stop flag."""
 
 
@@ -136,13 +141,27 @@ class Supervisor:
         polled = [child.polled(now_s) for child in self._children]
         return [ended for ended in polled if ended is not None]
 
+    def jobs(self) -> dict[str, int | None]:
+        """Return the number of jobs of each child; None: it has not reported any."""
+        return {child.spec.name: child.jobs for child in self._children}
+
+    def remove(self, name: str) -> None:
+        """End a child, and do not restart it."""
+        (child,) = (each for each in self._children if each.spec.name == name)
+        self._children.remove(child)
+        self._end([child], _TERMINATE_FORKS_WITHIN_S)
+
     def pids(self) -> dict[str, int]:
         """Return the process ids of the running children by name."""
         return {child.spec.name: child.process.pid for child in self._children if child.process}
 
     def stop(self, within_s: float = _TERMINATE_WITHIN_S) -> None:
         """End all children: SIGTERM, then SIGKILL after `within_s` [s]."""
-        running = [child.process for child in self._children if child.process]
+        self._end(self._children, within_s)
+
+    @staticmethod
+    def _end(children: Sequence["_Child"], within_s: float) -> None:
+        running = [child.process for child in children if child.process]
         for process in running:
             process.send_signal(signal.SIGTERM)
         deadline_s = time.monotonic() + within_s
@@ -151,7 +170,7 @@ class Supervisor:
                 for process in running:
                     process.send_signal(signal.SIGKILL)
             time.sleep(_POLL_S / 5)
-        for child in self._children:
+        for child in children:
             child.forget()
 
 
@@ -193,6 +212,10 @@ class _Child:
         self._started_at_s = 0.0
         self._start_at_s: float | None = None
         self._listener: Listener | None = None
+
+    @property
+    def jobs(self) -> int | None:
+        return self._listener.jobs if self._listener is not None else None
 
     def start(self) -> None:
         self._start_at_s, self._started_at_s = None, time.monotonic()
@@ -256,7 +279,9 @@ def _executed(spec: ChildSpec, variables: dict[str, str]) -> _Process:
         )
 
 
-def _forked(name: str, work: Callable[[StopFlag], None], variables: dict[str, str]) -> _Process:
+def _forked(
+    name: str, work: Callable[[StopFlag, ReportJobs], None], variables: dict[str, str]
+) -> _Process:
     """Fork; in the child, do the work and exit."""
     parent_pid = os.getpid()
     sys.stdout.flush()
@@ -271,7 +296,10 @@ def _forked(name: str, work: Callable[[StopFlag], None], variables: dict[str, st
 
 
 def _run_fork(
-    name: str, work: Callable[[StopFlag], None], variables: dict[str, str], parent_pid: int
+    name: str,
+    work: Callable[[StopFlag, ReportJobs], None],
+    variables: dict[str, str],
+    parent_pid: int,
 ) -> NoReturn:
     code = 1
     try:
@@ -280,10 +308,11 @@ def _run_fork(
         if comm.exists():  # the name that `ps` and `top` show; the kernel keeps 15 bytes
             comm.write_text(name, "utf-8")
         stop = stop_on_signals()
-        stop.on_look = sign_of_life(variables)
+        signs = SignsOfLife(variables)
+        stop.on_look = signs.give
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         configure_logging(name, logging.getLevelName(logging.getLogger().level))
-        code = outermost(name, lambda: work(stop))
+        code = outermost(name, lambda: work(stop, signs.report_jobs))
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -300,20 +329,50 @@ def use_one_thread_for_arithmetic() -> None:
         os.environ[variable] = "1"
 
 
+class ChildCount:
+    """How many children to run: one for each job, within limits.
+
+    Args:
+        least: a second child takes over at once if the only other one dies.
+        most: more children than processor cores make every step slower.
+        idle_s: a child is not needed after this time without work [s].
+    """
+
+    def __init__(self, least: int, most: int, idle_s: float = 30.0) -> None:
+        self._least, self._most, self._idle_s = least, most, idle_s
+        self._count = least
+        self._needed_s = 0.0
+
+    def wanted(self, jobs: int, now_s: float) -> int:
+        """Return how many children to run.
+
+        Args:
+            jobs: the number of jobs of all children.
+            now_s: `time.monotonic` [s].
+        """
+        needed = min(max(jobs, self._least), self._most)
+        if needed >= self._count:
+            self._count, self._needed_s = needed, now_s
+        elif now_s - self._needed_s > self._idle_s:
+            self._count = needed
+        return self._count
+
+
 def run_forked(
-    count: int,
-    child_main: Callable[[int, StopFlag], None],
+    count: ChildCount,
+    child_main: Callable[[int, StopFlag, ReportJobs], None],
     stop: StopFlag,
     *,
     name: str,
     hung_after_s: float = FORK_HUNG_AFTER_S,
 ) -> None:
-    """Keep `count` forked children alive until `stop` is set, then end them.
+    """Keep forked children alive until `stop` is set, then end them.
 
     Args:
-        count: number of children.
-        child_main: the work of one child, given its index from 0 and its own stop flag. It opens
-            its own Zenoh session; the parent must never have opened one.
+        count: decides how many children run. Only children without a job are ended.
+        child_main: the work of one child, given its index from 0, its own stop flag, and a
+            function that reports its number of jobs. It opens its own Zenoh session; the parent
+            must never have opened one.
         stop: stop flag of this process.
         name: name of this process; children are called ``name-index`` in the log.
         hung_after_s: a child that does not check its stop flag for this time is killed [s].
@@ -326,13 +385,20 @@ def run_forked(
     _check_single_threaded()
     gc.collect()
     gc.freeze()  # else the collector writes to, and so copies, every shared page
-    children = [
-        ChildSpec(f"{name}-{index}", fork=partial(child_main, index)) for index in range(count)
-    ]
-    supervisor = Supervisor(children, hung_after_s=hung_after_s)
+    supervisor = Supervisor([], hung_after_s=hung_after_s)
     try:
-        supervisor.start()
-        while not stop.wait(_POLL_S):
+        while True:
+            jobs, now_s = supervisor.jobs(), time.monotonic()
+            wanted = count.wanted(sum(filter(None, jobs.values())), now_s)
+            free = (index for index in itertools.count() if f"{name}-{index}" not in jobs)
+            for index in itertools.islice(free, max(wanted - len(jobs), 0)):
+                fork = partial(child_main, index)
+                supervisor.add(ChildSpec(f"{name}-{index}", fork=fork))
+            idle = [child for child, held in jobs.items() if held == 0]
+            for child in idle[::-1][: max(len(jobs) - wanted, 0)]:
+                supervisor.remove(child)
+            if stop.wait(_POLL_S):
+                return
             for ended in supervisor.poll(time.monotonic()):
                 _log.warning(
                     "%s ended with code %d; restarting in %.1f s",

@@ -1,61 +1,63 @@
 """Signs of life of a process, by systemd's protocol (``sd_notify(3)``).
 
 A process sends datagrams to the socket in NOTIFY_SOCKET, to systemd or to our supervisor, which
-restarts a process that stops sending. Without the variable nothing is sent.
+restarts a process that stops sending. Without the variable nothing is sent. A worker also sends
+its number of jobs, in a variable of its own, as the protocol allows.
 """
 
 import os
 import socket
 import time
-from collections.abc import Callable, MutableMapping
+from collections.abc import MutableMapping
 from contextlib import suppress
 
 SOCKET_VARIABLE, INTERVAL_VARIABLE = "NOTIFY_SOCKET", "WATCHDOG_USEC"
 _PID_VARIABLE = "WATCHDOG_PID"
 _SIGNS_AN_INTERVAL = 4
+_JOBS = b"X_JOBS="
 
 
-def sign_of_life(environment: MutableMapping[str, str] = os.environ) -> Callable[[], None]:
-    """Return the function that a process's loop calls in each turn.
-
-    Its first call reports READY, so make it after a slow start. Later calls are passed on
-    at the rate that the supervisor requires.
+class SignsOfLife:
+    """Sends a process's signs of life, if it has a supervisor.
 
     Args:
         environment: the variables are removed, because child processes must not use them.
     """
-    address = environment.pop(SOCKET_VARIABLE, "")
-    interval_s = int(environment.pop(INTERVAL_VARIABLE, "0")) / 1e6 or float("inf")
-    if not address or environment.pop(_PID_VARIABLE, str(os.getpid())) != str(os.getpid()):
-        return _nothing
-    sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    sender.setblocking(False)  # losing a sign is better than blocking the loop
-    if address.startswith("@"):  # abstract, without a file
-        address = f"\0{address[1:]}"
-    return _Signs(sender, address, interval_s / _SIGNS_AN_INTERVAL).give
 
-
-def _nothing() -> None:
-    """Do nothing: there is no supervisor."""
-
-
-class _Signs:
-    def __init__(self, sender: socket.socket, address: str, every_s: float) -> None:
-        self._sender, self._address, self._every_s = sender, address, every_s
-        self._due_s = 0.0
-        self._words = b"READY=1\nWATCHDOG=1"
+    def __init__(self, environment: MutableMapping[str, str] = os.environ) -> None:
+        address = environment.pop(SOCKET_VARIABLE, "")
+        interval_s = int(environment.pop(INTERVAL_VARIABLE, "0")) / 1e6 or float("inf")
+        is_for_us = environment.pop(_PID_VARIABLE, str(os.getpid())) == str(os.getpid())
+        self._due_s = 0.0 if address and is_for_us else float("inf")
+        self._every_s = interval_s / _SIGNS_AN_INTERVAL
+        self._words, self._jobs = b"READY=1\nWATCHDOG=1", b""
+        # An address that begins with @ is abstract: it has no file.
+        self._address = f"\0{address[1:]}" if address.startswith("@") else address
+        self._sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._sender.setblocking(False)  # losing a sign is better than blocking the loop
 
     def __del__(self) -> None:
         self._sender.close()
 
     def give(self) -> None:
+        """Send a sign if one is due; call this in each turn of the process's loop.
+
+        The first call reports READY, so make it after a slow start.
+        """
         now_s = time.monotonic()
         if now_s < self._due_s:
             return
         with suppress(OSError):  # no listener, or its buffer is full
-            self._sender.sendto(self._words, self._address)
+            self._sender.sendto(self._words + self._jobs, self._address)
             self._words = b"WATCHDOG=1"
             self._due_s = now_s + self._every_s
+
+    def report_jobs(self, count: int) -> None:
+        """Report how many jobs the process has, at once if the number has changed."""
+        jobs = b"\n%s%d" % (_JOBS, count)
+        if jobs != self._jobs and self._due_s < float("inf"):
+            self._jobs, self._due_s = jobs, 0.0
+            self.give()
 
 
 class HangDetector:
@@ -96,6 +98,8 @@ class Listener:
         self._socket.setblocking(False)
         self._socket.bind("")  # an abstract address chosen by the kernel, without a file
         self._detector = HangDetector(hung_after_s)
+        self.jobs: int | None = None
+        """The number of jobs that the child reported last; None: it has not reported any."""
 
     def variables(self) -> dict[str, str]:
         """Return the variables for the child's environment."""
@@ -106,8 +110,11 @@ class Listener:
 
     def is_hung(self, now_s: float) -> bool:
         with suppress(BlockingIOError):
-            while self._socket.recv(64):
+            while words := self._socket.recv(64):
                 self._detector.on_sign(now_s)
+                for word in words.split(b"\n"):
+                    if word.startswith(_JOBS) and word[len(_JOBS) :].isdigit():
+                        self.jobs = int(word[len(_JOBS) :])
         return self._detector.hangs(now_s)
 
     def close(self) -> None:

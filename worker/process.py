@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import time
 from collections.abc import Iterable
 from concurrent.futures import Future
@@ -15,7 +16,12 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.stop import StopFlag
-from process_runtime.supervisor import run_forked, work_without_preempting
+from process_runtime.supervisor import (
+    ChildCount,
+    ReportJobs,
+    run_forked,
+    work_without_preempting,
+)
 from protocol import keys
 from protocol.advice import AdviceQuestion
 from protocol.codec import decode
@@ -39,6 +45,8 @@ from worker.worker import (
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received
 
+SPARE = 1
+"""Least number of workers beyond one, so that another continues at once if one dies."""
 KEPT_SCANS = 64
 KEPT_CHECKPOINTS = 4
 """Number of checkpoints kept between two polls; two coordinators publish during a take-over."""
@@ -80,16 +88,17 @@ def run_workers(invocation: Invocation) -> None:
     cache = Path(folder).expanduser() if folder else default_cache_folder()
     compile_kernels(SensorSettings())
 
-    def child(index: int, stop: StopFlag) -> None:
+    def child(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:
         name = f"{prefix}-{index}"
         with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
             node.open()
             work_without_preempting()
-            WorkerLoop(node, cache).run()
+            WorkerLoop(node, cache, report_jobs).run()
 
-    run_forked(
-        invocation.arguments.count or settings.worker.count, child, invocation.stop, name=prefix
-    )
+    fixed = invocation.arguments.count or settings.worker.count
+    cores = max(SPARE + 1, len(os.sched_getaffinity(0)))
+    count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, cores)
+    run_forked(count, child, invocation.stop, name=prefix)
 
 
 class WorkerLoop:
@@ -98,10 +107,12 @@ class WorkerLoop:
     Args:
         node: the open node of this process.
         cache_folder: folder for computed sensor models.
+        report_jobs: called with the number of jobs after each order.
     """
 
-    def __init__(self, node: Node, cache_folder: Path) -> None:
+    def __init__(self, node: Node, cache_folder: Path, report_jobs: ReportJobs) -> None:
         self._node, self._cache_folder = node, cache_folder
+        self._report_jobs = report_jobs
         self._worker, self._pause = Worker(node.name), SearchPause()
         self._reports = node.publisher(keys.worker_report(node.name), may_wait=True)
         node.publish_health(keys.worker_health(node.name))
@@ -169,6 +180,7 @@ class WorkerLoop:
                     self._node.health.happened("reports")
                 case Answer(asked, message):
                     asked.answer(message)
+                    self._report_jobs(self._worker.jobs)
                 case FetchMap():
                     self._fetch_map()
                 case BuildModel():

@@ -167,6 +167,11 @@ class Worker:
         """A query for advice, and the slices of its answer."""
 
     @property
+    def jobs(self) -> int:
+        """How many jobs it has."""
+        return len(self._table.summary())
+
+    @property
     def searches(self) -> bool:
         """Whether there is work for `search`."""
         return self._table.searches or self._advising is not None

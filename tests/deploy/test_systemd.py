@@ -77,7 +77,7 @@ def test_the_target_wants_units_that_are_there() -> None:
 
 
 def test_the_example_settings_are_settings() -> None:
-    assert load_settings(DEPLOY / "settings.toml", []).worker.count == 12
+    assert load_settings(DEPLOY / "settings.toml", []).worker.count == 0
 
 
 def installed(folder: Path, *, secure: bool) -> Path:

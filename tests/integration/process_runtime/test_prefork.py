@@ -56,6 +56,30 @@ def test_forked_children_have_own_sessions_and_killed_or_hung_ones_are_replaced(
     assert process.err.count("killed") == 1
 
 
+def test_children_start_with_more_jobs_and_idle_ones_end_later(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    endpoint = f"zenoh.router={router.router}"
+    start_process(python_script(FORKING, "--set", endpoint, "--count", "2", "--most", "4"))
+    session = open_client()
+    for index in range(2):
+        wait_until(partial(ask, session, index))
+    session.get("child/0", payload="3")
+    session.get("child/1", payload="2")
+    wait_until(partial(ask, session, 3))
+    first = [ask(session, index) for index in range(4)]
+    session.get("child/3", payload="1")
+    session.get("child/2", payload="0")
+    for index in range(2):
+        session.get(f"child/{index}", payload="1")
+    wait_until(lambda: not session_has(session, 2))
+    assert [ask(session, index) for index in (0, 1, 3)] == [first[0], first[1], first[3]]
+
+
+def session_has(session: zenoh.Session, index: int) -> bool:
+    return any(reply.ok is not None for reply in session.get(f"child/{index}", timeout=1.0))
+
+
 def test_children_that_still_look_for_a_router_end_too(
     zenoh_settings: ZenohSettings, start_process: StartProcess
 ) -> None:
@@ -69,10 +93,10 @@ def test_children_that_still_look_for_a_router_end_too(
 
 def test_a_fork_with_other_threads_running_is_refused(start_process: StartProcess) -> None:
     program = (
-        "import threading; from process_runtime.supervisor import run_forked;"
+        "import threading; from process_runtime.supervisor import ChildCount, run_forked;"
         "from process_runtime.stop import StopFlag;"
         "threading.Thread(target=threading.Event().wait, daemon=True).start();"
-        "run_forked(1, print, StopFlag(), name='x')"
+        "run_forked(ChildCount(1, 1), print, StopFlag(), name='x')"
     )
     process = start_process([sys.executable, "-I", "-c", program])
     assert process.wait() == 1

@@ -13,7 +13,7 @@ import pytest
 
 from process_runtime.main import EXIT_ERROR
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
-from process_runtime.watchdog import sign_of_life
+from process_runtime.watchdog import SignsOfLife
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import python_script
 from tests.integration.waiting import PATIENCE_S, wait_until
@@ -104,19 +104,19 @@ def test_a_loop_that_hangs_sends_no_sign_of_life_though_a_thread_runs(
 
 
 def test_no_sign_of_life_without_the_variable_or_in_another_process(systemd: Systemd) -> None:
-    sign_of_life({})()
+    SignsOfLife({}).give()
     named = {"NOTIFY_SOCKET": os.environ["NOTIFY_SOCKET"], "WATCHDOG_USEC": "1"}
-    sign_of_life({**named, "WATCHDOG_PID": "1"})()
+    SignsOfLife({**named, "WATCHDOG_PID": "1"}).give()
     assert systemd.hears(0.1) is None
-    sign_of_life({**named, "WATCHDOG_PID": str(os.getpid())})()
+    SignsOfLife({**named, "WATCHDOG_PID": str(os.getpid())}).give()
     assert systemd.hears(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
 
 
 def test_a_missing_or_slow_watchdog_delays_no_process(tmp_path: Path) -> None:
-    sign_of_life({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"})()
+    SignsOfLife({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"}).give()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf:
         deaf.bind(str(tmp_path / "deaf"))
-        sign = sign_of_life({"NOTIFY_SOCKET": str(tmp_path / "deaf"), "WATCHDOG_USEC": "1"})
+        sign = SignsOfLife({"NOTIFY_SOCKET": str(tmp_path / "deaf"), "WATCHDOG_USEC": "1"}).give
         for _ in range(2000):
             sign()
 
