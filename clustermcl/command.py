@@ -69,6 +69,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "settings": recordings.settings,
     },
     "Single processes": {
+        "warm-up": running.warm_up,
         "router": running.router,
         "worker": running.worker,
         "ros2": running.ros2,

@@ -17,6 +17,10 @@ from particle_filter.arrays import F, Pose, Poses
 cache_problems: list[str] = []
 """Reasons why machine code could not be read from disk or written, logged at the start."""
 
+on_compile: list[Callable[[str], None]] = []
+"""Functions to call with the name of each kernel before it is compiled. A kernel is read from
+disk if it was compiled before."""
+
 
 def kernel(function: F) -> F:
     """Compile `function` at its first call and keep the machine code on disk.
@@ -36,7 +40,18 @@ def kernel(function: F) -> F:
         _stamp_with_callees(compiled, function)
         for method in ("load_overload", "save_overload"):
             setattr(compiled._cache, method, _forgiving(getattr(compiled._cache, method)))
+        compiled._cache.load_overload = _announced(compiled._cache.load_overload, function.__name__)
     return cast(F, compiled)
+
+
+def _announced(load: Callable[..., Any], name: str) -> Callable[..., Any]:
+    def load_or_announce(*arguments: Any) -> Any:
+        if (code := load(*arguments)) is None:
+            for announce in on_compile:
+                announce(name)
+        return code
+
+    return load_or_announce
 
 
 def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:

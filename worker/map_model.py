@@ -41,6 +41,11 @@ def default_cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "clustermcl"
 
 
+def chosen_cache_folder(named: str) -> Path:
+    """Return the folder that `worker.cache_folder` names; empty: the user's cache folder."""
+    return Path(named).expanduser() if named else default_cache_folder()
+
+
 def sensor_model(
     grid_map: GridMap, settings: SensorSettings, cache_folder: Path | None
 ) -> SensorModel:

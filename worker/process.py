@@ -29,7 +29,7 @@ from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableE
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
 from protocol.work import Checkpoint, TakeOver, WorkOrder
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import chosen_cache_folder, sensor_model
 from worker.search_queue import SearchPause
 from worker.warm_up import compile_kernels
 from worker.worker import (
@@ -84,8 +84,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def run_workers(invocation: Invocation) -> None:
     """Compile the kernels, fork the workers, and keep them running until the process is stopped."""
     settings, prefix = invocation.settings, invocation.process
-    folder = settings.worker.cache_folder
-    cache = Path(folder).expanduser() if folder else default_cache_folder()
+    cache = chosen_cache_folder(settings.worker.cache_folder)
     compile_kernels(SensorSettings())
 
     def child(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:

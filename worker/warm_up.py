@@ -1,24 +1,68 @@
 """Compiles the kernels, or reads them from their disk cache, before workers are forked."""
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
+from msgspec.structs import replace
 
 from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
 from particle_filter.grid import Grid
+from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
-from protocol.steps import Scan
+from protocol.steps import Landmark, Scan, Seen
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
+
+_TAG = Landmark(name="tag", x=1.0, y=1.0, sigma=0.1)
+_SEEN = Seen(
+    landmark="tag",
+    mean=(1.0, 0.0),
+    covariance=(0.01, 0.0, 0.0, 0.01),
+    outlier_probability=0.05,
+    share=1.0,
+)
 
 _log = logging.getLogger(__name__)
 
 
-def compile_kernels(sensor: SensorSettings) -> None:
-    """Run every kernel once: search a small map, track the places found, weigh elsewhere."""
+def compile_kernels(
+    sensor: SensorSettings, on_compile: Callable[[str], None] | None = None
+) -> None:
+    """Run every kernel once: search and track in a small map, see a tag, and give advice.
+
+    Args:
+        sensor: settings of the sensor model.
+        on_compile: called with the name of each kernel that is not on disk yet; None: log it once.
+    """
+    announce = on_compile or _LogOnce()
+    kernels.on_compile.append(announce)
+    try:
+        _run_kernels(sensor)
+    finally:
+        kernels.on_compile.remove(announce)
+    if kernels.cache_problems:
+        _log.warning(
+            "compiled kernels cannot be kept on disk: %s; every start compiles for some "
+            "seconds, unless NUMBA_CACHE_DIR names a folder that can be written",
+            kernels.cache_problems[0],
+        )
+
+
+class _LogOnce:
+    def __init__(self) -> None:
+        self._logged = False
+
+    def __call__(self, _name: str) -> None:
+        if not self._logged:
+            _log.info("compiling the kernels for this machine: some 15 s, only at the first start")
+        self._logged = True
+
+
+def _run_kernels(sensor: SensorSettings) -> None:
     rng = np.random.default_rng(0)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(sensor=sensor, search=search)
@@ -44,13 +88,9 @@ def compile_kernels(sensor: SensorSettings) -> None:
     track = TrackJob(cluster=0, start=sample, exact=False)
     for one in (track, ElsewhereJob(first_step=3)):
         job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
-        job.advance(_scan(3, rng))
-    if kernels.cache_problems:
-        _log.warning(
-            "compiled kernels cannot be kept on disk: %s; every start compiles for some "
-            "seconds, unless NUMBA_CACHE_DIR names a folder that can be written",
-            kernels.cache_problems[0],
-        )
+        job.advance(replace(_scan(3, rng), observations=(_SEEN,), landmarks=(_TAG,)))
+    angles = np.zeros(1)
+    cast_rays_from_poses(model.jumps, model.grid.cell_m, np.ones((1, 3)), angles, 1.0)  # advice
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:

@@ -26,7 +26,7 @@ from clustermcl.commands.options import (
 )
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
-from process_runtime.settings_file import with_setting
+from process_runtime.settings_file import load_settings, with_setting
 from process_runtime.supervisor import python_module
 from protocol.errors import SettingsError
 
@@ -116,6 +116,17 @@ def up(
     for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
     run_up(chosen, view_at=(listen or HERE) if view else None, allow_commands=allow_commands)
+
+
+def warm_up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Prepare this machine, so that later starts take seconds.
+
+    Compiles the filter's kernels, and computes the likelihood field of bridge.map. Both are kept
+    on disk.
+    """
+    from clustermcl.warm_up import run_warm_up  # noqa: PLC0415 - see the package
+
+    run_warm_up(load_settings(settings_file, [*log_settings(), *(assignments or ())]))
 
 
 @client_command

@@ -1,9 +1,13 @@
 """What processes load: mathematics only where it is done."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from tests.integration.system.commands import ran
 
 HEAVY = {"numba", "llvmlite", "scipy"}
 """Of the 160 MB of a process that computes, 100 are these."""
@@ -19,3 +23,23 @@ def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: st
         [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
     )
     assert ran.stdout.strip() == "[]"
+
+
+def test_warm_up_prepares_kernels_and_the_map(tmp_path: Path) -> None:
+    (tmp_path / "map.pgm").write_bytes(b"P5 20 20 255\n" + bytes(20) + b"\xfe" * 380)
+    description = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    thresholds = "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    (tmp_path / "map.yaml").write_text(description + thresholds)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    warm = ran("warm-up", "--set", f"bridge.map={tmp_path / 'map.yaml'}", environment=environment)
+    assert (warm.returncode, warm.stdout) == (0, "")
+    assert "all kernels are on disk" in warm.stderr
+    assert list((tmp_path / "clustermcl").glob("field-*"))
+
+
+@pytest.mark.parametrize("setting", ["bridge.map=missing.yaml", "sensor.hit_sigma_m=-1"])
+def test_warm_up_refuses_a_missing_map_or_a_wrong_setting(setting: str) -> None:
+    refused = ran("warm-up", "--set", setting)
+    assert refused.returncode == 2
+    assert setting.partition("=")[2] in refused.stderr
+    assert len(refused.stderr.splitlines()) <= 2

@@ -1,0 +1,42 @@
+"""`clustermcl warm-up`: compute what later starts read from disk."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+from particle_filter import kernels
+from process_runtime.logs import is_quiet
+from process_runtime.output_files import OutputError
+from process_runtime.settings import Settings
+from process_runtime.sources import is_published
+from recordings.map_file import load_map_with_obstacles, map_file_of
+from worker.map_model import chosen_cache_folder, sensor_model
+from worker.warm_up import compile_kernels
+
+
+def run_warm_up(settings: Settings) -> None:
+    """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file.
+
+    Raises:
+        ClusterMclError: the map cannot be used, or the kernels cannot be written to disk.
+    """
+    begun_s = time.monotonic()
+    compile_kernels(settings.sensor, lambda name: _say(f"compiling {name}"))
+    if kernels.cache_problems:
+        folder = Path(os.environ.get("NUMBA_CACHE_DIR", "the folder of compiled kernels"))
+        raise OutputError(path=folder, problem=kernels.cache_problems[0])
+    _say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
+    bridge = settings.bridge
+    file = map_file_of(bridge.map, bridge.source)
+    if not file or is_published(file, bridge.source, ros2=settings.ros2.enabled):
+        return
+    grid_map, begun_s = load_map_with_obstacles(file), time.monotonic()
+    sensor_model(grid_map, settings.sensor, chosen_cache_folder(settings.worker.cache_folder))
+    _say(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")
+
+
+def _say(text: str) -> None:
+    if not is_quiet():
+        sys.stderr.write(f"clustermcl: {text}\n")
+        sys.stderr.flush()
