@@ -10,15 +10,15 @@ import msgspec
 from clustermcl.as_json import dumped
 from clustermcl.as_text import pose_text
 from evaluation.map_check.agreement import Agreement, agreement_of
-from evaluation.map_check.drawing import map_page
+from evaluation.map_check.drawing import drawn_report
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
 from evaluation.map_check.views import WAY_M
 from evaluation.recordings import opened
 from process_runtime.output import standard_output
-from process_runtime.output_files import check_output_file, write_output_file
+from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
-from protocol.errors import MapFileError
+from protocol.errors import MapFileError, SettingsError
 from recordings.map_file import load_map_with_obstacles
 from sensor_bridge.recorded import steps_of
 
@@ -50,13 +50,16 @@ def run_check(
         laser_range_m: range of the laser for which places are compared.
         places: number of random places to compare.
         as_json: print one JSON object instead of text.
-        report_file: file for a page with the report; None: no page.
+        report_file: PNG file for a picture of the report; None: no picture.
 
     Raises:
         ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
-            page cannot be written.
+            picture cannot be written.
     """
     if report_file is not None:
+        if report_file.suffix.lower() != ".png":
+            problem = f"--report {report_file}: the picture is a .png file"
+            raise SettingsError(key="--report", problem=problem)
         check_output_file(report_file)
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:
@@ -76,10 +79,9 @@ def run_check(
         seed=settings.seed,
         agreement=agreement,
     )
-    lines = list(lines_of(report))
     if report_file is not None:
-        write_output_file(report_file, map_page(report, lines, grid_map))
-    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines)
+        drawn_report(report, grid_map).save(report_file)
+    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
     standard_output().write(text + "\n")
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)

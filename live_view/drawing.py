@@ -25,7 +25,7 @@ _SIGMAS = 2.0
 _LABELLED = 8
 
 
-class _View(NamedTuple):
+class View(NamedTuple):
     """Conversion from the map to pixels of the drawing."""
 
     left_m: float
@@ -46,9 +46,7 @@ def drawn_picture(
         step: frame of the step, from `step_frame`; None: draw the map only.
         long_side_px: long side of the map in the picture, without margins.
     """
-    view, size = _view_of(grid_map, long_side_px)
-    canvas = Image.new("RGB", size, _UNKNOWN_RGB)
-    _paste_map(canvas, grid_map, view)
+    canvas, view = map_canvas(grid_map, long_side_px)
     draw = ImageDraw.Draw(canvas, "RGBA")
     if step is not None:
         places = step["places"]
@@ -58,7 +56,21 @@ def drawn_picture(
             _draw_truth(draw, view, step["truth"])
         for index, place in reversed(list(enumerate(places))):
             _draw_place(draw, view, place, labelled=index < _LABELLED)
-    return canvas.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.LANCZOS)
+    return smoothed(canvas)
+
+
+def map_canvas(grid_map: MapMessage, long_side_px: int = LONG_SIDE_PX) -> tuple[Image.Image, View]:
+    """Return a drawing of the map, to be drawn on and then smoothed by `smoothed`."""
+    view, size = _view_of(grid_map, long_side_px)
+    canvas = Image.new("RGB", size, _UNKNOWN_RGB)
+    _paste_map(canvas, grid_map, view)
+    return canvas, view
+
+
+def smoothed(canvas: Image.Image) -> Image.Image:
+    """Return the drawing in the size of the picture."""
+    size = (canvas.width // _FINER, canvas.height // _FINER)
+    return canvas.resize(size, Image.Resampling.LANCZOS)
 
 
 def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
@@ -76,17 +88,17 @@ def _corners(grid_map: MapMessage) -> list[tuple[float, float]]:
     return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
 
 
-def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[_View, tuple[int, int]]:
+def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[View, tuple[int, int]]:
     xs, ys = zip(*_corners(grid_map), strict=True)
     long_m = max(max(xs) - min(xs), max(ys) - min(ys))
     px_per_m = _FINER * long_side_px / long_m
     margin = _FINER * _MARGIN_PX
-    view = _View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
+    view = View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
     right, bottom = view.at(max(xs), min(ys))
     return view, (math.ceil(right + margin), math.ceil(bottom + margin))
 
 
-def map_picture(grid_map: MapMessage) -> Image.Image:
+def _map_picture(grid_map: MapMessage) -> Image.Image:
     """Return a picture with one pixel for each cell; its first line has the lowest y."""
     cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
     cells = cells.reshape(grid_map.rows, grid_map.cols)
@@ -95,7 +107,7 @@ def map_picture(grid_map: MapMessage) -> Image.Image:
     return Image.fromarray(colours)
 
 
-def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
+def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: View) -> None:
     """Draw the cells, rotated by the heading of the grid in the map."""
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
@@ -106,14 +118,14 @@ def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
         c * k * cell, -s * k * cell, (c * dx + s * dy) * cell,
         -s * k * cell, -c * k * cell, (-s * dx + c * dy) * cell,
     )  # fmt: skip
-    turned = map_picture(grid_map).transform(
+    turned = _map_picture(grid_map).transform(
         canvas.size, Image.Transform.AFFINE, coefficients, fillcolor=_UNKNOWN_RGB
     )
     canvas.paste(turned)
 
 
 def _draw_scan(
-    draw: ImageDraw.ImageDraw, view: _View, pose: tuple[float, float, float], points_cm: list[int]
+    draw: ImageDraw.ImageDraw, view: View, pose: tuple[float, float, float], points_cm: list[int]
 ) -> None:
     x, y, heading = pose
     c, s = math.cos(heading) / 100.0, math.sin(heading) / 100.0
@@ -122,7 +134,7 @@ def _draw_scan(
         draw.ellipse((left - 4, top - 4, left + 4, top + 4), fill=_SCAN)
 
 
-def _draw_truth(draw: ImageDraw.ImageDraw, view: _View, pose: tuple[float, float, float]) -> None:
+def _draw_truth(draw: ImageDraw.ImageDraw, view: View, pose: tuple[float, float, float]) -> None:
     x, y = view.at(pose[0], pose[1])
     radius = 38
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=_INK, width=5)
@@ -131,7 +143,7 @@ def _draw_truth(draw: ImageDraw.ImageDraw, view: _View, pose: tuple[float, float
 
 
 def _draw_place(
-    draw: ImageDraw.ImageDraw, view: _View, place: Mapping[str, Any], *, labelled: bool
+    draw: ImageDraw.ImageDraw, view: View, place: Mapping[str, Any], *, labelled: bool
 ) -> None:
     colour = PALETTE[place["slot"] % len(PALETTE)]
     x_m, y_m, heading = place["pose"]
@@ -162,7 +174,7 @@ def percent(probability: float) -> str:
     return f"{100 * probability:.{1 if probability < 0.0995 else 0}f} %"
 
 
-def _ellipse(view: _View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
+def _ellipse(view: View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
     """Return the ellipse of two standard deviations of the position as a polygon [px]."""
     xx, xy, yy, _ = place["cov"]
     x_m, y_m, _ = place["pose"]

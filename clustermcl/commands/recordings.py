@@ -130,7 +130,7 @@ def check(
     ] = 12.0,
     places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
     report_file: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw it on a page.")
+        Path | None, typer.Option("--report", metavar="FILE.png", help="Draw it on the map.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
