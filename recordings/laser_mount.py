@@ -3,12 +3,14 @@
 import math
 from collections.abc import Sequence
 from statistics import median
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.poses import between
 from protocol.message import PoseTuple
+from recordings.rigid import Rigid
 
 MAX_MOUNT_M = 10.0
 """Largest distance of a laser from the robot's centre [m]; beyond it, the data are wrong."""
@@ -53,17 +55,9 @@ def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | 
     return (x, y, heading) if mounted else None
 
 
-def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
-    """Return whether a laser is mounted upside down, so that its beams run clockwise.
-
-    Args:
-        frame: name of the laser's frame, for errors.
-        up: upward component of the laser's z axis: 1 upright, -1 upside down.
-        away_m: distance of the laser from the robot's centre.
-
-    Raises:
-        ValueError: the laser is tilted, or too far away to be on the robot.
-    """
+def _hangs_upside_down(frame: str, base_from_laser: Rigid) -> bool:
+    """Return whether a laser is mounted upside down, so that its beams run clockwise."""
+    up, away_m = base_from_laser.up(), math.hypot(base_from_laser.x, base_from_laser.y)
     tilt_rad = math.acos(min(abs(up), 1.0))
     if tilt_rad > MAX_TILT_RAD:
         raise ValueError(f"the laser {frame!r} is tilted by {math.degrees(tilt_rad):.0f} degrees")
@@ -73,17 +67,23 @@ def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
 
 
 def counter_clockwise(
-    start_rad: float, step_rad: float, ranges: NDArray[np.float32], *, upside_down: bool
+    scan: Any, base_from_laser: Rigid | None, least_m: float = -math.inf
 ) -> tuple[float, float, NDArray[np.float32]]:
-    """Return the first direction [rad], the step [rad] and the ranges in counter-clockwise order.
+    """Return first direction [rad], step [rad] and ranges of a scan, counter-clockwise.
 
     Args:
-        start_rad: direction of the first beam in the laser's frame.
-        step_rad: from one beam to the next; negative: clockwise.
-        ranges: (B,) [m].
-        upside_down: whether the laser is mounted upside down.
+        scan: a `sensor_msgs/LaserScan`; ranges below its least one become 0, no return.
+        base_from_laser: pose of the laser on the robot, perhaps upside down; None: unknown.
+        least_m: shortest range, if larger than that of the scan.
+
+    Raises:
+        ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
     """
-    if upside_down:
+    ranges = np.array(scan.ranges, np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < max(scan.range_min, least_m)] = 0.0
+    start_rad, step_rad = float(scan.angle_min), float(scan.angle_increment)
+    if base_from_laser is not None and _hangs_upside_down(scan.header.frame_id, base_from_laser):
         start_rad, step_rad = -start_rad, -step_rad
     if step_rad < 0.0:  # clockwise: the last beam becomes the first
         start_rad, step_rad = start_rad + step_rad * (len(ranges) - 1), -step_rad

@@ -54,15 +54,16 @@ class Recording:
         readings: in the order of time. Stamps of odometry never decrease; scans keep their own
             stamps, at which the true pose is looked up.
         skipped: the skipped lines.
-        duration_s: time from the first reading to the last.
-        laser_count: number of scans among the readings.
     """
 
     path: Path
     readings: Sequence[Reading]
     skipped: tuple[SkippedLine, ...]
-    duration_s: float
-    laser_count: int
+
+    @property
+    def laser_count(self) -> int:
+        """Number of scans among the readings."""
+        return sum(isinstance(reading, LaserReading) for reading in self.readings)
 
 
 class OwnReading(Protocol):
@@ -116,8 +117,6 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
         path=path,
         readings=[_reading(*timed, limit_m, mount) for timed in zip(entries, times, strict=True)],
         skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
-        duration_s=(times[-1] - times[0]) / 1e9,
-        laser_count=len(lasers),
     )
 
 
@@ -126,11 +125,10 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
     for reading in own:
         next_ns = readings[-1].stamp_ns + _BETWEEN_READINGS_NS if readings else 0
         readings.append(reading.as_message(next_ns, mount))
-    laser_count = sum(isinstance(reading, LaserReading) for reading in readings)
-    if not laser_count:
+    recording = Recording(path, readings, ())
+    if not recording.laser_count:
         raise RecordingError(path, f"no scan in it: {len(readings)} readings of odometry")
-    duration_s = (readings[-1].stamp_ns - readings[0].stamp_ns) / 1e9
-    return Recording(path, readings, (), duration_s, laser_count)
+    return recording
 
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
-from recordings.laser_mount import counter_clockwise, hangs_upside_down
+from recordings.laser_mount import counter_clockwise
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from recordings.rigid import Rigid, rigid_of
 from recordings.transforms import TransformMissingError, TransformTree
@@ -283,16 +281,8 @@ def _is_mount_known(
 
 
 def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None) -> LaserEntry:
-    scan, mount, upside_down = message.content, None, False
-    if base_from_laser is not None:
-        mount = base_from_laser.planar()
-        upside_down = hangs_upside_down(frame, base_from_laser.up(), math.hypot(*mount[:2]))
-    ranges = np.array(scan.ranges, np.float32)
-    with np.errstate(invalid="ignore"):
-        ranges[ranges < scan.range_min] = 0.0  # below its range, a laser measures nothing
-    start, step, ranges = counter_clockwise(
-        float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
-    )
+    scan = message.content
+    start, step, ranges = counter_clockwise(scan, base_from_laser)
     limit = float(scan.range_max)
     return LaserEntry(
         line_number=message.number,
@@ -300,7 +290,7 @@ def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None)
         ranges=ranges,
         angle_min_rad=start,
         angle_step_rad=step,
-        robot_from_laser=mount,
+        robot_from_laser=base_from_laser.planar() if base_from_laser else None,
         odom_from_robot=None,
         range_limit_m=limit if limit > 0.0 and math.isfinite(limit) else None,
         laser=frame,

@@ -19,7 +19,7 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
-from recordings.laser_mount import counter_clockwise, hangs_upside_down
+from recordings.laser_mount import counter_clockwise
 from recordings.rigid import Rigid
 from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge.headers import frame_name, stamp_of
@@ -142,15 +142,8 @@ def laser_reading(
     Raises:
         ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
     """
-    away_m = math.hypot(base_from_laser.x, base_from_laser.y)
-    upside_down = hangs_upside_down(scan.header.frame_id, base_from_laser.up(), away_m)
-    ranges = np.array(scan.ranges, np.float32)
-    with np.errstate(invalid="ignore"):
-        ranges[ranges < max(scan.range_min, settings.laser_min_range_m)] = 0.0  # no return
+    start, step, ranges = counter_clockwise(scan, base_from_laser, settings.laser_min_range_m)
     longest_m = settings.laser_max_range_m
-    start, step, ranges = counter_clockwise(
-        float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
-    )
     return LaserReading(
         sender=settings.node_name,
         stamp_ns=stamp_of(scan.header),

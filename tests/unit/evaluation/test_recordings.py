@@ -6,7 +6,7 @@ from recordings.recording import Recording
 
 
 def recording(*skipped: SkippedLine) -> Recording:
-    return Recording(Path("robot.log"), (), skipped, duration_s=1.0, laser_count=1)
+    return Recording(Path("robot.log"), (), skipped)
 
 
 def test_lines_left_out_are_counted_and_named_and_the_first_is_explained() -> None:

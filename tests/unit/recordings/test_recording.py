@@ -262,7 +262,7 @@ def test_odometry_and_scans_are_merged_by_time(tmp_path: Path) -> None:
     assert [reading.stamp_ns for reading in recording.readings] == [
         seconds(t) for t in (1, 2, 3, 4, 5)
     ]
-    assert recording.duration_s == 4.0
+    assert recording.readings[-1].stamp_ns - recording.readings[0].stamp_ns == 4 * 10**9
 
 
 def test_a_sensor_keeps_its_order_where_stamps_step_back(tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_a_line_with_an_impossible_stamp_is_skipped(tmp_path: Path) -> None:
     recording = recording_of(tmp_path, *lines, flaser(1006, ranges=RAMP))
     assert [line.line_number for line in recording.skipped] == [3, 6]
     assert "far from that of its neighbours" in recording.skipped[0].problem
-    assert recording.duration_s == 6.0
+    assert recording.readings[-1].stamp_ns - recording.readings[0].stamp_ns == 6 * 10**9
 
 
 def test_gaps_of_any_length_are_accepted(tmp_path: Path) -> None:
