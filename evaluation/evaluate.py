@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -65,53 +66,29 @@ class EvaluateOptions:
     """File for the estimated trajectory of a single run; None: write no file."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Task:
-    """The specification of a run."""
-
-    options: EvaluateOptions
-    case: Case
-    seed: int
-    settings: Settings
-    start_step: int = 0
-    """First step used of a recording, as if the robot had been switched on there."""
-
-    def prepared(self) -> Run:
-        """Return the run.
-
-        Raises:
-            ClusterMclError: an input cannot be used.
-        """
-        return Run(
-            self.case,
-            ALGORITHMS[self.options.algorithm],
-            self.seed,
-            self.settings,
-            start_step=self.start_step,
-        )
-
-
-def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeasures:
+def executed(
+    options: EvaluateOptions, run: Run, on_update: Callable[[], None] | None = None
+) -> RunMeasures:
     """Execute a run, and write its files.
 
     Args:
-        task: the specification of the run.
+        options: name the files.
+        run: the run.
         on_update: called after each step.
 
     Raises:
         ClusterMclError: an input cannot be used.
     """
-    run = task.prepared()
+    course, steps = run.begun()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
-    options = task.options
     recording = RunLog.to(options.record) if options.record else nullcontext()
     with recording as recorder, written_trajectory(options.tum) as on_pose:
-        for number, (scan, outcome, truth) in enumerate(run.steps()):
+        for number, (scan, outcome, truth) in enumerate(steps):
             facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
             if recorder is not None:
                 if recorder.wants_map(scan):
-                    recorder.on_map(run.course.map, scan.stamp_ns)
+                    recorder.on_map(course.map, scan.stamp_ns)
                 recorder.on_scan(scan)
                 recorder.on_belief(belief_after(scan, outcome, scan.sender))
             if outcome.hypotheses:
@@ -119,7 +96,7 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> RunMeas
             if on_update is not None:
                 on_update()
             if number == options.kidnap_at:
-                run.course.kidnap()
+                course.kidnap()
     return measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
     )
@@ -143,24 +120,25 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         check_output_file(options.output)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
-    tasks = [
-        Task(options=options, case=case, seed=seed, settings=settings)
+    follow = ALGORITHMS[options.algorithm]
+    runs = [
+        Run(case=case, follow=follow, seed=seed, settings=settings)
         for seed in range(settings.seed, settings.seed + seeds)
     ]
-    steps = _steps_count(tasks[0])  # raises input errors before any process is started
+    steps = _steps_count(runs[0])  # raises input errors before any process is started
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
         starts = start_steps(steps, options.starts, case.updates or steps)
-        tasks = [replace(task, start_step=start) for start in starts for task in tasks]
+        runs = [replace(run, start_step=start) for start in starts for run in runs]
     for option, file in {"--record": options.record, "--tum": options.tum}.items():
-        if file is not None and len(tasks) > 1:
+        if file is not None and len(runs) > 1:
             problem = f"{option}: of one run; leave out --seeds and --starts"
             raise SettingsError(key=option, problem=problem)
         if file is not None:
             check_output_file(file)
-    finished = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
-    runs = [
-        {"seed": task.seed, "start_step": task.start_step, **msgspec.structs.asdict(measures)}
-        for task, measures in zip(tasks, finished, strict=True)
+    finished = _all_results(options, runs, min(steps, case.updates or steps))
+    results = [
+        {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
+        for run, measures in zip(runs, finished, strict=True)
     ]
     common = {
         "algorithm": options.algorithm,
@@ -169,11 +147,11 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         "map": options.map_file,
     }
     if options.output is not None:
-        write_results(options.output, common, runs)
+        write_results(options.output, common, results)
     if options.as_json:
-        sys.stdout.write(json.dumps({**common, "runs": runs}, indent=2) + "\n")
+        sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
     else:
-        _print_tables({_title(options, runs): POSES, **MORE_TABLES}, runs)
+        _print_tables({_title(options, results): POSES, **MORE_TABLES}, results)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -254,38 +232,39 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
     )
 
 
-def _steps_count(task: Task) -> int:
+def _steps_count(run: Run) -> int:
     """Return the number of steps of the robot; opens all inputs, which checks them.
 
     Raises:
         ClusterMclError: an input cannot be used.
     """
-    if isinstance(task.case.robot, SimulatedRobot):
-        next(task.prepared().course.steps)
-        return task.case.updates or DEFAULT_STEPS
-    whole = replace(task, case=msgspec.structs.replace(task.case, updates=None))
-    return sum(1 for _ in whole.prepared().course.steps)
+    if isinstance(run.case.robot, SimulatedRobot):
+        next(run.begun()[0].steps)
+        return run.case.updates or DEFAULT_STEPS
+    whole = replace(run, case=msgspec.structs.replace(run.case, updates=None))
+    return sum(1 for _ in whole.begun()[0].steps)
 
 
-def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[RunMeasures]:
+def _all_results(options: EvaluateOptions, runs: Sequence[Run], steps: int) -> list[RunMeasures]:
     """Execute the runs, in parallel if there are several; return their measures in order."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, RunMeasures] = {}
     with _progress() as progress:
-        bar = progress.add_task("steps", total=steps * len(tasks))
+        bar = progress.add_task("steps", total=steps * len(runs))
 
         def on_update() -> None:
             stop.check()
             progress.advance(bar)
 
-        if len(tasks) == 1:
-            done[0] = run_task(tasks[0], on_update)
+        if len(runs) == 1:
+            done[0] = executed(options, runs[0], on_update)
         else:
-            for index, finished in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
+            jobs, work = options.jobs or os.cpu_count() or 1, partial(executed, options)
+            for index, finished in in_parallel(work, runs, jobs, stop):
                 progress.advance(bar, finished.steps)
                 done[index] = finished
     stop.check()
-    return [done[index] for index in range(len(tasks))]
+    return [done[index] for index in range(len(runs))]
 
 
 def _progress() -> Progress:

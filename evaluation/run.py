@@ -6,15 +6,16 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import msgspec
 
 from coordinator.belief.outcome import Outcome
 from evaluation import in_process, mcl
-from evaluation.course import Case, course_of
+from evaluation.course import Case, Course, course_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from process_runtime.parent import die_with_parent
@@ -34,58 +35,60 @@ ALGORITHMS: dict[str, Outcomes] = {
 }
 """Cluster-MCL, ordinary MCL, and augmented MCL (as AMCL)."""
 
+JudgedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
+"""A scan, the belief after it, and the true pose; None where the truth is unknown."""
+
 T = TypeVar("T")
 R = TypeVar("R")
 
 _POLL_S = 0.2
 
 
+@dataclass(frozen=True, kw_only=True)
 class Run:
-    """A run of an algorithm; the map is loaded, and no step is done yet.
+    """One run of an algorithm; it can be sent to another process."""
 
-    Args:
-        case: the robot.
-        follow: the algorithm.
-        seed: of the filter and of a simulated robot.
-        settings: all settings; `seed` overrides theirs.
-        start_step: first step used of a recording.
-        cache_folder: folder for computed likelihood fields; None: the user's.
+    case: Case
+    """The robot."""
+    follow: Outcomes
+    """The algorithm."""
+    seed: int
+    """Seed of the filter, in place of that of the settings, and of a simulated robot."""
+    settings: Settings
+    start_step: int = 0
+    """First step used of a recording, as if the robot had been switched on there."""
 
-    Raises:
-        ClusterMclError: an input cannot be used.
-    """
+    def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[JudgedStep]]:
+        """Open all inputs; return the course, and the steps, each computed when it is requested.
 
-    def __init__(
-        self,
-        case: Case,
-        follow: Outcomes,
-        seed: int,
-        settings: Settings,
-        *,
-        start_step: int = 0,
-        cache_folder: Path | None = None,
-    ) -> None:
-        self.course = course_of(case, seed, settings.bridge, start_step)
-        self._settings = msgspec.structs.replace(settings, seed=seed)
-        self._follow = follow
+        Args:
+            cache_folder: folder for computed likelihood fields; None: the user's.
+
+        Raises:
+            ClusterMclError: an input cannot be used.
+        """
+        course = course_of(self.case, self.seed, self.settings.bridge, self.start_step)
+        settings = msgspec.structs.replace(self.settings, seed=self.seed)
+        folder = cache_folder or default_cache_folder()
         try:
-            self._model = sensor_model(
-                self.course.map, settings.sensor, cache_folder or default_cache_folder()
-            )
+            model = sensor_model(course.map, settings.sensor, folder)
         except ValueError as error:  # the map has no obstacle
-            raise MapFileError(self.course.map_name, str(error)) from error
+            raise MapFileError(course.map_name, str(error)) from error
+        return course, _judged_steps(course, self.follow, model, settings)
 
-    def steps(self) -> Iterator[tuple[Scan, Outcome, PoseTuple | None]]:
-        """Yield each scan, the belief after it, and the true pose, lazily."""
-        truths: dict[int, PoseTuple | None] = {}
 
-        def scans() -> Iterator[Scan]:
-            for scan, truth in self.course.steps:
-                truths[scan.step] = truth
-                yield scan
+def _judged_steps(
+    course: Course, follow: Outcomes, model: SensorModel, settings: Settings
+) -> Iterator[JudgedStep]:
+    truths: dict[int, PoseTuple | None] = {}
 
-        for scan, outcome in self._follow(scans(), self._model, self._settings):
-            yield scan, outcome, truths.pop(scan.step)
+    def scans() -> Iterator[Scan]:
+        for scan, truth in course.steps:
+            truths[scan.step] = truth
+            yield scan
+
+    for scan, outcome in follow(scans(), model, settings):
+        yield scan, outcome, truths.pop(scan.step)
 
 
 class RunError(ClusterMclError):

@@ -64,23 +64,22 @@ class Run:
     """
 
     def __init__(self, task: Task) -> None:
-        self._run = run.Run(
-            task.case,
-            ALGORITHMS[task.algorithm],
-            task.seed,
-            task.settings,
+        self._course, self._steps = run.Run(
+            case=task.case,
+            follow=ALGORITHMS[task.algorithm],
+            seed=task.seed,
+            settings=task.settings,
             start_step=task.start_step,
-            cache_folder=task.cache_folder,
-        )
-        self.observer = Observer(task.case, self._run.course.map)
+        ).begun(task.cache_folder)
+        self.observer = Observer(task.case, self._course.map)
 
     def outcomes(self) -> Iterator[Outcome]:
         """Yield the algorithm's outcome of every step, lazily."""
-        for scan, outcome, truth in self._run.steps():
+        for scan, outcome, truth in self._steps:
             self.observer.on_step(scan, outcome, truth)
             yield outcome
             if self.observer.over:
                 return
             if self.observer.kidnap_now:
-                self._run.course.kidnap()
+                self._course.kidnap()
                 self.observer.kidnapped()

@@ -45,8 +45,9 @@ def beliefs(recording: Path, cache_folder: Path) -> Iterator[Outcome]:
     grid_map = recording_or_skip("crob-jarvis/map.yaml")
     robot = RecordedRobot(recording=recording, map=grid_map, reference=None)
     follow = ALGORITHMS["cluster-mcl"]
-    run = Run(Case(robot=robot), follow, 0, SETTINGS, cache_folder=cache_folder)
-    return (outcome for _, outcome, _ in run.steps())
+    run = Run(case=Case(robot=robot), follow=follow, seed=0, settings=SETTINGS)
+    _, steps = run.begun(cache_folder)
+    return (outcome for _, outcome, _ in steps)
 
 
 def steps(recording: Path) -> list[Scan]:

@@ -10,9 +10,9 @@ import pytest
 
 from coordinator.belief.outcome import Outcome
 from evaluation.course import Case, SimulatedRobot
-from evaluation.evaluate import EvaluateOptions, Task, run_evaluate, run_task
+from evaluation.evaluate import EvaluateOptions, executed, run_evaluate
 from evaluation.in_process import outcomes
-from evaluation.run import ALGORITHMS
+from evaluation.run import ALGORITHMS, Run
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
 from protocol.answers import Hypothesis
@@ -47,7 +47,8 @@ class Recorded:
         monkeypatch.setitem(ALGORITHMS, "cluster-mcl", overheard)
         options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
         case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
-        run_task(Task(options=options, case=case, seed=3, settings=SMALL))
+        follow = ALGORITHMS["cluster-mcl"]
+        executed(options, Run(case=case, follow=follow, seed=3, settings=SMALL))
 
 
 @pytest.fixture(scope="module")
