@@ -8,6 +8,7 @@ from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
 from protocol.health import Health
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import ellipse_axes
 
 SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""
@@ -27,9 +28,8 @@ def pose_text(pose: PoseTuple) -> str:
 
 def spread(covariance: Covariance) -> tuple[float, float]:
     """Return the largest standard deviation of the position [m], and that of the heading [rad]."""
-    xx, xy, yy, heading = covariance[0], covariance[1], covariance[4], covariance[8]
-    longer = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
-    return math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
+    longer_m, _, _ = ellipse_axes(covariance[0], covariance[1], covariance[4])
+    return longer_m, math.sqrt(max(covariance[8], 0.0))
 
 
 def spread_text(covariance: Covariance) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from particle_filter.arrays import FREE, OCCUPIED
+from particle_filter.poses import compose
+from protocol.pose_arrays import ellipse_axes
 from protocol.steps import MapMessage
 
 PALETTE = (
@@ -176,10 +178,9 @@ def percent(probability: float) -> str:
 
 def _ellipse(view: View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
     """Return the ellipse of two standard deviations of the position as a polygon [px]."""
-    xx, xy, yy, _ = place["cov"]
     x_m, y_m, _ = place["pose"]
-    values, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    long_m, short_m, along = ellipse_axes(*place["cov"][:3])
     around = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
-    circle = np.stack([np.cos(around), np.sin(around)])
-    points = axes @ (_SIGMAS * np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
-    return [view.at(x_m + dx, y_m + dy) for dx, dy in points.T]
+    circle = np.column_stack([long_m * np.cos(around), short_m * np.sin(around), around])
+    points = compose(np.array((x_m, y_m, along)), _SIGMAS * circle)
+    return [view.at(x, y) for x, y, _ in points]

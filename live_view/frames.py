@@ -14,7 +14,7 @@ from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
 from protocol.steps import LaserBeams, MapMessage, Scan
-from protocol.work import Particles, TrackReport
+from protocol.work import Particles
 
 Frame: TypeAlias = dict[str, Any]
 
@@ -198,12 +198,6 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
 def may_have_particles(payload: bytes) -> bool:
     """Return whether an encoded report may have particles, without decoding the report."""
     return len(payload) >= MIN_BYTES and MARK in payload[:100]
-
-
-def cluster_of(report: TrackReport) -> int | None:
-    """Return the number of the cluster that a report's job tracks; None: the job tracks none."""
-    number = report.job_id.removeprefix("c")
-    return int(number) if number.isascii() and number.isdigit() and len(number) < 16 else None
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import msgspec
 from live_view.frames import (
     Frame,
     cloud_frame,
-    cluster_of,
     events_frame,
     history_row,
     map_frame,
@@ -124,9 +123,8 @@ class Picture:
 
     def on_report(self, report: TrackReport) -> None:
         """Show the particles of a worker's report if the report has any."""
-        cluster = cluster_of(report)
-        if report.snapshot is not None and cluster is not None:
-            self.on_particles(cluster, report.snapshot)
+        if report.snapshot is not None and report.cluster is not None:
+            self.on_particles(report.cluster, report.snapshot)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         frame = cloud_frame(cluster, particles)

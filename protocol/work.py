@@ -189,6 +189,12 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     parts: tuple[Place, ...] = ()
     """Two or more parts if the cluster has split, most probable first."""
 
+    @property
+    def cluster(self) -> int | None:
+        """Number of the cluster that the job tracks; None: the id is not of such a job."""
+        number = self.job_id.removeprefix("c")
+        return int(number) if number.isascii() and number.isdigit() and len(number) < 16 else None
+
 
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     """The places that a search shard considers possible after a step. Sent like `TrackReport`."""

@@ -16,7 +16,8 @@ from grid_maps.map_message import cells_of
 from particle_filter.arrays import OCCUPIED
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, Finite, PoseTuple, Positive, ScanStep, Stamp
+from protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp
+from protocol.pose_arrays import ellipse_axes
 from protocol.steps import LaserBeams, Scan
 
 Json: TypeAlias = dict[str, Any]
@@ -155,7 +156,8 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
     for place in hypotheses:
         shown = round(0.2 + 0.8 * place.probability, 2)
         rgb = dict(zip("rgb", _COLOURS[place.cluster % len(_COLOURS)], strict=True))
-        along, long_m, short_m = _ellipse(place.covariance)
+        *sigmas_m, along = ellipse_axes(*(place.covariance[at] for at in (0, 1, 4)))
+        long_m, short_m = (round(2 * _SIGMAS * max(m, _MIN_SIGMA_M), 4) for m in sigmas_m)
         x, y, _ = place.pose
         percent = f"{100.0 * place.probability:.0f} %"
         drawn["arrows"].append({"pose": _pose(place.pose), "color": rgb | {"a": shown}, **_ARROW})
@@ -173,17 +175,6 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
         "id": "places", "lifetime": _time(0), "frame_locked": False,
     }  # fmt: skip
     return {"deletions": [], "entities": [entity]}
-
-
-def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
-    """Return the direction of the long axis [rad], and the long and the short diameter [m]."""
-    xx, xy, yy = covariance[0], covariance[1], covariance[4]
-    middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
-    long_m, short_m = (
-        round(2.0 * _SIGMAS * max(math.sqrt(max(variance, 0.0)), _MIN_SIGMA_M), 4)
-        for variance in (middle + apart, middle - apart)
-    )
-    return 0.5 * math.atan2(2.0 * xy, xx - yy), long_m, short_m
 
 
 def log_line(text: str, stamp_ns: int) -> Json:

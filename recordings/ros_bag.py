@@ -16,6 +16,7 @@ from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
+from recordings.headers import frame_name, nanoseconds
 from recordings.laser_mount import counter_clockwise
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from recordings.rigid import Rigid, rigid_of
@@ -208,7 +209,7 @@ def _odometry_of(
 
 
 def _topic_odometry(content: _Content, settings: BridgeSettings) -> tuple[str, list[_Sorted]]:
-    bases = sorted({_frame(one.content.child_frame_id) for one in content.poses})
+    bases = sorted({frame_name(one.content.child_frame_id) for one in content.poses})
     base = settings.base_frame or (bases[0] if len(bases) == 1 else "")
     if not base:
         raise ValueError(f"odometry is of the frames {bases}; {_by_name('base_frame')}")
@@ -249,7 +250,7 @@ def _laser_entries(
             try:
                 if problem:
                     raise ValueError(problem)
-                stamp_ns = _stamp_ns(scan.content.header)
+                stamp_ns = nanoseconds(scan.content.header.stamp)
                 mount = tree.lookup(base, frame, stamp_ns) if is_known else None
                 entries.append((scan.time_ns, 1, _laser_entry(scan, frame, mount)))
             except ValueError as error:
@@ -286,7 +287,7 @@ def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None)
     limit = float(scan.range_max)
     return LaserEntry(
         line_number=message.number,
-        stamp_ns=_stamp_ns(scan.header),
+        stamp_ns=nanoseconds(scan.header.stamp),
         ranges=ranges,
         angle_min_rad=start,
         angle_step_rad=step,
@@ -302,7 +303,7 @@ def _odometry_entry(message: BagMessage) -> OdometryEntry:
     x, y, z, w = (getattr(pose.orientation, axis) for axis in "xyzw")
     heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
     odom_from_robot = (pose.position.x, pose.position.y, heading)
-    return OdometryEntry(message.number, _stamp_ns(message.content.header), odom_from_robot)
+    return OdometryEntry(message.number, nanoseconds(message.content.header.stamp), odom_from_robot)
 
 
 def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:
@@ -311,22 +312,14 @@ def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:
     Raises:
         ValueError: its numbers are not a transform.
     """
-    parent, child = _frame(link.header.frame_id), _frame(link.child_frame_id)
+    parent, child = frame_name(link.header.frame_id), frame_name(link.child_frame_id)
     try:
         there = rigid_of(link.transform.translation, link.transform.rotation)
     except ValueError as problem:
         raise ValueError(f"from {parent!r} to {child!r} tf has {problem}") from None
-    at = (message.number, message.time_ns, _stamp_ns(link.header))
+    at = (message.number, message.time_ns, nanoseconds(link.header.stamp))
     return _Transform(*at, parent, child, there, fixed)
 
 
 def _frame_of(scan: BagMessage) -> str:
-    return _frame(scan.content.header.frame_id)
-
-
-def _stamp_ns(header: Any) -> int:
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-
-
-def _frame(name: str) -> str:
-    return name.removeprefix("/")  # names of ROS 1 begin with a slash
+    return frame_name(scan.content.header.frame_id)

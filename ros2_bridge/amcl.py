@@ -17,10 +17,10 @@ from protocol.pose_arrays import pose_tuple
 from protocol.reading_checks import pose_problem
 from protocol.steps import MapReading, OdometryReading
 from protocol.work import Particles
+from recordings.headers import frame_name, nanoseconds, stamp_of, time_problem
 from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
 from ros2_bridge import topics
-from ros2_bridge.headers import frame_name, nanoseconds, stamp_of, time_problem
 from ros2_bridge.initial_pose import given_pose, initial_pose, observed_pose
 from ros2_bridge.laser_scans import LaserScans
 from ros2_bridge.messages_out import (

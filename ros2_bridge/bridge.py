@@ -54,8 +54,6 @@ _COMMAND_KEYS: dict[type[Command], str] = {
     Update: keys.UPDATE,
     Configure: keys.CONFIGURE,
 }
-_CLUSTER = "c"
-"""Prefix of the ids of jobs that track a cluster."""
 
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
@@ -184,10 +182,8 @@ class BridgeLoop:
             self._places_until_s = time.monotonic() + _PLACES_WITHIN_S
 
     def _on_report(self, report: Report, _received: Received) -> None:
-        if isinstance(report, TrackReport) and report.snapshot is not None:
-            cluster = report.job_id.removeprefix(_CLUSTER)
-            if cluster.isdecimal():
-                self._amcl.on_particles(int(cluster), report.snapshot)
+        if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
+            self._amcl.on_particles(report.cluster, report.snapshot)
 
     def _on_status(self, status: Status) -> None:
         self._status, self.services.freshness = status, status.freshness

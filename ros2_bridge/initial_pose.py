@@ -13,9 +13,9 @@ from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.reading_checks import observation_problem
 from protocol.steps import Observation
 from protocol.validity import gaussian_problem
+from recordings.headers import frame_name, stamp_of
 from recordings.rigid import rigid_of
 from recordings.transforms import TransformMissingError, TransformTree
-from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.outputs import NO_ID
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005

@@ -19,10 +19,10 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
+from recordings.headers import frame_name, stamp_of
 from recordings.laser_mount import counter_clockwise
 from recordings.rigid import Rigid
 from recordings.transforms import TransformMissingError, TransformTree
-from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.message_types import POINT_CLOUD
 from ros2_bridge.outputs import Refused
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from protocol.answers import Belief, Hypothesis
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix
+from protocol.pose_arrays import ellipse_axes
+from recordings.headers import LAST_NS
 from recordings.rigid import flat
 from ros2_bridge import message_types as types
-from ros2_bridge.headers import LAST_NS
 from ros2_bridge.message_types import new
 
 _PLANAR = (0, 1, 5)
@@ -202,7 +202,8 @@ def markers(belief: Belief, frame: str) -> Any:
 def _place(place: Hypothesis, shared: Any) -> tuple[Any, Any, Any]:
     number = place.cluster % 2**31
     x, y, _ = place.pose
-    long_m, short_m, direction_rad = _ellipse(place)
+    *sigmas_m, direction_rad = ellipse_axes(*(place.covariance[at] for at in (0, 1, 4)))
+    long_m, short_m = (max(2.0 * _SIGMAS * sigma_m, _LEAST_M) for sigma_m in sigmas_m)
     colour = _colour(place)
     arrow = _marker(shared, "arrow", number, _ARROW, place.pose, colour)
     arrow.scale = _scale(_ARROW_M, _ARROW_WIDTH_M, _ARROW_WIDTH_M)
@@ -214,13 +215,6 @@ def _place(place: Hypothesis, shared: Any) -> tuple[Any, Any, Any]:
     percentage.text = f"{100.0 * place.probability:.0f} %"
     percentage.color.a = 1.0
     return arrow, ellipse, percentage
-
-
-def _ellipse(place: Hypothesis) -> tuple[float, float, float]:
-    """Return the long and the short axis [m], and the direction of the long one [rad]."""
-    values, vectors = np.linalg.eigh(covariance_matrix(place.covariance)[:2, :2])
-    short, long = (max(2.0 * _SIGMAS * math.sqrt(max(v, 0.0)), _LEAST_M) for v in values.tolist())
-    return long, short, math.atan2(vectors[1, 1], vectors[0, 1])
 
 
 def _colour(place: Hypothesis) -> Any:

@@ -6,7 +6,6 @@ import pytest
 from live_view.frames import (
     MAX_PARTICLES,
     cloud_frame,
-    cluster_of,
     may_have_particles,
 )
 from protocol.arrays import ArrayBlob
@@ -52,6 +51,6 @@ def test_only_reports_with_particles_are_decoded() -> None:
 
 
 def test_only_names_of_tracking_jobs_have_a_cluster_number() -> None:
-    assert cluster_of(report(1, 12)) == 12
+    assert report(1, 12).cluster == 12
     for name in ("s3.1", "c", "c-1", "cx", "c" + "9" * 30):
-        assert cluster_of(report(1, 12, job=name)) is None
+        assert report(1, 12, job=name).cluster is None
