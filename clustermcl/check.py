@@ -14,13 +14,12 @@ from evaluation.map_check.drawing import drawn_report
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
 from evaluation.map_check.views import WAY_M
-from evaluation.recordings import opened
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError, SettingsError
 from recordings.map_file import load_map_with_obstacles
-from sensor_bridge.recorded import steps_of
+from sensor_bridge.recorded import opened, steps_of
 
 MOST_CELLS = 2**26
 """Limit for the cells of a map; the check needs about 42 bytes for each."""

@@ -18,7 +18,6 @@ from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.verbosity import is_verbose
 from evaluation.beside import beside_name
-from evaluation.recordings import counted_steps
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
 from live_view.page_server import say_link
@@ -39,6 +38,7 @@ from recordings.map_file import load_map_with_obstacles, map_file_of
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M
 from robot_simulator.source import simulated_world
+from sensor_bridge.recorded import RecordedSource
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Publisher, Received, Token, ask, subscribe, watch
@@ -333,7 +333,7 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
         raise SettingsError(key="--map", problem=problem)
     load_map_with_obstacles(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
-    steps = counted_steps(path, settings.bridge)
+    steps = RecordedSource(path, settings.bridge).steps
     return _Run(settings, f"recording {path}", steps, is_simulated=False, reference=reference)
 
 

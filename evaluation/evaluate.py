@@ -21,7 +21,6 @@ from rich.table import Table
 from coordinator.belief.outcome import belief_after
 from evaluation.course import Case, RecordedRobot, SimulatedRobot
 from evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
-from evaluation.recordings import opened
 from evaluation.references import written_trajectory
 from evaluation.results import MORE_TABLES, POSES, Columns, Result, table_rows, write_results
 from evaluation.run import ALGORITHMS, Run, in_parallel
@@ -33,6 +32,7 @@ from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from recordings.map_file import map_file_of
 from recordings.run_log import RunLog
+from sensor_bridge.recorded import opened
 
 DEFAULT_STEPS = 300
 """Default number of steps of a simulated robot, which drives until it is stopped."""

@@ -10,14 +10,17 @@ from protocol.steps import Observation, Reading, Scan
 from recordings.recording import Recording, open_recording
 from sensor_bridge.step_maker import StepMaker, steps_from
 
+_NAMED_LINES = 10
+
 _log = logging.getLogger(__name__)
 
 
 class Source(Protocol):
     """Readings that no robot publishes."""
 
-    steps: int | None
-    """Number of steps that it makes; None: endless."""
+    @property
+    def steps(self) -> int | None:
+        """Number of steps that it makes; None: endless."""
 
     def next_reading(self) -> Reading | Observation | None:
         """Return the next reading in the order of time; None at the end."""
@@ -27,15 +30,40 @@ class RecordedSource:
     """A source that yields the readings of a recording."""
 
     def __init__(self, path: str, settings: BridgeSettings) -> None:
-        recording = open_recording(path, settings)
-        for skipped in recording.skipped:
-            _log.warning("%s:%d left out: %s", path, skipped.line_number, skipped.problem)
+        recording = opened(path, settings)
         self._readings = iter(recording.readings)
-        self.steps: int | None = sum(1 for _ in steps_of(recording, settings, map_digest=""))
+        self.steps: int = sum(1 for _ in steps_of(recording, settings, map_digest=""))
 
     def next_reading(self) -> Reading | None:
         """Return the next reading in the order of time; None at the end."""
         return next(self._readings, None)
+
+
+def opened(path: str, settings: BridgeSettings) -> Recording:
+    """Open a recording, and warn of skipped lines in one sentence.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    recording = open_recording(path, settings)
+    if warning := left_out(recording):
+        _log.warning(warning)
+    return recording
+
+
+def left_out(recording: Recording) -> str | None:
+    """Return a sentence about the skipped lines; None: no line was skipped."""
+    skipped = recording.skipped
+    if not skipped:
+        return None
+    numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
+    more = ", ..." if len(skipped) > _NAMED_LINES else ""
+    lines = "line" if len(skipped) == 1 else "lines"
+    first = skipped[0]
+    return (
+        f"{recording.path}:{first.line_number}: {len(skipped)} bad {lines} left out "
+        f"({numbers}{more}); the first: {first.problem}"
+    )
 
 
 def steps_of(

@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from evaluation.recordings import left_out
 from recordings.log_file import SkippedLine
 from recordings.recording import Recording
+from sensor_bridge.recorded import left_out
 
 
 def recording(*skipped: SkippedLine) -> Recording:
