@@ -156,16 +156,22 @@ PAUSE_NS = 1_000_000_000
 """If this process paused for longer, silence proves nothing [ns]."""
 
 
-class Watch(Part):
-    """A shard's last report from its present worker."""
+class ShardReports(Part):
+    """The reports of a shard, and the silence of its present worker."""
 
-    epoch: int
-    reports: int
+    reports: int = 0
     """Number of the shard's reports."""
-    others: int
+    step: int = -1
+    """Newest step that it has reported."""
+    took_ns: int | None = None
+    """Duration of its first step [ns]; None: it has reported none."""
+    times_given_up: int = 0
+    watched: tuple[int, int] | None = None
+    """Epoch and number of reports when the present silence began; None: it is not watched."""
+    others: int = 0
     """Number of reports of other workers' shards at that time."""
-    since_ns: int
-    """When the report arrived, or the worker got the shard [ns]."""
+    since_ns: int = 0
+    """That time [ns]."""
 
 
 class SilentShards(Part):
@@ -175,20 +181,14 @@ class SilentShards(Part):
     the times of the others. A limit in seconds holds in any case.
     """
 
-    reports: dict[str, int] = {}
-    """Number of reports of each shard."""
-    steps: dict[str, int] = {}
-    """Newest step that each shard has reported."""
-    took_ns: dict[str, int] = {}
-    """Duration of the first step of each shard that has reported one [ns]."""
-    times_given_up: dict[str, int] = {}
-    watches: dict[str, Watch] = {}
+    records: dict[str, ShardReports] = {}
     looked_ns: int = 0
     """When the shards were examined last [ns]."""
 
     def on_report(self, job_id: str, step: int) -> None:
-        self.reports[job_id] = self.reports.get(job_id, 0) + 1
-        self.steps[job_id] = max(step, self.steps.get(job_id, step))
+        record = self.records.setdefault(job_id, ShardReports())
+        record.reports += 1
+        record.step = max(step, record.step)
 
     def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
         """Return the shards that have been silent for too long.
@@ -198,39 +198,32 @@ class SilentShards(Part):
             newest_step: the newest step whose scan has arrived; later reports are not due.
             now_ns: by the clock of all events.
         """
+        self.records = {job_id: self.records.get(job_id, ShardReports()) for job_id in shards}
         if now_ns - self.looked_ns > PAUSE_NS:
-            self.watches.clear()
+            for record in self.records.values():
+                record.watched = None
         self.looked_ns = now_ns
-        for known in (self.reports, self.steps, self.took_ns, self.times_given_up, self.watches):
-            for job_id in known.keys() - shards.keys():
-                del known[job_id]
         return [job_id for job_id in shards if self._is_silent(job_id, shards, newest_step, now_ns)]
 
     def _is_silent(
         self, job_id: str, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int
     ) -> bool:
-        placed, reports = shards[job_id], self.reports.get(job_id, 0)
-        others = [other for other, job in shards.items() if job.worker != placed.worker]
-        heard = sum(self.reports.get(other, 0) for other in others)
-        watch = self.watches.get(job_id)
+        placed, record = shards[job_id], self.records[job_id]
+        others = [self.records[one] for one, job in shards.items() if job.worker != placed.worker]
+        heard, watched = sum(other.reports for other in others), (placed.epoch, record.reports)
         first = placed.job.first_step if isinstance(placed.job, SearchJob) else 0
-        owes = newest_step >= max(first, self.steps.get(job_id, first - 1) + 1)
-        if (
-            watch is None
-            or (watch.epoch, watch.reports) != (placed.epoch, reports)
-            or not owes
-            or placed.worker is None
-        ):
-            if watch is not None and watch.epoch == placed.epoch and reports:
-                self.took_ns.setdefault(job_id, now_ns - watch.since_ns)
-            self.watches[job_id] = Watch(placed.epoch, reports, heard, now_ns)
+        owes = newest_step >= max(first, record.step + 1)
+        if record.watched != watched or not owes or placed.worker is None:
+            is_same_worker = record.watched is not None and record.watched[0] == placed.epoch
+            if is_same_worker and record.reports and record.took_ns is None:
+                record.took_ns = now_ns - record.since_ns
+            record.watched, record.others, record.since_ns = watched, heard, now_ns
             return False
-        silent_ns = now_ns - watch.since_ns
-        times_given_up = self.times_given_up.get(job_id, 0)
-        took_ns = max((self.took_ns.get(other, 0) for other in others), default=0)
-        is_overtaken = bool(others) and heard - watch.others >= STEPS * len(others)
-        is_silent = silent_ns >= LONGEST_NS << times_given_up or (
+        silent_ns = now_ns - record.since_ns
+        took_ns = max((other.took_ns or 0 for other in others), default=0)
+        is_overtaken = bool(others) and heard - record.others >= STEPS * len(others)
+        is_silent = silent_ns >= LONGEST_NS << record.times_given_up or (
             is_overtaken and silent_ns >= max(SHORTEST_NS, TIMES_THE_OTHERS * took_ns)
         )
-        self.times_given_up[job_id] = times_given_up + is_silent
+        record.times_given_up += is_silent
         return is_silent
