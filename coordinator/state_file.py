@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
@@ -26,8 +26,6 @@ from protocol.work import Checkpoint
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
 SYNC_EVERY_S = 1.0
 """A power cut loses at most this time; a killed process loses nothing that was written [s]."""
-LEFT_AFTER_S = 60.0
-"""An unfinished file of this age was left by a killed process: writing takes milliseconds [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -84,7 +82,7 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     """
     folder.mkdir(parents=True, exist_ok=True)
     target = file_of(folder, robot)
-    part = target.with_suffix(f".{os.getpid()}.part")
+    part = target.with_suffix(".part")  # one name: what a killed process left is written over
     message = encode(checkpoint)
     data = _File(sha256=hashlib.sha256(message).digest(), checkpoint=message)
     try:
@@ -109,17 +107,6 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(number)
     finally:
         os.close(number)
-
-
-def remove_leftovers(folder: Path, robot: str) -> None:
-    """Remove unfinished files that a killed process left.
-
-    A newer unfinished file stays: another coordinator may be writing it.
-    """
-    for part in folder.glob(f"{file_of(folder, robot).stem}.*.part"):
-        with suppress(OSError):  # the file is gone, or the folder cannot be written
-            if time.time() - part.stat().st_mtime > LEFT_AFTER_S:
-                part.unlink()
 
 
 class StateKeeper:
@@ -173,7 +160,6 @@ class StateKeeper:
             thread.join()
 
     def _run(self, folder: Path) -> None:
-        remove_leftovers(folder, self._robot)
         sync_at_s, unsynced, closed = time.monotonic(), None, False
         while not closed:
             wait_s = max(sync_at_s - time.monotonic(), 0.0) if unsynced else None

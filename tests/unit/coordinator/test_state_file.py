@@ -143,18 +143,10 @@ def test_a_disk_that_cannot_be_written_is_logged_once_and_stops_nothing(
     assert caplog.text.count("cannot be kept") == 1
 
 
-def test_unfinished_files_of_a_killed_process_are_removed_at_the_next_start(tmp_path: Path) -> None:
+def test_an_unfinished_file_of_a_killed_process_is_written_over(tmp_path: Path) -> None:
+    file_of(tmp_path, "robot").with_suffix(".part").write_bytes(b"half of it" * 100_000)
     write(tmp_path, "robot", STATE, sync=False)
-    old, new, others = (tmp_path / f"state-{name}.part" for name in ("robot.1", "robot.2", "r2.1"))
-    for part in (old, new, others):
-        part.write_bytes(b"half of i")
-    for part in (old, others):
-        os.utime(part, (0.0, 0.0))
-    with StateKeeper(tmp_path, "robot", None).running():
-        pass
-    assert not old.exists()
-    assert new.exists(), "another coordinator may be writing it"
-    assert others.exists(), "another robot's"
+    assert list(tmp_path.iterdir()) == [file_of(tmp_path, "robot")]
     assert read(tmp_path, "robot") == STATE
 
 
