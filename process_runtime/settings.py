@@ -92,9 +92,6 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     base_frame: Annotated[
         str, described("tf frame of the robot in a ROS bag; empty: the child of odometry's")
     ] = ""
-    history_steps: Annotated[
-        int, described("steps kept for workers that join late", "steps", gt=0)
-    ] = 300
 
 
 class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

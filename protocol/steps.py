@@ -203,6 +203,10 @@ def _reflected(pose: PoseTuple) -> PoseTuple:
     return x, -y, -heading
 
 
+KEPT_STEPS = 300
+"""Steps that the bridge keeps for workers that join late; older ones cannot be applied."""
+
+
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):
     """Past steps. The bridge's answer to a query on ``scans``; query again after a loss."""
 

@@ -29,6 +29,7 @@ from protocol.errors import (
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import MAX_SCAN_STEP
 from protocol.steps import (
+    KEPT_STEPS,
     Landmark,
     LaserReading,
     MapMessage,
@@ -182,7 +183,7 @@ class Bridge:
         self._map = to_message(grid_map, node.name) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
-        self._history: deque[Scan] = deque(maxlen=settings.history_steps)
+        self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
         self._maker: StepMaker | None = None
         self._refused: Counter[str] = Counter()
         self._has_coordinator = False

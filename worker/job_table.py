@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.step_reset_detector import StepResetDetector, is_huge_jump
-from protocol.steps import Scan
+from protocol.steps import KEPT_STEPS, Scan
 from protocol.work import Assignment, Report, SearchReport, TrackReport, WorkOrder
 from worker.jobs import RunningJob, Searching, Tracking, running
 from worker.search_queue import SearchQueue
@@ -18,9 +18,6 @@ RECENT_SCANS = 64
 """Number of scans kept for a job that begins a few steps behind."""
 RECENT_SCANS_OF_WAITING = 512
 """Number of scans kept while a job waits for older ones, until the query for these times out."""
-KEPT_STEPS = 300
-"""Number of reports kept for each job. The bridge keeps as many scans, and older steps cannot be
-applied."""
 KEPT_SEARCH_STEPS = 16
 """Number of reports kept for a search; a report has up to half a megabyte. A new coordinator needs
 a step that all shards have reported, and shards are seldom further apart."""
@@ -36,7 +33,7 @@ class MissingScans:
 
 
 class RecentReports:
-    """The last reports of each job, for the next coordinator; only the newest has particles."""
+    """The last reports of each job, as many as the bridge keeps scans; the newest has particles."""
 
     def __init__(self) -> None:
         self._of: dict[str, deque[Report]] = {}

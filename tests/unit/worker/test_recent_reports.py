@@ -1,6 +1,7 @@
+from protocol.steps import KEPT_STEPS
 from protocol.work import TrackReport
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
-from worker.job_table import KEPT_SEARCH_STEPS, KEPT_STEPS, RecentReports
+from worker.job_table import KEPT_SEARCH_STEPS, RecentReports
 
 HERE = (0.0, 0.0, 0.0)
 
