@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from process_runtime.logs import configure_logging
 from process_runtime.memory import share_arenas
@@ -37,6 +37,8 @@ class Invocation:
     settings: Settings
     arguments: argparse.Namespace
     stop: StopFlag
+    session: Any = None
+    """A Zenoh session shared by the parts of one process; None: each part opens its own."""
 
 
 class _Parser(argparse.ArgumentParser):

@@ -144,7 +144,14 @@ def serve_robot(
     settings = invocation.settings
     peers = keys.COORDINATOR_ALIVE
     with closing(
-        Node(invocation.process, "bridge", settings, invocation.stop, peers=peers)
+        Node(
+            invocation.process,
+            "bridge",
+            settings,
+            invocation.stop,
+            peers=peers,
+            session=invocation.session,
+        )
     ) as node:
         session = node.open()
         if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):

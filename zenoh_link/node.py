@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -75,10 +75,18 @@ class Node:
         stop: ends the wait for a router.
         peers: key of liveliness tokens that prove that a session works; None: no session of this
             process is ever replaced.
+        session: a session that other nodes share, and that outlives them; None: open one.
     """
 
     def __init__(
-        self, name: str, role: str, settings: Settings, stop: StopFlag, *, peers: str | None
+        self,
+        name: str,
+        role: str,
+        settings: Settings,
+        stop: StopFlag,
+        *,
+        peers: str | None,
+        session: zenoh.Session | None = None,
     ) -> None:
         self.name, self.stop = name, stop
         self.inbox: Inbox[Any] = Inbox({})
@@ -87,7 +95,7 @@ class Node:
         self.heap = HeapTrimmer()
         self.on_other: Callable[[Any], object] = lambda _event: None
         """Handler of events that other parts of the process put into the inbox."""
-        self._settings, self.peers = settings, peers
+        self._settings, self.peers, self._shared = settings, peers, session
         self._session: zenoh.Session | None = None
         self._opened = ExitStack()
         self._stale = StaleSessionDetector()
@@ -99,7 +107,8 @@ class Node:
         self._on_link: Callable[[Link], object] = self.on_other
         self._health_publisher: Publisher | None = None
         self._unanswered: deque[Callable[[], None]] = deque()
-        self.declare(lambda session: watch_link(session, self.inbox))
+        if session is None:  # the links of a shared one are those of its clients
+            self.declare(lambda session: watch_link(session, self.inbox))
 
     def open(self, wait_s: float | None = None) -> zenoh.Session:
         """Connect to the router and declare everything.
@@ -118,6 +127,8 @@ class Node:
         return session
 
     def _opening(self, wait_s: float | None) -> AbstractContextManager[zenoh.Session]:
+        if self._shared is not None:
+            return nullcontext(self._shared)
         return open_session(self._settings.zenoh, self._settings.robot, self.stop, wait_s)
 
     def close(self) -> None:

@@ -100,6 +100,10 @@ def up(
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Also serve a page that shows it.")] = False,
+    one_process: Annotated[
+        bool,
+        typer.Option("--one-process", help="For the smallest computers; without fault tolerance."),
+    ] = False,
     listen: Listen = None,
     allow_commands: AllowCommands = False,
     robot: Robot = None,
@@ -109,6 +113,10 @@ def up(
 ) -> None:
     """Localize a robot: run all processes on this machine until Ctrl-C."""
     refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
+    if one_process:
+        refuse_without("several processes", None, view=view, nav2_params=nav2_params)
+        settings = as_assignments(robot, router)
+        _become("clustermcl.one_process", [], settings_file, settings, assignments)
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *as_assignments(robot, router), *(assignments or ())]

@@ -1,0 +1,121 @@
+"""All parts of a robot in one process, for the smallest computers: `clustermcl up --one-process`.
+
+The bridge or simulator, one worker and the coordinator run in threads and share one Zenoh session,
+which is also the router. So keys, messages and beliefs are those of many processes. There is no
+fault tolerance: the process ends when a part ends, and continues from the coordinator's state file.
+"""
+
+import argparse
+import logging
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+
+from coordinator.process import follow_and_lead
+from coordinator.replica import Replica
+from particle_filter.settings import SensorSettings
+from process_runtime.main import Invocation, process_main
+from process_runtime.settings import Settings
+from process_runtime.sources import Simulated, parsed_source
+from process_runtime.stop import StoppedError
+from protocol.errors import SettingsError
+from sensor_bridge.process import run_bridge
+from worker.map_model import chosen_cache_folder
+from worker.process import WorkerLoop
+from worker.warm_up import compile_kernels
+from zenoh_link.configuration import as_zenoh, router_configuration
+from zenoh_link.node import Node
+from zenoh_link.router import listen
+
+_POLL_S = 0.2
+
+_log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    process_main(
+        "one-process",
+        run_parts,
+        describe="Cluster-MCL in one process, without fault tolerance.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    # Options of the parts' own programs, which settings replace here.
+    parser.set_defaults(map=None, source=None, steps=None, by_hand=False)
+
+
+def check_one_process(settings: Settings) -> None:
+    """Refuse settings that need further processes.
+
+    Raises:
+        SettingsError: such a setting.
+    """
+    refused = {
+        "zenoh.start_router=false": not settings.zenoh.start_router,
+        f"worker.count={settings.worker.count}": settings.worker.count > 1,
+        "coordinator.standby=true": settings.coordinator.standby,
+        "ros2.enabled=true": settings.ros2.enabled,
+    }
+    for setting, is_refused in refused.items():
+        if is_refused:
+            problem = f"{setting} needs several processes: leave it out, or --one-process"
+            raise SettingsError(key=setting.partition("=")[0], problem=problem)
+
+
+def run_parts(invocation: Invocation) -> None:
+    """Run all parts until the process is stopped or a part ends.
+
+    Raises:
+        SettingsError: a setting needs more processes.
+        AlreadyRunningError: another process listens at the router's address.
+        ClusterMclError: a part cannot run, for example without a usable map.
+    """
+    settings, stop = invocation.settings, invocation.stop
+    check_one_process(settings)
+    compile_kernels(SensorSettings())
+    robot = router_configuration(settings.zenoh) | {"namespace": settings.robot.name}
+    with listen(as_zenoh(robot), settings.zenoh.router) as session, ThreadPoolExecutor(3) as pool:
+        shared = replace(invocation, session=session)
+        _log.info("robot %r in one process, without fault tolerance", settings.robot.name)
+        # It declares its token before the coordinator looks for workers.
+        cache = chosen_cache_folder(settings.worker.cache_folder)
+        worker = WorkerLoop(_node(shared, "worker"), cache, lambda _jobs: None)
+        running = [
+            pool.submit(worker.run),
+            pool.submit(_coordinate, shared),
+            pool.submit(_bridge_of(settings), shared),
+        ]
+        while not stop.wait(_POLL_S) and not any(part.done() for part in running):
+            pass
+        stop.set()
+    for part in running:
+        with suppress(StoppedError):
+            part.result()
+
+
+def _coordinate(invocation: Invocation) -> None:
+    replica = Replica(invocation.settings.coordinator.take_over_after_s, time.monotonic_ns())
+    follow_and_lead(invocation, _node(invocation, "coordinator"), replica, may_wait=False)
+
+
+def _node(invocation: Invocation, role: str) -> Node:
+    name, settings = invocation.process, invocation.settings
+    node = Node(name, role, settings, invocation.stop, peers=None, session=invocation.session)
+    node.open()
+    return node
+
+
+def _bridge_of(settings: Settings) -> Callable[[Invocation], None]:
+    if not isinstance(parsed_source(settings.bridge.source), Simulated):
+        return run_bridge
+    from robot_simulator.process import run_simulator  # noqa: PLC0415 - 20 MB that a robot saves
+
+    return run_simulator
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""`clustermcl up --one-process`: the same keys and beliefs as those of many processes."""
+
+import os
+import signal
+from collections.abc import Iterator
+from itertools import takewhile
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+
+from clustermcl.client import Client
+from process_runtime.settings import Settings, ZenohSettings
+from process_runtime.settings_table import settings_as_toml
+from tests.integration.system.commands import TypedCommand, ran, typed
+from tests.integration.system.conftest import SMALL
+from tests.integration.system.listening import outcomes_of
+from tests.integration.waiting import wait_until
+
+STEPS = 120
+
+
+@pytest.fixture
+def settings(zenoh_settings: ZenohSettings, tmp_path: Path) -> Settings:
+    worker = msgspec.structs.replace(SMALL.worker, count=0, cache_folder=str(tmp_path / "cache"))
+    zenoh = msgspec.structs.replace(zenoh_settings, connect_timeout_s=30.0)
+    coordinator = msgspec.structs.replace(SMALL.coordinator, state_folder=str(tmp_path / "state"))
+    return msgspec.structs.replace(SMALL, zenoh=zenoh, worker=worker, coordinator=coordinator)
+
+
+@pytest.fixture
+def words(settings: Settings, tmp_path: Path) -> list[str]:
+    file = tmp_path / "settings.toml"
+    file.write_text(settings_as_toml(settings))
+    return ["up", "--one-process", "--settings", str(file)]
+
+
+@pytest.fixture
+def up(words: list[str], tmp_path: Path) -> Iterator[TypedCommand]:
+    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as command:
+        yield command
+
+
+def test_one_process_believes_exactly_what_many_believe(
+    up: TypedCommand, settings: Settings
+) -> None:
+    """Many believe what a run without Zenoh believes; see `test_same_beliefs`."""
+    with Client(settings) as client:
+        heard = list(takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=60.0)))
+    outcomes = outcomes_of(settings, steps=STEPS)
+    assert len(heard) > STEPS // 4
+    for belief in heard:
+        assert belief.missing == (), f"step {belief.step}"
+        assert belief.hypotheses == outcomes[belief.step].hypotheses, f"step {belief.step}"
+        assert belief.off_map_probability == outcomes[belief.step].off_map_probability
+    assert not psutil.Process(up.popen.pid).children()
+
+
+def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
+    up: TypedCommand, words: list[str], settings: Settings, tmp_path: Path
+) -> None:
+    with Client(settings) as client:
+        wait_until(lambda: bool(client.hypotheses().hypotheses), deadline_s=60.0)
+        status = client.status()
+    assert {process.sender for process in status.processes} == {"one-process"}
+    assert status.workers.keys() == {"one-process"}
+    second = ran(*words)
+    assert second.returncode == 2
+    assert "is in use" in second.stderr
+    up.popen.kill()
+    up.popen.wait()
+    folder = tmp_path / "again"
+    folder.mkdir()
+    with typed(*words, folder=folder, environment=dict(os.environ)) as again:
+        with Client(settings) as client:
+            wait_until(lambda: client.status().step > status.step, deadline_s=60.0)
+            wait_until(lambda: bool(client.hypotheses().hypotheses), deadline_s=60.0)
+        assert again.end(signal.SIGINT) == 0
+        assert "Traceback" not in again.err
+
+
+@pytest.mark.parametrize(
+    "refused",
+    ["worker.count=2", "zenoh.start_router=false", "coordinator.standby=true", "ros2.enabled=true"],
+)
+def test_settings_that_need_several_processes_are_refused(words: list[str], refused: str) -> None:
+    ended = ran(*words, "--set", refused)
+    assert ended.returncode == 2
+    assert f"{refused} needs several processes" in ended.stderr
+
+
+def test_a_map_that_cannot_be_read_ends_the_process(words: list[str], tmp_path: Path) -> None:
+    missing = tmp_path / "missing.yaml"
+    ended = ran(*words, "--set", "bridge.source=zenoh", "--set", f"bridge.map={missing}")
+    assert ended.returncode == 2
+    assert str(missing) in ended.stderr
+    assert "Traceback" not in ended.stderr
