@@ -10,15 +10,19 @@ from typing import Any
 from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
+from live_view.page_server import PageOptions, opened_page
 from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
 from live_view.saved_page import saved_run
 from live_view.step_archive import StepArchive
-from process_runtime.stop import StopFlag
+from process_runtime.output_files import check_output_file, write_output_file
+from process_runtime.stop import StopFlag, stop_on_signals
 from protocol.answers import Belief, PoseAnswer
+from protocol.errors import RecordingError
 from protocol.job_events import JobEvents
 from protocol.steps import MapMessage, Scan
 from recordings.foxglove import LaserFields
+from recordings.map_file import load_map
 from recordings.run_log import (
     BELIEF,
     GRID,
@@ -27,6 +31,7 @@ from recordings.run_log import (
     LogFile,
     LogMessage,
     decoded,
+    is_run_log,
     log_files,
     map_in,
 )
@@ -38,6 +43,38 @@ _AT_A_TIME_S = 0.05
 _POLL_S = 0.1
 
 _log = logging.getLogger(__name__)
+
+
+def view_recording(
+    recording: Path, page: PageOptions, map_file: Path | None = None, save_file: Path | None = None
+) -> None:
+    """Serve the page of a recorded run until Ctrl-C, or save the page.
+
+    Args:
+        recording: a run log, or a folder with run logs.
+        page: address and features of the page.
+        map_file: map of the recording; None: the map in the recording.
+        save_file: file for the recording as one page, which is then not served; None: serve it.
+
+    Raises:
+        SettingsError: the address or a certificate is invalid.
+        InputFileError: there is no recording, or it cannot be read.
+        MapFileError: the map cannot be read.
+        OutputError: the page cannot be written.
+    """
+    stop = stop_on_signals()
+    if not is_run_log(recording):
+        problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
+        remedy = f"localize in it by: clustermcl demo --view --recording {recording}"
+        raise RecordingError(recording, f"{problem}; {remedy}")
+    named = to_message(load_map(map_file), "recording") if map_file else None
+    run = RecordedRun(recording, named)
+    if save_file is None:
+        with opened_page(page, [run.room]):
+            run.run(stop)
+    else:
+        check_output_file(save_file)
+        write_output_file(save_file, run.saved())
 
 
 class RecordedRun:

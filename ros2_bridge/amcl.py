@@ -20,18 +20,18 @@ from protocol.work import Particles
 from recordings.headers import frame_name, nanoseconds, stamp_of, time_problem
 from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
+from ros2_bridge import message_types as types
 from ros2_bridge import topics
 from ros2_bridge.initial_pose import given_pose, initial_pose, observed_pose
 from ros2_bridge.laser_scans import LaserScans
+from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import (
     detection,
     markers,
-    number,
     particle_cloud,
     path,
     pose_array,
     pose_stamped,
-    text,
     transform,
 )
 from ros2_bridge.outputs import NO_ID, Output, Publish, Refused
@@ -231,9 +231,9 @@ class Amcl:
             message = pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.pose
-        yield Publish(topics.STATE, text(belief.state))
+        yield Publish(topics.STATE, new(types.STRING, data=belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
-        yield Publish(topics.PROBABILITY, number(probable))
+        yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=probable))
 
     def all_places(self) -> Iterator[Output]:
         """Publish all places of the newest belief, once; this is not urgent."""

@@ -155,16 +155,6 @@ def diagnostics(
     return new(types.DIAGNOSTIC_ARRAY, header=header(stamp_ns, ""), status=[status])
 
 
-def text(words: str) -> Any:
-    """Return a `std_msgs/String`."""
-    return new(types.STRING, data=words)
-
-
-def number(value: float) -> Any:
-    """Return a `std_msgs/Float64`."""
-    return new(types.FLOAT64, data=value)
-
-
 def _quaternion(parts: Iterable[float]) -> Any:
     x, y, z, w = parts
     return new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

@@ -240,9 +240,9 @@ def serve_view(
         words += [word for robot in robots or () for word in ("--robot", robot)]
         _become("live_view", words, settings_file, as_assignments(None, router), assignments)
         return
-    from clustermcl.view import view_recording  # noqa: PLC0415 - see the package
     from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
     from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
+    from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
     page = PageOptions(
         address=parsed_address(listen or HERE),

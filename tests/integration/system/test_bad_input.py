@@ -12,7 +12,6 @@ from PIL import Image
 from tests.integration.system.commands import COMMAND, ran
 from tests.integration.waiting import stretched_s
 from tests.integration.worlds import write_room
-from tests.unit.recordings import recording_or_skip
 
 NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
 
@@ -81,15 +80,6 @@ def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
     assert "2 bad lines left out (2, 3)" in done.stderr
     (run,) = csv.DictReader(out.read_text().splitlines())
     assert run["steps"] == "2"
-
-
-def test_a_truncated_recording_is_used_as_far_as_it_goes(tmp_path: Path, map_file: Path) -> None:
-    whole = recording_or_skip("wean/robotdata1.log.xz").read_bytes()
-    cut = tmp_path / "cut.log.xz"
-    cut.write_bytes(whole[: len(whole) // 8])
-    done = ran("evaluate", str(cut), "--map", str(map_file), "--steps", "3")
-    assert done.returncode == 0, done.stderr
-    assert "cut.log.xz" in done.stderr
 
 
 @pytest.mark.parametrize(

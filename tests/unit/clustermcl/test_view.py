@@ -6,9 +6,9 @@ import pytest
 
 from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
-from clustermcl.view import view_recording
 from live_view.admission import parsed_address
 from live_view.page_server import PageOptions
+from live_view.recorded_run import view_recording
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError, SettingsError

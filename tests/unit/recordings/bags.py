@@ -248,37 +248,6 @@ def _ros1(path: Path, packing: str, sent: Iterable[Sent]) -> Path:
     return path
 
 
-def converted(source: Path, folder: Path, form: str) -> Path:
-    """A ROS 1 bag in another form: every message of the kinds above."""
-    types = ros1_types()
-    sent = []
-    with rosbag1.Reader(source) as reader:
-        for connection, time_ns, content in reader.messages():
-            if connection.msgtype in (LASER_SCAN, ODOMETRY, OCCUPANCY_GRID, TF):
-                message = types.store.deserialize_ros1(content, connection.msgtype)
-                made = _as_is(message)
-                sent.append(Sent(connection.topic, connection.msgtype, time_ns, made))
-    return written(folder, form, sent)
-
-
-def _as_is(message: Any) -> Callable[[Types], Any]:
-    return lambda types: _translated(message, types)
-
-
-def _translated(value: Any, types: Types) -> Any:
-    """A message of one ROS as one of the other."""
-    if isinstance(value, list):
-        return [_translated(one, types) for one in value]
-    kind = getattr(value, "__msgtype__", None)
-    if kind is None:
-        return value
-    if kind == "std_msgs/msg/Header":
-        stamp_ns = value.stamp.sec * 1_000_000_000 + value.stamp.nanosec
-        return types.header(stamp_ns, value.frame_id)
-    names = [name for name, _ in types.store.fielddefs[kind][1]]
-    return types.make(kind, **{name: _translated(getattr(value, name), types) for name in names})
-
-
 def copy_of_first_bytes(path: Path, folder: Path, share: float) -> Path:
     """The bag, of which only the first bytes were copied."""
     cut = folder / path.name
