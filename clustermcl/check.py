@@ -11,9 +11,9 @@ from clustermcl.as_json import dumped
 from clustermcl.as_text import pose_text
 from evaluation.map_check.agreement import Agreement, agreement_of
 from evaluation.map_check.drawing import drawn_report
+from evaluation.map_check.look_alikes import WAY_M
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
-from evaluation.map_check.views import WAY_M
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import msgspec
 import numpy as np
+from scipy.ndimage import binary_dilation, label
 
 from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
-from evaluation.map_check.ground import Ground, ground_of
-from evaluation.map_check.look_alikes import LookAlikeSearch
+from evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch, Viewer
 from evaluation.map_check.symmetries import Symmetry, middle_of, symmetries_of
-from evaluation.map_check.views import WAY_M, Viewer
 from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 
@@ -24,6 +24,52 @@ _MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
 _SCALE_OFF = 0.05
 _DECOY_SHARE = 0.3
 _MOST_SYMMETRIES = 12
+SMALLEST_PIECE_M2 = 0.5
+"""Smaller free components are ignored."""
+
+
+class Ground(msgspec.Struct, frozen=True, kw_only=True):
+    """Statistics of a map."""
+
+    rows: int
+    cols: int
+    cell_m: float
+    width_m: float
+    height_m: float
+    free_m2: float
+    occupied_share: float
+    unknown_share: float
+    pieces: int
+    """Number of connected components of free ground of at least 0.5 m², or 1."""
+    largest_piece_share: float
+    """Share of the free ground in the largest component."""
+    open_rim_share: float
+    """Share of unknown cells among the cells that border free ground."""
+
+
+def ground_of(grid_map: GridMap) -> Ground:
+    cells = grid_map.cells
+    free = cells == FREE
+    numbers, _ = label(free)
+    sizes = np.bincount(numbers.ravel())[1:] * grid_map.cell_m**2
+    # Ground off the map is unknown, too.
+    padded = np.pad(cells, 1, constant_values=UNKNOWN)
+    rim = padded[binary_dilation(padded == FREE) & (padded != FREE)]
+    rows, cols = cells.shape
+    width_m, height_m = grid_map.size_m
+    return Ground(
+        rows=rows,
+        cols=cols,
+        cell_m=grid_map.cell_m,
+        width_m=width_m,
+        height_m=height_m,
+        free_m2=grid_map.free_area_m2,
+        occupied_share=float(np.mean(cells == OCCUPIED)),
+        unknown_share=float(np.mean(cells == UNKNOWN)),
+        pieces=max(int(np.count_nonzero(sizes >= SMALLEST_PIECE_M2)), 1),
+        largest_piece_share=float(sizes.max() / sizes.sum()),
+        open_rim_share=float(np.mean(rim == UNKNOWN)) if len(rim) else 0.0,
+    )
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True):

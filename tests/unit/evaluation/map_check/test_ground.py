@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from evaluation.map_check.ground import ground_of
+from evaluation.map_check.report import ground_of
 from grid_maps.grid_map import GridMap
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.observability import turned_copies
-from evaluation.map_check.look_alikes import LookAlikeSearch
+from evaluation.map_check.look_alikes import LookAlikeSearch, Viewer
 from evaluation.map_check.report import report_of
 from evaluation.map_check.symmetries import symmetries_of
-from evaluation.map_check.views import Viewer
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
 from robot_simulator.worlds.catalogue import world
