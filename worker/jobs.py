@@ -309,13 +309,8 @@ class Elsewhere(RunningJob):
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
-        exponent = scan_exponent(beams.count, self._model.settings)
-        result = cluster_filter.measurement_update(
-            ParticleSet.even(poses), beams, self._model, exponent
-        )
-        correction = self._model.correction(poses, result.particles.weights, beams)
         self.step = scan.step
-        log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
+        log_likelihood, _ = self._average(ParticleSet.even(poses), len(poses), beams)
         log_observed, found = self._observed(scan, beams, log_likelihood, rng)
         return ElsewhereReport(
             **self._head(scan.step),
@@ -323,6 +318,16 @@ class Elsewhere(RunningJob):
             log_observed=log_observed,
             places=found,
         )
+
+    def _average(
+        self, particles: ParticleSet, count: int, beams: Beams
+    ) -> tuple[float, ParticleSet]:
+        """Return the log of the corrected likelihood over `count` poses, and the weighed ones."""
+        exponent = scan_exponent(beams.count, self._model.settings)
+        result = cluster_filter.measurement_update(particles, beams, self._model, exponent)
+        weighed = result.particles
+        correction = self._model.correction(particles.map_from_robot, weighed.weights, beams)
+        return result.log_weight_sum - math.log(count) - correction, weighed
 
     def _observed(
         self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
@@ -338,15 +343,11 @@ class Elsewhere(RunningJob):
         if not len(poses):
             return log_average, None
         log_weights += log_likelihood_ratio(poses, observations, landmarks, model.grid)
-        exponent = scan_exponent(beams.count, model.settings)
-        result = cluster_filter.measurement_update(
-            ParticleSet(poses, log_weights), beams, model, exponent
-        )
-        correction = model.correction(poses, result.particles.weights, beams)
-        log_joint = result.log_weight_sum - math.log(count) - correction - log_likelihood
+        log_both, weighed = self._average(ParticleSet(poses, log_weights), count, beams)
+        log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)
         rules = self._settings.search
-        found = places.places_of(result.particles, rules, rules.min_place_share, rng)
+        found = places.places_of(weighed, rules, rules.min_place_share, rng)
         return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
     def handed_on(self) -> Assignment:

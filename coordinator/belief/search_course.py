@@ -177,11 +177,6 @@ class Decoy(Part):
     """The tracked places of the decoy."""
 
     @property
-    def search_ids(self) -> tuple[str, ...]:
-        """The jobs of the current search for it."""
-        return self.search.job_ids
-
-    @property
     def is_awaited(self) -> bool:
         """Whether the first search for it is running."""
         return self.search.runs and not self.places
