@@ -18,6 +18,7 @@ from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
 from robot_simulator.sensors import Lidar, LidarModel, Odometer
 from robot_simulator.worlds.world import World
 
+_SENDER = "robot_simulator"
 _PIECE_NS = 50_000_000
 """Interval of odometry readings: 20 Hz."""
 _TICK_NS = 2 * _PIECE_NS
@@ -58,8 +59,6 @@ class Simulation:
         lidar: parameters of the scanner; None: the defaults, with the world's range.
         people: number of people near the robot.
         start: start pose, instead of the world's start pose and route; None: those of the world.
-        start_ns: stamp of the first reading.
-        sender: name of the sender in the readings.
         remembered_s: time for which past poses are kept for `truth_at`.
 
     Raises:
@@ -74,8 +73,6 @@ class Simulation:
         lidar: LidarModel | None = None,
         people: int = 0,
         start: PoseTuple | None = None,
-        start_ns: int = 0,
-        sender: str = "robot_simulator",
         remembered_s: float = 3600.0,
     ) -> None:
         rngs = [np.random.default_rng([seed, purpose]) for purpose in range(6)]
@@ -92,7 +89,7 @@ class Simulation:
         self._lidar = Lidar(model, world.truth, rngs[3])
         self._people = walkers.People(people, self._free_space, rngs[4])
         self._observation_rng = rngs[5]
-        self._sender, self._start_ns, self._now_ns = sender, start_ns, start_ns
+        self._now_ns = 0
         self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
             maxlen=max(int(remembered_s * 1e9 / _PIECE_NS), 1)
         )
@@ -161,7 +158,7 @@ class Simulation:
     def _drive_on(self) -> OdometryReading:
         """Drive until the next odometry reading, and return the reading before the motion."""
         reading = OdometryReading(
-            sender=self._sender,
+            sender=_SENDER,
             stamp_ns=self._now_ns,
             odom_from_robot=self._odometer.odom_from_robot,
         )
@@ -181,7 +178,7 @@ class Simulation:
         model = self._lidar.model
         ranges = self._lidar.scan(map_from_robot, self._people.positions, walkers.RADIUS_M)
         return LaserReading(
-            sender=self._sender,
+            sender=_SENDER,
             stamp_ns=stamp_ns,
             ranges=ArrayBlob.of(ranges, "float32"),
             angle_min_rad=float(model.angles[0]),

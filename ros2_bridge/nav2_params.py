@@ -12,6 +12,7 @@ from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import InputFileError
 from ros2_bridge.parameter_table import INSTEAD, PARAMETERS, Value
 
+_NODE = "amcl"
 _PARAMETERS = "ros__parameters"
 _ANY_NODE = ("/**", "/*")
 _SEPARATOR = "."
@@ -31,19 +32,18 @@ class Nav2Params:
     notes: tuple[str, ...]
 
 
-def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
-    """Read the parameters of one node.
+def read_nav2_params(path: Path) -> Nav2Params:
+    """Read the parameters of the node `amcl`.
 
     Args:
         path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
             namespace, or under ``/**`` for all nodes.
-        node_name: the node.
 
     Raises:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
-    namespace, parameters = _of_node(_tree(path), node_name, path)
-    values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": node_name}
+    namespace, parameters = _of_node(_tree(path), path)
+    values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": _NODE}
     notes = []
     if namespace:
         values["ros2.namespace"] = namespace
@@ -82,22 +82,22 @@ def _tree(path: Path) -> dict[Any, Any]:
     return tree
 
 
-def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dict[Any, Any]]:
+def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[Any, Any]]:
     """Return a node's namespace and parameters; its own override those for all nodes."""
     found: dict[Any, Any] = {}
     namespaces = set()
     for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
         namespace, _, last = "/".join(("", *where)).replace("//", "/").rpartition("/")
-        if where[-1] in _ANY_NODE or last == node_name:
+        if where[-1] in _ANY_NODE or last == _NODE:
             found |= parameters
-        if last == node_name:
+        if last == _NODE:
             namespaces.add("" if "*" in namespace else namespace)
     if not namespaces:
         others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
-        problem = f"no parameters of a node {node_name!r}; it has those of: {others}"
+        problem = f"no parameters of a node {_NODE!r}; it has those of: {others}"
         raise InputFileError(path, problem)
     if len(namespaces) > 1:
-        nodes = ", ".join(f"{namespace}/{node_name}" for namespace in sorted(namespaces))
+        nodes = ", ".join(f"{namespace}/{_NODE}" for namespace in sorted(namespaces))
         raise InputFileError(path, f"several robots: {nodes}; give each robot its own file")
     return namespaces.pop(), found
 
