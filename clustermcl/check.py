@@ -2,10 +2,11 @@
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from clustermcl.as_json import dumped
 from clustermcl.as_text import pose_text
@@ -14,10 +15,14 @@ from evaluation.map_check.drawing import drawn_report
 from evaluation.map_check.look_alikes import WAY_M
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
+from grid_maps.grid_map import GridMap
+from grid_maps.landmarks import landmarks_beside
+from particle_filter.poses import between
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError, SettingsError
+from protocol.steps import Landmark
 from recordings.map_file import load_map_with_obstacles
 from sensor_bridge.recorded import opened, steps_of
 
@@ -65,6 +70,7 @@ def run_check(
         rows, cols = grid_map.cells.shape
         problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
         raise MapFileError(map_file, f"{problem}: cut the map or use larger cells")
+    landmarks = landmarks_beside(map_file)
     agreement = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)
@@ -79,11 +85,27 @@ def run_check(
         agreement=agreement,
     )
     if report_file is not None:
-        drawn_report(report, grid_map).save(report_file)
+        drawn_report(report, grid_map, landmarks).save(report_file)
+    if problem := _off_the_map(landmarks, grid_map):
+        report = msgspec.structs.replace(report, remarks=(*report.remarks, problem))
     text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
     standard_output().write(text + "\n")
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)
+
+
+def _off_the_map(landmarks: Sequence[Landmark], grid_map: GridMap) -> str:
+    """Return a remark on landmarks that lie outside the map; empty: none does."""
+    corner, (width, height) = np.array(grid_map.map_from_grid), grid_map.size_m
+    outside = []
+    for each in landmarks:
+        x, y, _ = between(corner, np.array([each.x, each.y, 0.0]))
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            outside.append(each.name)
+    if not outside:
+        return ""
+    count = f"{len(outside)} of {len(landmarks)} landmarks"
+    return f"{count} lie outside the map, such as {outside[0]}: are they in its frame, in metres?"
 
 
 def lines_of(report: MapReport) -> Iterator[str]:

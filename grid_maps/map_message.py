@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,10 @@ import numpy as np
 from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MalformedMessageError
-from protocol.steps import MapMessage, MapReading
+from protocol.steps import Landmark, MapMessage, MapReading
 
 
-def to_message(grid_map: GridMap, sender: str) -> MapMessage:
+def to_message(grid_map: GridMap, sender: str, landmarks: Sequence[Landmark] = ()) -> MapMessage:
     """Return a map as a message of the bridge, compressed by zlib, mostly to 1 %."""
     rows, cols = grid_map.cells.shape
     return MapMessage(
@@ -23,6 +24,7 @@ def to_message(grid_map: GridMap, sender: str) -> MapMessage:
         rows=rows,
         cols=cols,
         zlib_cells=zlib.compress(grid_map.cells.data, level=6),
+        landmarks=tuple(landmarks),
     )
 
 

@@ -33,13 +33,14 @@ MIN_BYTES = 3000
 
 
 def map_frame(message: MapMessage) -> Frame:
-    """Return the digest, size and position of the map; the page fetches the cells separately."""
+    """Return the map without its cells, which the page fetches separately."""
     return {
         "digest": message.digest,
         "rows": message.rows,
         "cols": message.cols,
         "cell_m": message.cell_m,
         "origin": message.map_from_grid,
+        "landmarks": [(each.name, each.x, each.y) for each in message.landmarks],
     }
 
 
@@ -74,11 +75,13 @@ def scan_frame(scan: Scan | None) -> Frame:
     """Return the part of a step's frame that shows the scan.
 
     ``scan`` are the beams' end points (see `scan_points_cm`), ``laser`` is the position of the
-    first laser [cm]; both are in the robot's frame.
+    first laser [cm]; both are in the robot's frame. ``seen`` are the observations: a landmark's
+    name and its position in the robot's frame [m], or no name and the robot's position in the map.
     """
     return {
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
+        "seen": [] if scan is None else [(s.landmark, *s.mean[:2]) for s in scan.observations],
     }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from grid_maps.landmarks import landmarks_beside
 from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
@@ -67,7 +68,9 @@ def view_recording(
         problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
         remedy = f"localize in it by: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")
-    named = to_message(load_map(map_file), "recording") if map_file else None
+    named = None
+    if map_file:
+        named = to_message(load_map(map_file), "recording", landmarks_beside(map_file))
     run = RecordedRun(recording, named)
     if save_file is None:
         with opened_page(page, [run.room]):

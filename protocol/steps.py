@@ -227,6 +227,8 @@ class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
     cols: int
     zlib_cells: bytes
     """zlib of rows x cols int8, row 0 has the lowest y: 0 free, 1 occupied, -1 unknown."""
+    landmarks: Annotated[tuple[Landmark, ...], Meta(max_length=MAX_LANDMARKS)] = ()
+    """For display; steps carry those that the filter uses."""
 
 
 class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):

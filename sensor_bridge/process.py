@@ -187,7 +187,7 @@ class Bridge:
     ) -> None:
         self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
         self._is_live, self._landmarks = source is None, landmarks
-        self._map = to_message(grid_map, node.name) if grid_map else None
+        self._map = to_message(grid_map, node.name, landmarks) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
         self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)

@@ -1,5 +1,7 @@
 """`clustermcl check --report`: a picture of the map with its look-alike places."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -11,18 +13,23 @@ from live_view.drawing import View, map_canvas, smoothed
 from live_view.map_reduction import reduced
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
+from protocol.steps import Landmark
 
 COLOURS = ((0, "#009E73"), (1, "#F0E442"), (3, "#E69F00"), (10**9, "#c0262d"))
 """Colour of a tested place by the largest number of places that look like it."""
 SYMMETRY = "#7d3cb5"
-_ARROW_PX, _RING_PX, _LINE_PX = 18, 60, 6
+LANDMARK = "#0072B2"
+_ARROW_PX, _RING_PX, _LINE_PX, _LANDMARK_PX = 18, 60, 6, 16
 _MANY = 8
 
 
-def drawn_report(report: MapReport, grid_map: GridMap) -> Image.Image:
+def drawn_report(
+    report: MapReport, grid_map: GridMap, landmarks: Sequence[Landmark] = ()
+) -> Image.Image:
     """Draw tested places as filled arrows, joined with their look-alikes, and the symmetries.
 
-    A ring is the centre of a rotation, a line through the middle of the map a translation.
+    A ring is the centre of a rotation, a line through the middle of the map a translation,
+    a diamond a landmark.
     """
     canvas, view = map_canvas(reduced(to_message(grid_map, "report")))
     draw = ImageDraw.Draw(canvas, "RGBA")
@@ -30,6 +37,9 @@ def drawn_report(report: MapReport, grid_map: GridMap) -> Image.Image:
         _draw_symmetry(draw, view, symmetry, middle_of(grid_map))
     for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
         _draw_place(draw, view, place)
+    for landmark in landmarks:
+        square = (*view.at(landmark.x, landmark.y), _LANDMARK_PX)
+        draw.regular_polygon(square, 4, rotation=45, fill=LANDMARK)
     return smoothed(canvas)
 
 

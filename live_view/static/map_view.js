@@ -1,5 +1,6 @@
 // Draws the map and everything on it when something has changed, at most once in a frame.
 import { BEAM_COLOURS, judgedBeams } from "./beams.js";
+import { drawLandmarks, drawSeen } from "./landmarks.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
@@ -190,6 +191,7 @@ export class MapView {
     if (this.map && layers.has("map")) this.drawMap(ratio, width, height);
     if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
+    if (this.map) drawLandmarks(this);
     drawWays(this, this.rows, places);
     drawAdvice(this);
     for (const robot of this.others) drawOther(this, robot);
@@ -197,7 +199,11 @@ export class MapView {
       if (layers.has("particles")) drawParticles(this, this.clouds, this.step);
       const selected = places.find((place) => place.cluster === this.selected);
       if (selected && this.map && this.step.laser) this.drawBeams(selected);
-      else if (layers.has("scan")) this.drawScan(places.find((place) => place.cluster === this.pointed) ?? places[0]);
+      else if (layers.has("scan") && places.length) {
+        const place = places.find((place) => place.cluster === this.pointed) ?? places[0];
+        this.drawScan(place);
+        drawSeen(this, place);
+      }
       if (this.step.truth && layers.has("truth")) drawTruth(this, this.step.truth);
       for (let i = places.length - 1; i >= 0; i--) drawPlace(this, places[i]); // the best on top
       const pointed = places.filter((place) => place.cluster === this.pointed);
@@ -264,7 +270,6 @@ export class MapView {
   }
 
   drawScan(place) {
-    if (!place) return;
     const { context } = this;
     const [x, y, heading] = place.pose;
     const c = Math.cos(heading) / 100, s = Math.sin(heading) / 100, points = this.step.scan;

@@ -14,7 +14,7 @@ from live_view.map_reduction import reduced
 from live_view.page_server import PageServer
 from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
-from protocol.steps import MapMessage
+from protocol.steps import Landmark, MapMessage
 
 
 class Actor:
@@ -64,7 +64,12 @@ class Stage(Actor):
         self.server.__exit__(kind, error, traceback)
 
     def show_map(
-        self, rows: int, cols: int, cell_m: float = 0.05, pillar: tuple[int, int] = (0, 0)
+        self,
+        rows: int,
+        cols: int,
+        cell_m: float = 0.05,
+        pillar: tuple[int, int] = (0, 0),
+        landmarks: tuple[Landmark, ...] = (),
     ) -> None:
         """An empty room of this size, but for a pillar of one cell."""
         cells = np.zeros((rows, cols), np.int8)
@@ -79,6 +84,7 @@ class Stage(Actor):
                 rows=rows,
                 cols=cols,
                 zlib_cells=packed,
+                landmarks=landmarks,
             )
         )
 

@@ -14,7 +14,7 @@ from live_view.saved_page import saved_page, saved_run
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.job_events import Ended, JobEvents, NumberedEvent
-from protocol.steps import TruePose
+from protocol.steps import Landmark, Seen, TruePose
 from protocol.work import TrackReport
 from tests.integration.live_view.page import Page, press, serious_problems
 from tests.integration.live_view.stage import Stage
@@ -122,6 +122,24 @@ def test_the_scan_is_drawn_at_the_cluster_under_the_pointer(stage: Stage, drawn:
 def is_scan(page: Page, where: tuple[float, float]) -> bool:
     red, green, blue = page.snapshot().pixel_at(*where)
     return red > green + 80 and red > blue + 80
+
+
+def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
+    stage: Stage, drawn: Page
+) -> None:
+    tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 7.0))
+    stage.show_map(120, 200, landmarks=tags)
+    flat = (0.01, 0.0, 0.0, 0.01)
+    seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
+                share=1.0)  # fmt: skip
+    stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
+    stage.picture.on_belief(belief(5, 1))
+    shows(stage, lambda: shown_step(drawn) == 5)
+    half_way = (1.0 + 0.8776, 2.0 + 0.4794)
+    assert is_scan(drawn, half_way)
+    assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
+    red, green, _ = drawn.snapshot().pixel_at(7.0, 2.0)
+    assert red == green or red < 60, "a landmark that was not seen is dark"
 
 
 def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> None:

@@ -14,7 +14,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import PoseTuple
-from protocol.steps import MapMessage, MapReading
+from protocol.steps import Landmark, MapMessage, MapReading
 
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]], np.int8)
 
@@ -91,7 +91,9 @@ def test_a_pose_that_is_not_finite_is_refused() -> None:
 def test_a_map_survives_the_wire(cells: Cells, pose: PoseTuple) -> None:
     cells[2, 2] = FREE
     sent = a_map(cells, map_from_grid=pose)
-    received = from_message(to_message(sent, "bridge"))
+    message = to_message(sent, "bridge", [TAG])
+    assert message.landmarks == (TAG,)
+    received = from_message(message)
     np.testing.assert_array_equal(received.cells, sent.cells)
     assert (received.digest, received.map_from_grid) == (sent.digest, pose)
 
@@ -119,6 +121,7 @@ def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -
         from_message(message)
 
 
+TAG = Landmark(name="exit", x=1.0, y=2.0, sigma=0.1)
 READING = MapReading(
     sender="robot",
     cell_m=0.05,

@@ -6,7 +6,7 @@ from PIL import Image, ImageColor
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from evaluation.map_check.drawing import COLOURS, SYMMETRY
+from evaluation.map_check.drawing import COLOURS, LANDMARK, SYMMETRY
 from grid_maps.ros_map import write_map
 from protocol.errors import SettingsError
 from robot_simulator.worlds.catalogue import world
@@ -32,6 +32,14 @@ def test_the_picture_shows_how_many_places_look_alike(tmp_path: Path) -> None:
     assert {rgb(SOME), rgb(SYMMETRY)} <= cross
     assert rgb(UNIQUE) not in cross, "no place of the cross is unique"
     assert rgb(UNIQUE) in hall
+
+
+def test_landmarks_are_drawn_and_those_outside_the_map_are_remarked(tmp_path: Path) -> None:
+    lines = "- {id: in, x: 0.0, y: 0.0}\n- {id: far, x: 900.0, y: 0.0}\n"
+    (tmp_path / "landmarks.yaml").write_text(f"landmarks:\n{lines}")
+    assert ImageColor.getrgb(LANDMARK) in colours_of("cross", tmp_path)
+    said = CliRunner().invoke(app, ["check", str(tmp_path / "cross.yaml"), "--places", "1"])
+    assert "1 of 2 landmarks lie outside the map, such as far" in said.output
 
 
 def test_an_unwritable_picture_is_refused_before_the_check(tmp_path: Path) -> None:
