@@ -55,6 +55,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "status": query.status,
         "snapshot": query.snapshot,
         "record": recordings.record,
+        "record-landmarks": recordings.record_landmarks,
     },
     "Control a running system": {
         "set-pose": control.set_pose,

@@ -68,6 +68,16 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
     writing.result()
 
 
+def received_until(stop: StopFlag, inbox: Events) -> Iterator[Received]:
+    """Yield received messages until the flag is set and the inbox is empty."""
+    while True:
+        event = inbox.get(0.0 if stop.is_set() else _POLL_S)
+        if isinstance(event, Received):
+            yield event
+        elif stop.is_set():
+            return
+
+
 class Listener:
     """A subscriber that writes scans, odometry, beliefs and the map to a file."""
 
@@ -87,15 +97,11 @@ class Listener:
     def write(self, path: Path, stop: StopFlag) -> None:
         """Write received messages until `stop` is set and all messages are written."""
         with RunLog.to(path) as log:
-            while True:
-                event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
-                if isinstance(event, Received):
-                    try:
-                        self._write(log, event)
-                    except MalformedMessageError as error:
-                        self._causes.warn(_log, error.cause, error, time.monotonic())
-                elif stop.is_set():
-                    return
+            for received in received_until(stop, self._inbox):
+                try:
+                    self._write(log, received)
+                except MalformedMessageError as error:
+                    self._causes.warn(_log, error.cause, error, time.monotonic())
 
     def _write(self, log: RunLog, received: Received) -> None:
         match received.key:

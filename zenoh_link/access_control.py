@@ -114,7 +114,7 @@ _ROLES = {
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
     "recorder": Rights(
-        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF),
+        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING),
         asks=(keys.MAP, keys.SCAN_HISTORY),
     ),
     "ros2": Rights(

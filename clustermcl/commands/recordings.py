@@ -19,6 +19,7 @@ from clustermcl.commands.options import (
 )
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
+from process_runtime.stop import stop_on_signals
 
 EXIT_DIFFERENT = 1
 MOST_RUNS, MOST_JOBS = 10_000, 256
@@ -163,6 +164,21 @@ def record(
 
     steps = run_record(settings, file)
     standard_output().write(f"{file}: {steps} steps\n")
+
+
+@client_command
+def record_landmarks(
+    settings: Settings,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE.yaml", help="Landmarks are added to an existing file."),
+    ],
+) -> None:
+    """Average unknown landmarks that a localized robot sees, until Ctrl-C; then write them."""
+    from clustermcl.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
+
+    added = run_record_landmarks(settings, file, stop_on_signals())
+    standard_output().write(f"{file}: {added} landmarks added\n")
 
 
 def replay(

@@ -14,7 +14,12 @@ from protocol.errors import SettingsError
 
 NAMES = [name for group in COMMANDS.values() for name in group]
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
-ARGUMENTS = {"snapshot": ["now.png"], "record": ["run.mcap"], "set-pose": ["1", "2", "-90"]}
+ARGUMENTS = {
+    "snapshot": ["now.png"],
+    "record": ["run.mcap"],
+    "record-landmarks": ["tags.yaml"],
+    "set-pose": ["1", "2", "-90"],
+}
 
 
 def typed(*words: str) -> str:

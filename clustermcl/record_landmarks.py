@@ -1,0 +1,155 @@
+"""`clustermcl record-landmarks`: add unknown landmarks that a localized robot sees to a file."""
+
+import logging
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from clustermcl.record import received_until
+from grid_maps.landmarks import load_landmarks
+from particle_filter.arrays import Pose
+from particle_filter.poses import between, compose
+from particle_filter.trajectory import Trajectory
+from process_runtime.logs import CauseCounter
+from process_runtime.output_files import check_output_file, write_output_file
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError
+from protocol.pose_arrays import covariance_matrix
+from protocol.reading_checks import observation_problem
+from protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Received, subscribe
+
+LEAST_SIGHTS = 5
+"""A landmark that was seen at fewer steps is not written."""
+MOST_SIGHTS = 200
+MOST_SCATTER_M = 1.0
+"""A name whose sights scatter more stands for several landmarks, or for one that moves [m]."""
+LEAST_SIGMA_M = 0.02
+"""The errors of map and mount do not average out [m]."""
+_MOST_WAITING = 64
+_KEPT = {"odometry": 4096, "belief": 64, "observation": 256}
+_KEYS = tuple(zip(_KEPT, (keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING), strict=True))
+
+_log = logging.getLogger(__name__)
+
+
+def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
+    """Record until the stop flag is set; then add the new landmarks to the file, and count them.
+
+    Raises:
+        ClusterMclError: no router answers, or the file is damaged or cannot be written.
+    """
+    check_output_file(path)
+    known = {each.name for each in load_landmarks(path)} if path.exists() else set()
+    survey = LandmarkSurvey(known)
+    inbox: Events = Inbox(_KEPT)
+    causes = CauseCounter()
+    within_s = settings.zenoh.connect_timeout_s
+    with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
+        for kind, key in _KEYS:
+            subscribe(session, key, inbox, kind)
+        for received in received_until(stop, inbox):
+            try:
+                _take(survey, received)
+            except MalformedMessageError as error:
+                causes.warn(_log, error.cause, error, time.monotonic())
+    entries = yaml.safe_load(path.read_bytes())["landmarks"] if path.exists() else []
+    if added := list(survey.entries()):
+        file = {"landmarks": [*entries, *added]}
+        write_output_file(path, yaml.safe_dump(file, sort_keys=False, allow_unicode=True))
+    return len(added)
+
+
+def _take(survey: "LandmarkSurvey", received: Received) -> None:
+    match received.key:
+        case keys.ODOMETRY:
+            survey.on_odometry(decode(received.payload, OdometryReading))
+        case keys.BELIEF:
+            survey.on_belief(decode(received.payload, Belief))
+        case keys.OBSERVATION_READING:
+            survey.on_observation(decode(received.payload, Observation))
+
+
+class LandmarkSurvey:
+    """Averages the positions of unknown landmarks. Each counts once a step, so it is a new view.
+
+    Args:
+        known: names of landmarks that are not averaged.
+    """
+
+    def __init__(self, known: set[str]) -> None:
+        self._known = known
+        self._trajectory = Trajectory(most=400)
+        self._waiting: list[Observation] = []
+        self._belief: Belief | None = None
+        self._steps: dict[str, int] = {}
+        """Step of the last sight of each name."""
+        self._sights: dict[str, list[tuple[Pose, Pose]]] = {}
+        """Positions (2,) in the map and their covariances (2, 2)."""
+
+    def on_belief(self, belief: Belief) -> None:
+        self._belief = belief
+
+    def on_observation(self, seen: Observation) -> None:
+        """Take an observation; it waits for odometry of its time."""
+        if not seen.landmark or seen.landmark in self._known or observation_problem(seen):
+            return
+        self._waiting = [*self._waiting, seen][-_MOST_WAITING:]
+
+    def on_odometry(self, reading: OdometryReading) -> None:
+        self._trajectory.add(reading.stamp_ns, reading.odom_from_robot)
+        ready = [each for each in self._waiting if each.stamp_ns <= reading.stamp_ns]
+        self._waiting = [each for each in self._waiting if each.stamp_ns > reading.stamp_ns]
+        for seen in ready:
+            self._place(seen)
+
+    def _place(self, seen: Observation) -> None:
+        belief, pose = self._belief, self._trajectory.pose_at(seen.stamp_ns)
+        if belief is None or belief.state != "localized" or pose is None:
+            return
+        name, best = seen.landmark, belief.hypotheses[0]
+        if self._steps.get(name) == belief.step or (
+            name not in self._sights and len(self._known) + len(self._sights) >= MAX_LANDMARKS
+        ):
+            return
+        self._steps[name] = belief.step
+        since = between(np.array(belief.odom_from_robot), np.array(pose))
+        x, y, heading = compose(np.array(best.pose), since)
+        cos, sin = np.cos(heading), np.sin(heading)
+        map_from_robot = np.array([[cos, -sin], [sin, cos]])
+        off = map_from_robot @ np.array(seen.mean)
+        by_pose = np.array([[1.0, 0.0, -off[1]], [0.0, 1.0, off[0]]])
+        covariance = by_pose @ covariance_matrix(best.covariance) @ by_pose.T
+        covariance += map_from_robot @ np.reshape(seen.covariance, (2, 2)) @ map_from_robot.T
+        sights = self._sights.setdefault(name, [])
+        sights.append((np.array([x, y]) + off, covariance))
+        del sights[:-MOST_SIGHTS]
+        if len(sights) == LEAST_SIGHTS:
+            _log.info("landmark %s was seen at %d steps, which is enough", name, LEAST_SIGHTS)
+
+    def entries(self) -> Iterator[dict[str, Any]]:
+        """Yield the found landmarks as entries of a landmarks file."""
+        for name, sights in sorted(self._sights.items()):
+            positions, covariances = map(np.array, zip(*sights, strict=True))
+            scatter_m = float(np.sqrt(positions.var(axis=0).max()))
+            if len(sights) < LEAST_SIGHTS or scatter_m > MOST_SCATTER_M:
+                what = f"{len(sights)} sights, which scatter by {scatter_m:.2f} m"
+                _log.warning("landmark %s is left out: %s", name, what)
+                continue
+            weights = np.linalg.inv(covariances)
+            covariance = np.linalg.inv(weights.sum(axis=0))
+            x, y = covariance @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
+            sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
+            sigma = max(float(sigma), scatter_m / np.sqrt(len(sights)), LEAST_SIGMA_M)
+            at = {key: round(float(value), 3) for key, value in (("x", x), ("y", y))}
+            yield {"id": name, **at, "sigma": round(float(sigma), 3)}

@@ -1,0 +1,63 @@
+"""`clustermcl record-landmarks` on a real session."""
+
+import logging
+import threading
+from itertools import count
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from clustermcl.record_landmarks import run_record_landmarks
+from grid_maps.landmarks import load_landmarks
+from process_runtime.settings import Settings, ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.errors import LandmarksFileError
+from tests.integration.conftest import OpenClient
+from tests.integration.waiting import wait_until
+from tests.unit.clustermcl.test_record_landmarks import odometry, seen
+from tests.unit.live_view.messages import belief
+from zenoh_link.wire import Publisher
+
+
+def test_seen_landmarks_are_added_to_the_file(
+    router: ZenohSettings, open_client: OpenClient, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    file = tmp_path / "landmarks.yaml"
+    file.write_text("landmarks: [{class: pillar, x: 1.0, y: 2.0}]")
+    settings, stop = replace(Settings(), zenoh=router), StopFlag()
+    session = open_client()
+    belief_to, odometry_to, observation_to = (
+        Publisher(session, key) for key in (keys.BELIEF, keys.ODOMETRY, keys.OBSERVATION_READING)
+    )
+    steps = count()
+
+    def is_seen_enough() -> bool:
+        step = next(steps)
+        belief_to.put(replace(belief(step, 1), state="localized"))
+        for name in ("door", "pillar"):
+            observation_to.put(seen(step, (1.0, 0.0), name))
+        session.put(keys.OBSERVATION_READING, b"\xc1")
+        odometry_to.put(odometry(step, 0.0))
+        return "landmark door was seen" in caplog.text
+
+    recording = threading.Thread(target=run_record_landmarks, args=(settings, file, stop))
+    recording.start()
+    try:
+        wait_until(is_seen_enough)
+    finally:
+        stop.set()
+        recording.join()
+    pillar, door = load_landmarks(file)
+    assert (pillar.name, door.name) == ("pillar", "door")
+    assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)
+    assert "not a valid Observation" in caplog.text
+
+
+def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:
+    file = tmp_path / "landmarks.yaml"
+    file.write_text("landmarks: 7")
+    with pytest.raises(LandmarksFileError, match="not a landmarks file"):
+        run_record_landmarks(Settings(), file, StopFlag())
