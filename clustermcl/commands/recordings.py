@@ -174,7 +174,7 @@ def record_landmarks(
         typer.Argument(metavar="FILE.yaml", help="Landmarks are added to an existing file."),
     ],
 ) -> None:
-    """Average unknown landmarks that a localized robot sees, until Ctrl-C; then write them."""
+    """Measure landmarks that the localized robot sees, until Ctrl-C."""
     from clustermcl.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
 
     added = run_record_landmarks(settings, file, stop_on_signals())

@@ -128,7 +128,8 @@ def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
     stage: Stage, drawn: Page
 ) -> None:
     tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 7.0))
-    stage.show_map(120, 200, landmarks=tags)
+    stage.show_map(121, 200, landmarks=tags)  # another map, so the page fetches it
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.landmarks.length === 2"))
     flat = (0.01, 0.0, 0.0, 0.01)
     seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
                 share=1.0)  # fmt: skip
