@@ -37,7 +37,7 @@ from protocol.steps import TruePose
 from recordings.map_file import load_map_with_obstacles, map_file_of
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from sensor_bridge.recorded import RecordedSource
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session

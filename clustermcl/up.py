@@ -16,7 +16,7 @@ from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from recordings.map_file import load_map_with_obstacles, map_file_of
 from recordings.recording import open_recording
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from ros2_bridge.process import check_ros2
 from zenoh_link.configuration import as_zenoh, client_configuration
 

@@ -17,7 +17,8 @@ from protocol.steps import Scan, mirrored
 from recordings.map_file import load_map
 from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import simulated_world
 from sensor_bridge.recorded import steps_of
 
 TrueStep = tuple[Scan, PoseTuple | None]

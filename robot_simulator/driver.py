@@ -18,7 +18,7 @@ from protocol import keys
 from protocol.message import Message, PoseTuple
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from zenoh_link.session import open_session
 from zenoh_link.wire import Publisher
 

@@ -12,7 +12,8 @@ from protocol.errors import SettingsError
 from protocol.steps import Scan, TruePose
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_world
+from robot_simulator.source import SimulatedSource
+from robot_simulator.worlds.catalogue import simulated_world
 from sensor_bridge.process import OnStep, serve_robot
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked

@@ -2,32 +2,14 @@
 
 from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 
 import msgspec
 
 from process_runtime.settings import BridgeSettings
-from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
 from protocol.steps import Observation, Reading, Scan
-from recordings.map_file import load_map_with_obstacles
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world, world_names
-from robot_simulator.worlds.world import World, world_from_map
 from sensor_bridge.step_maker import StepMaker
-
-
-def simulated_world(robot: Simulated) -> World:
-    """Return the world that a source names: one of the catalogue, or one made of a map file.
-
-    Raises:
-        UnknownWorldError: there is neither a world nor a file of this name.
-        MapFileError: the file cannot be used as a map.
-    """
-    name = robot.world
-    if name not in world_names() and (Path(name).suffix or Path(name).exists()):
-        return world_from_map(load_map_with_obstacles(name))
-    return world(name)
 
 
 class SimulatedSource:

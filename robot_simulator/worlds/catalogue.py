@@ -1,10 +1,14 @@
 """All worlds by name."""
 
+from pathlib import Path
+
+from process_runtime.sources import Simulated
+from recordings.map_file import load_map_with_obstacles
 from robot_simulator.worlds.eight_rooms import eight_rooms
 from robot_simulator.worlds.halls import hall, hall_last_year, hall_moved, hall_symmetric
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags, gates, rectangle
-from robot_simulator.worlds.world import UnknownWorldError, World
+from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
 
 _WORLDS = {
     draw.__name__: draw
@@ -28,3 +32,16 @@ def world(name: str) -> World:
     if name not in _WORLDS:
         raise UnknownWorldError(name, known=world_names())
     return _WORLDS[name]()
+
+
+def simulated_world(robot: Simulated) -> World:
+    """Return the world that a source names: one of the catalogue, or one made of a map file.
+
+    Raises:
+        UnknownWorldError: there is neither a world nor a file of this name.
+        MapFileError: the file cannot be used as a map.
+    """
+    name = robot.world
+    if name not in world_names() and (Path(name).suffix or Path(name).exists()):
+        return world_from_map(load_map_with_obstacles(name))
+    return world(name)

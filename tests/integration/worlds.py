@@ -9,7 +9,7 @@ from grid_maps.ros_map import write_map
 from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from robot_simulator.worlds.world import World
 
 

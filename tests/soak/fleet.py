@@ -14,7 +14,7 @@ from process_runtime.settings import Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from tests.soak.cables import set_cables
 from zenoh_link.configuration import router_configuration
 

@@ -18,7 +18,7 @@ from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
 from recordings.run_log import RunLog
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import simulated_world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.system.commands import ran

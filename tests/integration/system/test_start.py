@@ -15,7 +15,13 @@ HEAVY = {"numba", "llvmlite", "scipy"}
 
 @pytest.mark.parametrize(
     "module",
-    ["sensor_bridge.process", "coordinator.process", "zenoh_link.router", "clustermcl.client"],
+    [
+        "sensor_bridge.process",
+        "coordinator.process",
+        "zenoh_link.router",
+        "clustermcl.client",
+        "clustermcl.up",
+    ],
 )
 def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: str) -> None:
     program = f"import sys, {module}; print(sorted({HEAVY} & set(sys.modules)))"
