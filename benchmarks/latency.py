@@ -14,6 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import numpy as np
 import zenoh
@@ -98,12 +99,41 @@ def network(far: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
         _run("ip", "netns", "del", name)
 
 
+@contextmanager
+def limited(cores: float) -> Iterator[tuple[str, ...]]:
+    """Yield the first words of a command that gets this share of the cores; 0: no limit.
+
+    They start it in a control group of its own (version 1 or 2), which needs root.
+    """
+    if not cores:
+        yield ()
+        return
+    root = Path("/sys/fs/cgroup")
+    is_second = (root / "cgroup.controllers").exists()
+    group = (root if is_second else root / "cpu") / f"mclbench{os.getpid()}"
+    group.mkdir()
+    period_us = 100_000
+    if is_second:
+        (group / "cpu.max").write_text(f"{int(cores * period_us)} {period_us}")
+    else:
+        (group / "cpu.cfs_quota_us").write_text(str(int(cores * period_us)))
+    try:
+        yield ("sh", "-c", f'echo $$ > {group}/cgroup.procs; exec "$@"', "sh")
+    finally:
+        group.rmdir()
+
+
 def _run(*command: str) -> None:
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
 
 
 def run_stack(
-    seconds: float, watched_s: float, settings: Sequence[str], far_workers: int
+    seconds: float,
+    watched_s: float,
+    settings: Sequence[str],
+    far_workers: int,
+    options: Sequence[str] = (),
+    cores: float = 0.0,
 ) -> tuple[ByThread, int, Seen]:
     """Run a stack for this time; `settings` as for `--set`; some workers on the far machine.
 
@@ -111,7 +141,11 @@ def run_stack(
         What each thread of it took over the last `watched_s`, when they began [ns], and what
         another client saw.
     """
-    with network(far_workers > 0) as (address, over_there), ExitStack() as started:
+    with (
+        network(far_workers > 0) as (address, over_there),
+        limited(cores) as limit,
+        ExitStack() as started,
+    ):
         with socket.socket() as probe:
             probe.bind((address, 0))
             port = probe.getsockname()[1]
@@ -122,7 +156,7 @@ def run_stack(
             *settings,
         ]
         words = [word for setting in assignments for word in ("--set", setting)]
-        near = [sys.executable, "-I", "-m", "clustermcl", "up", *words]
+        near = [*limit, sys.executable, "-I", "-m", "clustermcl", "up", *options, *words]
         far = [*over_there, sys.executable, "-I", "-m", "worker", *words]
         far += ["--name", "far", "--count", str(far_workers)]
         for command in (near, far) if far_workers else (near,):
@@ -176,6 +210,8 @@ def main() -> None:
     parser.add_argument("--world", default="office")
     parser.add_argument("--skip", type=int, default=50, help="steps at the start left out")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
+    parser.add_argument("--one-process", action="store_true")
+    parser.add_argument("--cores", type=float, default=0.0, help="limit, such as 0.5; needs root")
     options = parser.parse_args()
     spent, begun_ns, seen = run_stack(
         options.seconds,
@@ -193,6 +229,8 @@ def main() -> None:
             *options.set,
         ],
         options.far,
+        ("--one-process",) if options.one_process else (),
+        options.cores,
     )
     stages, reports = stages_of(seen)
     steps = steps_sent(seen, begun_ns, options.watched)
@@ -205,6 +243,9 @@ def main() -> None:
     traced = len(next(iter(stages.values()))) - options.skip
     if traced <= 0:
         raise SystemExit("too few steps were seen from scan to belief; run it for longer")
+    decided = {message.step for _, message in seen if isinstance(message, Belief)}
+    sent = {message.step for _, message in seen if isinstance(message, Scan)}
+    print(f"{len(sent - decided)} of {len(sent)} steps without a belief")
     print(f"{traced} steps, {reports} clusters of {options.particles} particles")
     print(table({name: values[options.skip :] for name, values in stages.items()}))
 
