@@ -95,7 +95,7 @@ class Placement(Part):
         """Change numbers of particles.
 
         Args:
-            sizes: by job id, the number and the first step with it.
+            sizes: by job id, the new number and the first step that uses it.
         """
         for job_id, (particles, first_step) in sizes.items():
             worker = self.jobs.resize(job_id, particles, first_step)

@@ -62,8 +62,8 @@ MAX_WAITING_SCANS = 1_000
 def recent_odometry() -> Trajectory:
     """Return an empty trajectory that keeps at least five seconds, for poses that clients give.
 
-    Its poses are 0.1 s apart. The oldest pose also holds for the second before it: a client has
-    another clock.
+    Its poses are 0.1 s apart. The oldest pose is also used for the second before it, because
+    clocks of clients may differ.
     """
     return Trajectory(most=51, every_ns=100_000_000, held_ns=1_000_000_000)
 

@@ -324,7 +324,7 @@ def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _runs(free: NDArray[np.bool_]) -> Runs:
-    """Return runs that hold all free tiles, and small gaps between them."""
+    """Return runs of adjacent tiles that cover all free tiles; runs also cover small gaps."""
     every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
     return _joined_runs(every, free.reshape(-1))
 

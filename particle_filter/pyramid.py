@@ -31,7 +31,7 @@ MOST_BEAMS = 65_535 // 255
 """Largest number of beams; more could overflow the 16-bit sums."""
 
 _CODES_PER_STEP = 257
-"""Number of 16-bit codes of the field in an 8-bit step: 65,535 is 255 steps."""
+"""Number of 16-bit codes of the field for each 8-bit code of the pyramid (65,535 / 255)."""
 _STRIP_TILES = 64
 _RUNS_TOGETHER = 64
 """Number of rows scored together: they are neighbours in memory, so most are in the cache."""

@@ -108,7 +108,7 @@ INSTEAD = {
         "no beam is skipped: sensor.occlusion_weight"
     )
 }
-"""Replacements for values that work differently here."""
+"""By parameter and value, the note for a nav2 value that works differently here."""
 
 
 def _one_of(known: dict[str, str], value: str) -> str:

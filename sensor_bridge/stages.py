@@ -69,7 +69,7 @@ Lasers: TypeAlias = dict[str, Laser]
 
 
 def is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
-    """Return whether no robot moves from one pose to the other in that time."""
+    """Return whether the motion between two poses is faster than any robot's."""
     elapsed_s = (after_ns - before_ns) / 1e9
     if elapsed_s < -_MAX_BACK_S:
         elapsed_s = 0.0  # the clock was set back; the time between is unknown

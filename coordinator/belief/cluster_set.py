@@ -260,7 +260,7 @@ class ClusterSet(Part):
     def _log_odds_of_here(
         self, among: NDArray[np.float64], reports: Mapping[str, TrackReport], new_view: float
     ) -> float:
-        """Return the evidence of the beams' classes for the clusters; update the map's quality."""
+        """Return by how much beam classes raise the log odds of the clusters; update `quality`."""
         if 0.0 in (self.rules.kidnapping_probability, self.rules.off_map_probability):
             return 0.0
         told = [reports.get(job_id) for job_id in self.job_ids]

@@ -478,7 +478,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _is_patient(self) -> bool:
-        """Whether a search may take longer while it has more places than can be tracked."""
+        """Whether a search with more places than can be tracked may still continue."""
         is_off_map = self.clusters.off_map > self.settings.belief.lost_probability
         return not (is_off_map or self._is_held_from_before)
 

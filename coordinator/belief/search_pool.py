@@ -64,7 +64,7 @@ class Pool:
 
     @cached_property
     def mean(self) -> Poses:
-        """(P, 3) mean of each place, from its most probable view."""
+        """(P, 3) mean pose of each place: the mean of its most probable view."""
         return self.views.mean[[rows[0] for rows in self.rows]]
 
     def place(self, index: int, share: float) -> Place:
@@ -172,7 +172,7 @@ def pool_of(
     log_evidence: float = 0.0,
     left_out_gap: float = math.inf,
 ) -> Pool:
-    """Join the same places of several lists, whose shares are multiplied by these weights."""
+    """Merge lists of found places into one pool; each list's shares are scaled by its weight."""
     views = _views(found, weights)
     into = merge_overlapping(views.mean, settings.source_radius_m, settings.source_heading_rad)
     groups: dict[int, list[int]] = {}
