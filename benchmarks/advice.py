@@ -17,14 +17,15 @@ import typer
 from clustermcl import ClusterMCL, Reading
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED
+from particle_filter.poses import compose, inverse
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World, world_from_map
 
 RIGHT_M = 1.0
 """A place nearer than this to the robot is right [m]."""
-MAX_WAY_STEPS = 60
-"""Steps after which an advised robot asks again at the latest."""
+MAX_WAY_STEPS = 120
+"""Steps after which an advised robot asks again at the latest: more than any way needs."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,10 @@ def run(place: World, seed: int, limit: int, *, advised: bool) -> Run:
                 answer = mcl.advice(radius_m=0.25)
                 if answer.ways:
                     way = answer.ways[0]
-                    simulation.follow(np.array(way.poses)[1:, :2])
+                    # The way begins at the scan's pose; the robot has turned a little since.
+                    in_map = compose(np.array(truth), np.array(way.poses))
+                    now = inverse(np.array(simulation.map_from_robot))
+                    simulation.follow(compose(now, in_map)[1:, :2])
                     predicted, before = way.information, log_of_truth(belief, truth)
                     until = made + MAX_WAY_STEPS
     return Run(limit, False, wrong, made, tuple(ways))
