@@ -33,7 +33,8 @@ ROBOT = """
 [Unit]
 StartLimitIntervalSec=0
 [Service]
-ExecStart=/opt/clustermcl/bin/python -I -m robot_simulator.driver --settings ${DRIVER} --world hall
+WorkingDirectory=/opt/robot-driver
+ExecStart=/opt/clustermcl/bin/python -m tests.soak.driver --settings ${DRIVER} --world hall
 Environment=DRIVER=/etc/clustermcl/settings.toml
 EnvironmentFile=-/etc/clustermcl/driver
 Restart=always
@@ -47,6 +48,8 @@ from robot_simulator.worlds.catalogue import world
 from grid_maps.ros_map import write_map
 write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
 sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
+mkdir /opt/robot-driver
+cp --recursive tests /opt/robot-driver
 systemctl enable --now robot-driver
 """
 """What a person does to the settings, and a robot."""

@@ -12,10 +12,9 @@ import psutil
 from grid_maps.ros_map import write_map
 from process_runtime.settings import Settings
 from process_runtime.settings_table import settings_as_toml
-from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
-from robot_simulator.worlds.catalogue import simulated_world
 from tests.soak.cables import set_cables
+from tests.soak.eight_rooms import soak_world
 from zenoh_link.configuration import router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
@@ -72,7 +71,7 @@ class Fleet:
         if cables:
             children.append(self._cables(endpoint))
             endpoint = f"{_SOCKET}{folder}/{CABLES}.sock"
-        grid_map = simulated_world(Simulated(world)).map
+        grid_map = soak_world(world).map
         for one in settings:
             robot = one.robot.name
             map_file = write_map(grid_map, folder, f"{robot}-map")
@@ -89,7 +88,7 @@ class Fleet:
                 self._child(f"{robot}/{WORKERS}", "worker", far_file),
                 *self._coordinators(robot, far_file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
-                self._child(f"{robot}/{ROBOT}", "robot_simulator.driver", file, *drive),
+                self._child(f"{robot}/{ROBOT}", "tests.soak.driver", file, *drive),
             ]
         self._supervisor = Supervisor(children)
 

@@ -11,8 +11,8 @@ import psutil
 from protocol import keys
 from protocol.codec import decode
 from protocol.steps import LaserReading, OdometryReading
-from robot_simulator.driver import KIDNAP_KEY
 from tests.integration.system.rubbish import PUBLISHED, SERVED, bad_readings, no_messages
+from tests.soak.driver import KIDNAP_KEY
 from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
 from tests.soak.promises import DoneFault
 from tests.soak.schedule import Fault, Kind

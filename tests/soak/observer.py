@@ -13,8 +13,8 @@ from protocol import keys
 from protocol.answers import Belief, PoseAnswer
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
-from robot_simulator.driver import TRUTH_KEY, TrueMotion
-from robot_simulator.worlds.eight_rooms import copies_in_all_rooms, eight_rooms
+from tests.soak.driver import TRUTH_KEY, TrueMotion
+from tests.soak.eight_rooms import copies_in_all_rooms, eight_rooms
 from tests.soak.promises import (
     AgeTrue,
     Answered,

@@ -16,8 +16,8 @@ from clustermcl.stack import meeting_in, temporary_folder
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import ClusterMclError, SettingsError
-from robot_simulator.worlds.eight_rooms import PLACES, eight_rooms
 from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_files_in
+from tests.soak.eight_rooms import PLACES, eight_rooms
 from tests.soak.fleet import Fleet
 from tests.soak.injector import Injector, Targets
 from tests.soak.leak_promise import NothingLeaks, open_without_namespace

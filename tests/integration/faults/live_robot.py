@@ -109,7 +109,7 @@ def with_live_robot(
     """Start the system and a separate robot that drives regardless of the system's state."""
     with with_bridge(WORLD, settings) as tested:
         words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
-        command = python_module("robot_simulator.driver", *words, "--rate-hz", str(rate_hz))
+        command = python_module("tests.soak.driver", *words, "--rate-hz", str(rate_hz))
         robot = RunningProcess(command, tested.folder, "robot")
         try:
             yield tested, robot

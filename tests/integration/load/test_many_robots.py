@@ -22,8 +22,8 @@ from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.message import PoseTuple
-from robot_simulator.driver import TRUTH_KEY, TrueMotion
 from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.soak.driver import TRUTH_KEY, TrueMotion
 from tests.soak.fleet import Fleet
 from zenoh_link.session import open_session
 

@@ -25,8 +25,8 @@ from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.steps import Scan
-from robot_simulator.worlds.eight_rooms import PLACES
 from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.soak.eight_rooms import PLACES
 from tests.soak.fleet import Fleet
 from zenoh_link.session import open_session
 from zenoh_link.wire import ask

@@ -14,7 +14,7 @@ from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
+from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from worker.map_model import sensor_model
 
 SETTINGS = Settings(

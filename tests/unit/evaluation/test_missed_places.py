@@ -11,7 +11,7 @@ from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings import BridgeSettings
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
+from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from worker.map_model import sensor_model
 
 NAMED_AT, EVERY, STEPS = 5, 30, 70

@@ -4,7 +4,7 @@ import pytest
 
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
-from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
+from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 from tests.soak.promises import BACK_WITHIN_S, FOUND_WITHIN_S, Outages, TruthHeld
 from tests.soak.schedule import Kind
 from tests.unit.soak.made_up import at, belief, fault, outages, place

@@ -6,7 +6,7 @@ from grid_maps.ros_map import write_map
 from particle_filter.arrays import UNKNOWN
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
+from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 
 
 def test_the_rooms_are_alike_to_the_last_cell() -> None:

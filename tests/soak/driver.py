@@ -1,6 +1,6 @@
 """A simulated robot that publishes its readings over Zenoh, like a real robot's driver.
 
-``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The robot drives
+``python -m tests.soak.driver --settings FILE --world WORLD --rate-hz 10``. The robot drives
 on when the bridge that reads it dies and restarts.
 """
 
@@ -12,13 +12,12 @@ import msgspec
 import zenoh
 
 from process_runtime.main import Invocation, process_main
-from process_runtime.sources import Simulated
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.message import Message, PoseTuple
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import simulated_world
+from tests.soak.eight_rooms import soak_world
 from zenoh_link.session import open_session
 from zenoh_link.wire import Publisher
 
@@ -57,7 +56,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_robot(invocation: Invocation) -> None:
     settings, arguments = invocation.settings, invocation.arguments
-    world = simulated_world(Simulated(arguments.world))
+    world = soak_world(arguments.world)
     simulation = Simulation(world, settings.seed, remembered_s=1.0)  # ticks have the true pose
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)

@@ -8,7 +8,9 @@ from math import hypot
 
 import numpy as np
 
+from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
+from robot_simulator.worlds.catalogue import simulated_world
 from robot_simulator.worlds.world import Canvas, World, world_from_map
 
 COLUMNS, ROWS = 4, 2
@@ -33,6 +35,11 @@ def eight_rooms() -> World:
         plan.block(x + 5.5, y + 3.0, x + _WIDTH_M, y + 3.8)  # a shelf
     x, y = corners[0]
     return world_from_map(plan.grid_map(), start=(x + _START[0], y + _START[1], _START[2]))
+
+
+def soak_world(name: str) -> World:
+    """Return this world or one of the catalogue."""
+    return eight_rooms() if name == eight_rooms.__name__ else simulated_world(Simulated(name))
 
 
 def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
