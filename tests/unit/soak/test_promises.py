@@ -1,0 +1,272 @@
+"""Each promise of the soak notices what breaks it, and is kept by what does not."""
+
+import os
+import socket
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import psutil
+import pytest
+from msgspec.structs import replace
+
+from process_runtime.supervisor import ChildExit
+from protocol.answers import Hypothesis
+from protocol.message import PoseTuple
+from tests.soak import leak_promise
+from tests.soak.cables import Relay, set_cables
+from tests.soak.clean_end import STOP_WITHIN_S, clean_end_verdict
+from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
+from tests.soak.leak_promise import NothingLeaks
+from tests.soak.promises import (
+    BACK_WITHIN_S,
+    FOUND_WITHIN_S,
+    AgeTrue,
+    Answered,
+    DoneFault,
+    Outages,
+    Question,
+    StepsOnce,
+    TruthHeld,
+)
+from tests.soak.schedule import Kind, planned
+from tests.unit.live_view import messages
+
+SECOND = 1_000_000_000
+START = eight_rooms().start
+assert START is not None
+COPIES = copies_in_all_rooms(START)
+HERE, FAR = (1.0, 2.0, 0.5), (9.0, 2.0, 0.5)
+
+
+def at(seconds: float) -> int:
+    """That long after the start [ns]."""
+    return 1_700_000_000 * SECOND + round(seconds * SECOND)
+
+
+def outages(*faults: tuple[Kind, float, float]) -> Outages:
+    known = Outages()
+    known.faults += [DoneFault(kind, at(begin), at(end), "bridge") for kind, begin, end in faults]
+    return known
+
+
+def question(
+    asked_s: float, age_s: float | None, stamp_s: float = 0.0, *, fresh: bool = True
+) -> Question:
+    freshness = "fresh" if fresh else "stale"
+    answer = None
+    if age_s is not None:
+        answer = messages.pose(1, freshness=freshness, stamp_ns=at(stamp_s), age_s=age_s)
+    return Question(at(asked_s), at(asked_s + 0.01), answer)
+
+
+@pytest.mark.parametrize(("answers", "asked_s", "excuses", "kept"), [
+    (0, (), (), False),
+    (1998, (50.0, 50.0), (), True),
+    (1997, (50.0, 50.0, 51.0), (), False),
+    (9, (20.0,), ((Kind.ROUTER_KILLED, 19.9, 19.9),), True),
+    (9, (12.9 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), True),
+    (9, (13.1 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), False),
+])  # fmt: skip
+def test_one_question_in_a_thousand_outside_outages_may_go_unanswered(
+    answers: int,
+    asked_s: tuple[float, ...],
+    excuses: tuple[tuple[Kind, float, float], ...],
+    kept: bool,
+) -> None:
+    promise = Answered(outages(*excuses))
+    for _ in range(answers):
+        promise.on_question(question(1.0, 0.0))
+    for second in asked_s:
+        promise.on_question(question(second, None))
+    assert promise.verdict().kept is kept
+
+
+@pytest.mark.parametrize(("stamp_s", "age_s", "fresh", "kept"), [
+    (9.9, 0.1, True, True), (8.5, 1.5, False, True), (8.5, 1.5, True, False),
+    (9.9, 3.0, False, False), (3610.0, 0.0, True, False),
+])  # fmt: skip
+def test_the_age_is_true_and_old_data_is_not_fresh(
+    stamp_s: float, age_s: float, fresh: bool, kept: bool
+) -> None:
+    promise = AgeTrue(stale_after_s=1.0)
+    assert promise.verdict().kept is False
+    promise.on_question(question(10.0, age_s, stamp_s, fresh=fresh))
+    assert promise.verdict().kept is kept
+
+
+@pytest.mark.parametrize(("steps", "delay_s", "kind", "broken"), [
+    ((4, 5, 6), 0.5, None, []),
+    ((1, 2, 2), 0.5, None, ["step 2 again"]),
+    ((1, 2, 2), 0.5, Kind.COORDINATOR_KILLED, []),
+    ((1, 2, 5), 0.5, None, ["2 steps before step 5 are lost"]),
+    ((1, 2, 5), 0.5, Kind.WORKER_KILLED, ["2 steps before step 5 are lost"]),
+    ((1, 2, 5), 0.5, Kind.ROUTER_KILLED, []),
+    ((1,), 2.5, None, ["step 1 took 2.50 s"]),
+])  # fmt: skip
+def test_each_step_is_decided_once_and_in_time(
+    steps: Sequence[int], delay_s: float, kind: Kind | None, broken: list[str]
+) -> None:
+    promise = StepsOnce(outages(*([(kind, 11.5, 11.5)] if kind else [])), longest_s=2.0)
+    for second, step in enumerate(steps, 10):
+        promise.on_scan(at(second), step)
+        promise.on_belief(at(second + delay_s), step)
+    assert [one.what for one in promise.verdict().breaks] == broken
+
+
+def place(cluster: int, probability: float, mean: PoseTuple) -> Hypothesis:
+    return replace(messages.hypothesis(cluster, probability), pose=mean)
+
+
+def rooms(**instead: PoseTuple) -> list[Hypothesis]:
+    """A cluster in each room, c0 in room 0 and so on, but for some that are elsewhere."""
+    means = [instead.get(f"c{room}", copy) for room, copy in enumerate(COPIES)]
+    return [place(cluster, 1.0 / PLACES, mean) for cluster, mean in enumerate(means)]
+
+
+class Robot:
+    """One belief a second, with its true pose."""
+
+    def __init__(self, truth: PoseTuple, known: Outages | None = None) -> None:
+        places_of = copies_in_all_rooms if truth == START else lambda pose: (pose,)
+        self.promise = TruthHeld(known or outages(), places_of)
+        self.truth = truth
+
+    def believes(
+        self, second: float, *places: Hypothesis, missing: tuple[str, ...] = (), kidnapped: int = 0
+    ) -> "Robot":
+        self.promise.on_truth(at(second), self.truth, kidnapped)
+        what = replace(messages.belief(int(second)), stamp_ns=at(second), hypotheses=places)
+        self.promise.on_belief(at(second), replace(what, missing=missing))
+        return self
+
+    def broken(self, now_s: float = 1000.0) -> Sequence[str]:
+        return [each.what for each in self.promise.verdict(at(now_s)).breaks]
+
+
+@pytest.mark.parametrize(("held", "lost"), [
+    (rooms(c2=(COPIES[2][0] + 0.9, COPIES[2][1], COPIES[2][2] + 0.3)), []),
+    (rooms(c2=(COPIES[2][0] + 1.1, *COPIES[2][1:])), [2]),
+    (rooms(c2=(*COPIES[2][:2], COPIES[2][2] + 0.4)), [2]),
+    (rooms(c7=COPIES[0]), [7]),
+    ([place(-1 - n, 1 / PLACES, copy) for n, copy in enumerate(COPIES)], [*range(PLACES)]),
+])  # fmt: skip
+def test_each_room_is_held_within_a_metre_and_twenty_degrees_from_the_first_complete_belief(
+    held: list[Hypothesis], lost: list[int]
+) -> None:
+    robot = Robot(START).believes(1, *rooms()[1:])  # type: ignore[arg-type] # it is there
+    assert not robot.promise.is_complete
+    robot.believes(2, *rooms()).believes(3, *held).believes(4, *held)
+    assert robot.broken() == [f"step 3: place {room} is lost" for room in lost]
+
+
+def test_a_sure_belief_in_a_wrong_place_is_noticed_unless_no_worker_reported() -> None:
+    robot = Robot(HERE).believes(1, place(1, 1.0, HERE))
+    wrong = place(0, 0.95, FAR), place(1, 0.05, HERE)
+    assert robot.believes(2, *wrong, missing=("c0", "c1")).broken() == []
+    assert robot.believes(3, *wrong, missing=("c0",)).broken() == ["step 3: sure and 8.0 m off"]
+
+
+@pytest.mark.parametrize(("kind", "allowed_s"), [
+    (None, FOUND_WITHIN_S), (Kind.COORDINATOR_KILLED, FOUND_WITHIN_S + BACK_WITHIN_S),
+])  # fmt: skip
+def test_a_kidnapped_robot_has_to_be_found_in_time_and_held_then(
+    kind: Kind | None, allowed_s: float
+) -> None:
+    known = outages(*([(kind, 20.0, 20.0)] if kind else []))
+    for late_s, kept in ((-0.5, True), (0.5, False)):
+        robot = Robot(HERE, known).believes(1, place(0, 1.0, HERE))
+        robot.believes(2, place(0, 1.0, FAR), kidnapped=1)
+        assert robot.promise.verdict(at(10)).kept is True, "there is still time"
+        robot.believes(2 + allowed_s + late_s, place(0, 1.0, HERE), kidnapped=1)
+        assert robot.promise.verdict(at(600.0)).kept is kept
+    assert len(robot.broken()) == 1
+    robot.believes(100, place(1, 0.5, FAR), place(2, 0.5, FAR), kidnapped=1)
+    assert len(robot.broken()) == 2, "lost again is lost"
+    robot = Robot(HERE).believes(1, place(0, 1.0, HERE))
+    assert len(robot.believes(2, place(0, 1.0, FAR), kidnapped=1).broken()) == 1, "never found"
+
+
+@pytest.mark.parametrize(("mb_per_hour", "leads", "kept"), [
+    (0.0, False, True), (6.0, False, False), (0.0, True, True),
+])  # fmt: skip
+def test_a_process_that_grows_leaks(
+    monkeypatch: pytest.MonkeyPatch, mb_per_hour: float, leads: bool, kept: bool
+) -> None:
+    me, promise = psutil.Process(os.getpid()), NothingLeaks()
+    for minute in range(40):
+        now_s = me.create_time() + 60.0 * (minute + 1)
+        more = 50.0 if leads and minute >= 20 else 0.0  # a coordinator needs this to lead
+        info = type("Info", (), {"uss": (20.0 + more + mb_per_hour * minute / 60.0) * 1e6})
+        monkeypatch.setattr(psutil.Process, "memory_full_info", lambda _, i=info: i)
+        monkeypatch.setattr(leak_promise.time, "time", lambda now_s=now_s: now_s)
+        promise.sample([("coordinator", me, leads and minute >= 20)])
+        if minute == 5:
+            assert promise.verdict().kept is None, "the warm-up does not count"
+    assert promise.verdict().kept is kept
+
+
+@pytest.mark.parametrize(("name", "second", "log", "processes", "stop_s", "kept"), [
+    ("bridge", 5.2, "a line", (), 1.0, True),
+    ("bridge", 25.0, "a line", (), 1.0, False),
+    ("coordinator", 5.2, "a line", (), 1.0, False),
+    ("bridge", 5.2, "Traceback (most recent", (), 1.0, False),
+    ("bridge", 5.2, "a line", ("42",), 1.0, False),
+    ("bridge", 5.2, "a line", (), STOP_WITHIN_S * 2, False),
+])  # fmt: skip
+def test_only_a_killed_process_ends_and_nothing_is_left(
+    tmp_path: Path,
+    name: str,
+    second: float,
+    log: str,
+    processes: tuple[str, ...],
+    stop_s: float,
+    kept: bool,
+) -> None:
+    (tmp_path / "left").mkdir()
+    (tmp_path / "a.log").write_text(log)
+    exits = [(at(second), ChildExit(f"robot/{name}", -9, 1.0, ""))]
+    faults = outages((Kind.BRIDGE_KILLED, 5.0, 5.0)).faults
+    more = [tmp_path / "a.log"], processes, tmp_path / "left", stop_s
+    assert clean_end_verdict(exits, faults, *more).kept is kept
+    (tmp_path / "left" / "socket").touch()
+    broken = clean_end_verdict(exits, faults, *more).breaks
+    assert "file socket is left" in [one.what for one in broken]
+
+
+def test_a_seed_gives_one_schedule_that_begins_with_one_fault_of_each_kind() -> None:
+    faults = planned(1, first_s=5.0, last_s=10_000.0, every_s=20.0)
+    assert faults == planned(1, first_s=5.0, last_s=10_000.0, every_s=20.0)
+    assert {fault.kind for fault in faults[: len(Kind)]} == set(Kind)
+    assert 5.0 <= faults[0].at_s < faults[-1].at_s <= 10_000.0
+    assert len(faults) == pytest.approx(500, rel=0.1)
+
+
+@pytest.mark.parametrize("to_router", [True, False])
+def test_what_is_said_over_a_cut_cable_arrives_when_it_is_whole_again(
+    tmp_path: Path, *, to_router: bool
+) -> None:
+    control = tmp_path / "control"
+    with ExitStack() as stack:
+        own, router = (stack.enter_context(socket.socket(socket.AF_UNIX)) for _ in range(2))
+        router.bind(str(tmp_path / "router"))
+        router.listen()
+        relay = Relay(tmp_path / "cables", tmp_path / "router", control)
+        stack.enter_context(closing(relay))
+        own.connect(str(tmp_path / "cables"))
+        far = stack.enter_context(router.accept()[0])
+        for link in (own, far):
+            link.settimeout(20.0)
+        said, heard = (own, far) if to_router else (far, own)
+        set_cables(control, [os.getpid()], to_router=not to_router, from_router=to_router)
+        relay.receive_command(20.0)
+        said.sendall(b"?")
+        heard.sendall(b"!")
+        assert said.recv(1) == b"!", "the other direction is whole"
+        heard.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            heard.recv(1)
+        heard.settimeout(20.0)
+        set_cables(control, [os.getpid()], to_router=True, from_router=True)
+        relay.receive_command(20.0)
+        assert heard.recv(1) == b"?"
