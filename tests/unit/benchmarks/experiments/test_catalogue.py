@@ -4,7 +4,6 @@ import pytest
 
 from benchmarks.experiments.case import Case, RecordedRobot, SimulatedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, all_cases, recorded_cases
-from tests.unit.recordings import data_folder
 
 
 def simulated() -> list[Case]:
@@ -56,28 +55,3 @@ def test_each_map_gives_a_test_with_a_simulated_robot(tmp_path: Path) -> None:
     assert depot.robot == SimulatedRobot(world=str(tmp_path / "ros-maps/big_depot.yaml"))
     assert a.role == depot.role == "test"
     assert not any("wean" in case.name for case in all_cases(tmp_path)), "a training building"
-
-
-def test_buildings_that_constants_were_chosen_on_are_named_so() -> None:
-    others = [case.name for case in simulated() if case.role != "training"]
-    assert others == ["cross-feature", "hall-last-year"]
-    if data_folder().is_dir():
-        recorded = [case.name for case in recorded_cases(data_folder()) if case.role == "training"]
-        assert recorded == ["wean-1", "wean-2", "wean-3", "fr101", "intel"]
-
-
-def test_with_and_without_visibility_are_the_same_experiment_but_for_that() -> None:
-    cases = {case.name: case for case in simulated()}
-    on, off = cases["gates"], cases["gates-no-visibility"]
-    assert (on.robot, on.updates, on.symmetry) == (off.robot, off.updates, off.symmetry)
-    assert off.settings == ("sensor.visibility_particles=0",)
-    assert {"mcl", "mcl-visibility"} <= set(on.baselines)
-    assert off.baselines == ("mcl",)
-
-
-def test_the_shared_recordings_are_all_found() -> None:
-    if not data_folder().is_dir():
-        pytest.skip(f"{data_folder()} is not there; set CLUSTERMCL_DATA to have it")
-    names = [case.name for case in recorded_cases(data_folder())]
-    assert names[:3] == ["wean-1", "wean-2", "wean-3"]
-    assert {"aces", "intel", "fr079", "crob-jarvis"} <= set(names)

@@ -4,11 +4,9 @@ import pytest
 
 from benchmarks.experiments.measures import (
     entropy_of_copies,
-    first_alarm,
     first_right,
     leader_changes,
     measures_of,
-    right_at,
     update_of,
 )
 from protocol.answers import Hypothesis, State
@@ -37,16 +35,6 @@ def test_the_first_right_ones_need_five_in_a_row() -> None:
     assert first_right(right_or_wrong("rrrrwrrrrr")) == 6
     assert first_right(right_or_wrong("rrrrwrrrr")) is None
     assert first_right(right_or_wrong("ssrraar")) == 3
-
-
-def test_right_at_an_update_is_unknown_beyond_the_run() -> None:
-    run = right_or_wrong("wr")
-    assert (right_at(run, 1), right_at(run, 2), right_at(run, 3)) == (False, True, None)
-
-
-def test_an_alarm_is_any_state_but_localized() -> None:
-    assert first_alarm(right_or_wrong("rrWar")) == 4
-    assert first_alarm(right_or_wrong("rrr")) is None
 
 
 def test_the_entropy_of_two_copies() -> None:
@@ -137,9 +125,3 @@ def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
     assert (made.localized_share, made.ambiguous_share) == (0.4, 0.2)
     assert (made.lost_share, made.searching_share) == (0.2, 0.2)
     assert (made.elsewhere_probability, made.off_map_probability) == (0.5, 0.05)
-
-
-def test_an_empty_run_has_no_measures() -> None:
-    made = measures_of([])
-    assert made.bootstrap_update is made.entropy_mean is made.all_tracked_share is None
-    assert made.right_within is made.right_at_50 is None

@@ -1,10 +1,7 @@
-import math
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from benchmarks.experiments.observability import ScanObservability, turned_copies
 from evaluation.map_check.symmetries import middle_of
@@ -22,28 +19,6 @@ def steps(name: str, count: int, people: int = 0) -> Iterator[tuple[Scan, PoseTu
     return simulated_steps(source, BridgeSettings(), "digest")
 
 
-@given(
-    pose=st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3, 3)),
-    times=st.integers(1, 6),
-)
-def test_copies_are_as_many_as_the_symmetry_and_as_far_from_the_middle(
-    pose: PoseTuple, times: int
-) -> None:
-    middle = (1.0, -2.0)
-    copies = turned_copies(pose, times, middle)
-    assert copies[0] == pose
-    assert len(copies) == times
-    for turn, copy in enumerate(copies):
-        assert math.dist(copy[:2], middle) == pytest.approx(math.dist(pose[:2], middle), abs=1e-9)
-        turned = math.remainder(copy[2] - pose[2] - math.tau * turn / times, math.tau)
-        assert turned == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_middle_of_a_turned_grid_is_in_the_map_frame() -> None:
-    cells = np.zeros((10, 20), dtype=np.int8)
-    assert middle_of(GridMap(cells, 0.5, (1.0, 2.0, np.pi / 2))) == pytest.approx((-1.5, 7.0))
-
-
 @pytest.mark.parametrize(("name", "times"), [("cross", 4), ("rectangle", 2), ("hall_symmetric", 2)])
 def test_nothing_distinguishes_the_copies_of_a_symmetric_world(name: str, times: int) -> None:
     grid_map = world(name).map
@@ -52,17 +27,6 @@ def test_nothing_distinguishes_the_copies_of_a_symmetric_world(name: str, times:
         observability.distinguishes(scan, turned_copies(truth, times, middle))
         for scan, truth in steps(name, 80)
     )
-
-
-def test_the_feature_of_the_cross_is_seen_late_on_the_route() -> None:
-    grid_map = world("cross_feature").map
-    observability, middle = ScanObservability(grid_map), middle_of(grid_map)
-    seen = [
-        observability.distinguishes(scan, turned_copies(truth, 4, middle))
-        for scan, truth in steps("cross_feature", 165)
-    ]
-    assert not any(seen[:140])
-    assert all(seen[155:160])
 
 
 def test_places_differ_by_the_map_not_by_the_measured_scan() -> None:

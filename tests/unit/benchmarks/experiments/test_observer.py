@@ -53,16 +53,6 @@ def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
     assert measures.right_before_kidnap is True
 
 
-def test_a_robot_that_is_never_localized_is_kidnapped_all_the_same() -> None:
-    watching = observer(case(robot=lifted(OnceRight(at_latest=2))))
-    watching.on_step(SCAN, WRONG, TRUTH)
-    assert not watching.kidnap_now
-    watching.on_step(SCAN, WRONG, TRUTH)
-    assert watching.kidnap_now
-    watching.kidnapped()
-    assert watching.measures(1.0).right_before_kidnap is False
-
-
 def test_a_robot_is_kidnapped_after_the_step_that_a_person_names() -> None:
     watching = observer(case(robot=lifted(AfterStep(1))))
     watching.on_step(SCAN, RIGHT, TRUTH)

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from benchmarks.experiments.baselines import (
     ALGORITHMS,
@@ -76,10 +74,6 @@ def test_visibility_can_be_turned_off_and_is_no_part_of_a_beam_model(
     assert beliefs("mcl-visibility", tmp_path, off, few) == plain
 
 
-def test_visibility_makes_a_difference(tmp_path: Path) -> None:
-    assert beliefs("mcl-visibility", tmp_path) != beliefs("mcl", tmp_path)
-
-
 @pytest.mark.parametrize("algorithm", WITH_VISIBILITY)
 def test_every_variant_finds_the_robot(algorithm: Algorithm, tmp_path: Path) -> None:
     measures = run_task(task(algorithm, tmp_path, updates=25)).measures
@@ -133,24 +127,6 @@ def spread(sigma_m: float) -> np.ndarray:
     return rng.normal(0.0, 1.0, (2000, 3)) * np.array([sigma_m, sigma_m, 0.05])
 
 
-def test_the_number_is_that_of_the_formula() -> None:
-    """Two occupied bins: k - 1 = 1, so (1 / 2e) (1 - 2/9 + sqrt(2/9) z)^3."""
-    two_bins = np.array([[0.05, 0.05, 0.01], [0.15, 0.05, 0.01]])
-    expected = 1 / 0.1 * (1 - 2 / 9 + (2 / 9) ** 0.5 * 2.326) ** 3
-    assert sufficient_particles(two_bins, 0.05, 1, 10_000) == int(np.ceil(expected))
-
-
-def test_a_wide_cloud_needs_more_than_a_narrow_one() -> None:
-    counts = [sufficient_particles(spread(s), 0.05, 1, 10**6) for s in (0.02, 0.2, 1.0)]
-    assert counts == sorted(counts)
-    assert counts[0] < counts[-1]
-
-
-@given(st.floats(0.001, 5.0), st.floats(0.001, 0.9))
-def test_the_number_of_particles_is_bounded(sigma_m: float, error: float) -> None:
-    assert 100 <= sufficient_particles(spread(sigma_m), error, 100, 500) <= 500
-
-
 def test_bins_differ_in_position_or_heading() -> None:
     bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
     poses = (bins + 0.5) * np.array([KLD_BIN_M, KLD_BIN_M, KLD_BIN_RAD])
@@ -183,12 +159,6 @@ def test_each_pose_loses_a_share_of_what_it_was_given_beyond_what_is_tolerated()
     assert (hidden > 0.05 * beams.count + 5.0).all()
     lost = field.log_likelihood(POSES, beams) - model.log_likelihood(POSES, beams)
     np.testing.assert_allclose(lost, 0.3 * (hidden - 0.05 * beams.count), atol=1e-9)
-
-
-def test_without_occlusion_the_visible_model_equals_the_field() -> None:
-    seen = seen_from(HERE, WITH_BOX)
-    field = model_of(WITH_BOX, visible().settings)
-    assert visible().log_likelihood(POSES, seen) == pytest.approx(field.log_likelihood(POSES, seen))
 
 
 def test_many_poses_are_weighed_by_the_field_alone() -> None:

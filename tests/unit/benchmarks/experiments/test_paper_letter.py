@@ -1,25 +1,15 @@
 """The paper's letter as an algorithm: Cluster-MCL without what was added to it."""
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks.experiments import baselines
 from benchmarks.experiments.baselines import SquaredPrior
-from benchmarks.experiments.case import BASELINES, Case, SimulatedRobot
-from benchmarks.experiments.task import Run, Task
 from evaluation.in_process import InProcess
-from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings
-from process_runtime.settings import Settings
 from tests.unit.coordinator.belief.test_ensemble import NORTH, SOUTH, bootstrapped, probabilities
 from tests.unit.coordinator.reports import tracked
 from tests.unit.particle_filter.rooms import model_of, plain_room
 from tests.unit.worker.test_job_table import scan
-
-
-def test_the_papers_letter_is_a_default_baseline() -> None:
-    assert "paper-letter" in BASELINES
 
 
 def test_only_departures_from_the_paper_are_changed() -> None:
@@ -30,28 +20,6 @@ def test_only_departures_from_the_paper_are_changed() -> None:
     assert letter.belief.max_clusters == baselines.CLUSTERS
     assert letter.belief.kidnapping_probability == 0.0
     assert letter.cluster.resample_below_ess == 1.0
-
-
-def test_the_papers_letter_weighs_without_exponent_and_visibility(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told: list[tuple[SensorModel, FilterSettings]] = []
-    begin = InProcess.__init__
-
-    def watched(self: InProcess, model: SensorModel, settings: FilterSettings) -> None:
-        told.append((model, settings))
-        begin(self, model, settings)
-
-    monkeypatch.setattr(InProcess, "__init__", watched)
-    case = Case(name="t", title="t", robot=SimulatedRobot(world="rectangle"), seeds=1, updates=2)
-    task = Task(
-        case=case, algorithm="paper-letter", seed=0, settings=Settings(), cache_folder=tmp_path
-    )
-    assert len(list(Run(task).outcomes())) == 2
-    ((model, settings),) = told
-    assert model.settings == settings.sensor
-    assert settings.sensor.scan_likelihood_exponent == 1.0
-    assert settings.sensor.visibility_particles == 0
 
 
 def test_the_papers_letter_squares_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:

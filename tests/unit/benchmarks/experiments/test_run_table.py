@@ -2,15 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from benchmarks.experiments.measures import BINS
-from benchmarks.experiments.run_table import COLUMNS, RunTable, key_of, rows_of, tasks_of
+from benchmarks.experiments.run_table import RunTable, key_of, rows_of, tasks_of
 from benchmarks.experiments.task import Finished, Task
 from particle_filter.settings import BeliefSettings
-from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.errors import InputFileError
 from tests.unit.benchmarks.experiments.made_up import case, measures
@@ -71,27 +67,3 @@ def test_a_file_that_is_no_table_of_runs_is_refused(tmp_path: Path, text: str) -
         with pytest.raises(InputFileError):
             RunTable(file)
         assert file.read_text() == text
-
-
-def test_a_table_that_cannot_be_written_is_refused_at_once() -> None:
-    with pytest.raises(OutputError):
-        RunTable(Path("/dev/null/runs.csv"))
-
-
-@given(st.binary(max_size=300))
-def test_any_bytes_are_a_table_or_refused(payload: bytes) -> None:
-    import tempfile  # noqa: PLC0415 - hypothesis calls this often, fixtures are made once
-
-    with tempfile.NamedTemporaryFile() as file:
-        Path(file.name).write_bytes(",".join(COLUMNS).encode() + b"\n" + payload)
-        try:
-            rows = rows_of(Path(file.name))
-        except InputFileError:
-            return
-        assert isinstance(rows, list)
-
-
-def test_settings_that_are_defaults_are_not_named(tmp_path: Path) -> None:
-    same = replace(Settings(), seed=99)
-    RunTable(tmp_path / "a.csv").append(task(settings=same), finished())
-    assert rows_of(tmp_path / "a.csv")[0]["settings"] == ""

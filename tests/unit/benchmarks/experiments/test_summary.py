@@ -108,11 +108,3 @@ def test_over_all_compares_the_same_experiments() -> None:
     )
     _, mcl = over_all(summary(table)).to_dict("records")
     assert (mcl["experiments"], mcl["ours_log_score"], mcl["log_score"]) == (1, -1.0, -2.0)
-
-
-def test_over_all_each_experiment_counts_alike() -> None:
-    table = pd.concat(
-        [runs("a", "mcl", log_score=[-1.0]), runs("b", "mcl", log_score=[-3.0, -3.0, -3.0])]
-    )
-    (both,) = over_all(summary(table)).to_dict("records")
-    assert (both["experiments"], both["log_score"]) == (2, pytest.approx(-2.0))
