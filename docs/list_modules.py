@@ -1,9 +1,9 @@
-"""Writes the picture of the rooms and the lists of modules in docs/architecture.md.
+"""Write the picture of the packages and the lists of modules in docs/architecture.md.
 
 python docs/list_modules.py
 
 Rows come from pyproject.toml (`tool.importlinter`), words from the first line of each docstring,
-and what a module touches from its imports; so the page matches the files.
+and what a module touches from its imports.
 """
 
 import ast
@@ -26,12 +26,12 @@ TOUCHED = {
 
 
 def main() -> None:
-    """Rewrite the page between the marks; the rest stays as it is."""
+    """Rewrite the page between the marks."""
     PAGE.write_text(renewed(PAGE.read_text()))
 
 
 def renewed(page: str) -> str:
-    """The page as it should be."""
+    """Return the page with the picture and the lists of the present files."""
     for mark, lines in (("rooms", picture()), ("modules", tables())):
         before, start, rest = page.partition(f"<!-- {mark}: python docs/list_modules.py -->\n")
         _, end, after = rest.partition(f"<!-- end of {mark} -->\n")
@@ -40,11 +40,13 @@ def renewed(page: str) -> str:
 
 
 def picture() -> Iterator[str]:
-    """The rows of rooms as boxes on one another."""
+    """Draw the packages as rows of boxes."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     rows = [[room.strip() for room in layer.split("|")] for layer in layers]
-    lines = [[f" {room:<16} {told(ROOT / room / '__init__.py')} " for room in row] for row in rows]
+    lines = [
+        [f" {room:<16} {summary(ROOT / room / '__init__.py')} " for room in row] for row in rows
+    ]
     width = max(len(line) for row in lines for line in row)
     yield "```"
     yield f"┌{'─' * width}┐"
@@ -57,25 +59,28 @@ def picture() -> Iterator[str]:
 
 
 def tables() -> Iterator[str]:
-    """A table for each folder: its modules, what they touch, and what they are for."""
+    """A list for each folder: its modules, what they are for, and what they touch."""
     for room in LISTED:
         folders = sorted({file.parent for file in (ROOT / room).rglob("*.py")})
         for folder in folders:
-            yield from ("", f"**`{folder.relative_to(ROOT)}/`** {told(folder / '__init__.py')}", "")
-            yield from ("| module | touches | what it is |", "| --- | --- | --- |")
+            yield from (
+                "",
+                f"**`{folder.relative_to(ROOT)}/`** {summary(folder / '__init__.py')}",
+                "",
+            )
             for file in sorted(folder.glob("[!_]*.py")):
-                words = told(file).replace("|", "\\|")
-                yield f"| `{file.name}` | {', '.join(touched(file))} | {words} |"
+                means = f" *({', '.join(touched(file))})*" if touched(file) else ""
+                yield f"* `{file.name}`: {summary(file)}{means}"
     yield ""
 
 
-def told(file: Path) -> str:
-    """The first line of a file's docstring."""
+def summary(file: Path) -> str:
+    """Return the first line of a file's docstring."""
     return (ast.get_docstring(ast.parse(file.read_text())) or "").partition("\n")[0]
 
 
 def touched(file: Path) -> list[str]:
-    """What of the world a module imports the means to touch."""
+    """Return which of Zenoh, the clock, the log and files a module can use, by its imports."""
     imported = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):

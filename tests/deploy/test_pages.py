@@ -154,8 +154,8 @@ def test_the_list_of_modules_is_that_of_the_files() -> None:
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     page = made.PAGE.read_text()
-    assert "| `coordinator.py` |  | " in page
-    assert page == made.renewed(page), "write it anew: python docs/list_modules.py"
+    assert "* `coordinator.py`: " in page
+    assert page == made.renewed(page), "rewrite it: python docs/list_modules.py"
 
 
 def test_every_fault_that_is_tested_stands_in_the_table_of_failures() -> None:
