@@ -115,6 +115,7 @@ class Supervisor:
             raise ValueError("two children have the same name")
         self._hung_after_s = hung_after_s
         self._children = [_Child(spec, hung_after_s) for spec in children]
+        self._leaving: list[_Child] = []
 
     def start(self) -> None:
         for child in self._children:
@@ -138,6 +139,7 @@ class Supervisor:
         Args:
             now_s: `time.monotonic` [s].
         """
+        self._leaving = [child for child in self._leaving if not child.has_left(now_s)]
         polled = [child.polled(now_s) for child in self._children]
         return [ended for ended in polled if ended is not None]
 
@@ -146,21 +148,20 @@ class Supervisor:
         return {child.spec.name: child.jobs for child in self._children}
 
     def remove(self, name: str) -> None:
-        """End a child, and do not restart it."""
+        """Ask a child to end, and do not restart it; `poll` kills it if it does not end soon."""
         (child,) = (each for each in self._children if each.spec.name == name)
         self._children.remove(child)
-        self._end([child], _TERMINATE_FORKS_WITHIN_S)
+        self._leaving.append(child)
+        child.leave(time.monotonic() + _TERMINATE_FORKS_WITHIN_S)
 
     def pids(self) -> dict[str, int]:
-        """Return the process ids of the running children by name."""
-        return {child.spec.name: child.process.pid for child in self._children if child.process}
+        """Return the process ids of the running children by name, removed ones included."""
+        every = [*self._children, *self._leaving]
+        return {child.spec.name: child.process.pid for child in every if child.process}
 
     def stop(self, within_s: float = _TERMINATE_WITHIN_S) -> None:
         """End all children: SIGTERM, then SIGKILL after `within_s` [s]."""
-        self._end(self._children, within_s)
-
-    @staticmethod
-    def _end(children: Sequence["_Child"], within_s: float) -> None:
+        children = [*self._children, *self._leaving]
         running = [child.process for child in children if child.process]
         for process in running:
             process.send_signal(signal.SIGTERM)
@@ -211,6 +212,7 @@ class _Child:
         self._backoff = Backoff()
         self._started_at_s = 0.0
         self._start_at_s: float | None = None
+        self._leaves_until_s = 0.0
         self._listener: Listener | None = None
 
     @property
@@ -244,6 +246,21 @@ class _Child:
         self.forget()
         self._start_at_s = None if wait_s is None else now_s + wait_s
         return ChildExit(self.spec.name, code, wait_s, self._last_words())
+
+    def leave(self, until_s: float) -> None:
+        """Ask the process to end by this time of `time.monotonic` [s]."""
+        self._leaves_until_s = until_s
+        if self.process is not None:
+            self.process.send_signal(signal.SIGTERM)
+
+    def has_left(self, now_s: float) -> bool:
+        """Return whether the process has ended; kill it if its time is over."""
+        if self.process is not None and self.process.poll() is None:
+            if now_s >= self._leaves_until_s:
+                self.process.send_signal(signal.SIGKILL)
+            return False
+        self.forget()
+        return True
 
     def forget(self) -> None:
         """Drop the ended process and cancel its restart."""
@@ -390,7 +407,8 @@ def run_forked(
         while True:
             jobs, now_s = supervisor.jobs(), time.monotonic()
             wanted = count.wanted(sum(filter(None, jobs.values())), now_s)
-            free = (index for index in itertools.count() if f"{name}-{index}" not in jobs)
+            taken = jobs.keys() | supervisor.pids().keys()
+            free = (index for index in itertools.count() if f"{name}-{index}" not in taken)
             for index in itertools.islice(free, max(wanted - len(jobs), 0)):
                 fork = partial(child_main, index)
                 supervisor.add(ChildSpec(f"{name}-{index}", fork=fork))

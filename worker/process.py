@@ -3,6 +3,7 @@
 import argparse
 import logging
 import os
+import sys
 import time
 from collections.abc import Iterable
 from concurrent.futures import Future
@@ -95,8 +96,10 @@ def run_workers(invocation: Invocation) -> None:
             WorkerLoop(node, cache, report_jobs).run()
 
     fixed = invocation.arguments.count or settings.worker.count
-    cores = max(SPARE + 1, len(os.sched_getaffinity(0)))
-    count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, cores)
+    # Linux also knows which cores this process may use.
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    most = max(SPARE + 1, cores)
+    count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, most)
     run_forked(count, child, invocation.stop, name=prefix)
 
 
@@ -106,7 +109,7 @@ class WorkerLoop:
     Args:
         node: the open node of this process.
         cache_folder: folder for computed sensor models.
-        report_jobs: called with the number of jobs after each order.
+        report_jobs: called with the number of jobs at the start and after each order.
     """
 
     def __init__(self, node: Node, cache_folder: Path, report_jobs: ReportJobs) -> None:
@@ -121,6 +124,7 @@ class WorkerLoop:
         node.serve(keys.worker_state(node.name), self._on_state)
         node.serve(keys.worker_advice(node.name), self._on_advice)
         node.announce(keys.worker_alive(node.name))
+        report_jobs(0)
 
     def run(self) -> None:
         """Serve until the process is stopped."""

@@ -1,0 +1,91 @@
+"""docs/cost.md: workers start as the belief widens and end as it narrows; no update is lost."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import psutil
+import pytest
+from msgspec.structs import replace
+
+import clustermcl.stack
+from clustermcl.stack import WORKERS
+from process_runtime.settings import WorkerSettings
+from process_runtime.supervisor import python_module
+from tests.integration.faults.system import SMALL, System, system
+from tests.integration.processes import python_script
+from tests.integration.waiting import wait_until
+
+FOUR_CORES = Path(__file__).parent / "programs" / "workers_on_four_cores.py"
+WIDE, NARROW = 4, 2
+"""Workers for four clusters and a look elsewhere, and for one cluster and a look elsewhere."""
+NEAR_M = 0.5
+
+if sys.platform != "linux":
+    pytest.skip("only Linux has the cores of a process", allow_module_level=True)
+
+
+@pytest.fixture
+def by_need(monkeypatch: pytest.MonkeyPatch) -> Iterator[System]:
+    def command(module: str, *arguments: str) -> Sequence[str]:
+        if module == "worker":
+            return python_script(FOUR_CORES, *arguments)
+        return python_module(module, *arguments)
+
+    monkeypatch.setattr(clustermcl.stack, "python_module", command)
+    with system(replace(SMALL, worker=WorkerSettings())) as tested:
+        yield tested
+
+
+def workers(tested: System) -> set[str]:
+    """Names of the workers that the coordinator sees."""
+    with tested.client as client:
+        return set(client.status().workers)
+
+
+def busy_worker(tested: System) -> int:
+    """Return the process id of a worker with a job."""
+    with tested.client as client:
+        name = next(name for name, jobs in client.status().workers.items() if jobs)
+    children = psutil.Process(tested.pid(WORKERS)).children()
+    return next(child.pid for child in children if child.name() == name)
+
+
+def test_workers_follow_the_number_of_clusters_and_a_kill_in_each_phase_loses_nothing(
+    by_need: System,
+) -> None:
+    tested = by_need
+    tested.wait_until_it_tracks()
+    wait_until(lambda: len(workers(tested)) == WIDE)
+    wide = tested.clusters()
+    assert len(wide) == WIDE
+
+    step = tested.step
+    os.kill(busy_worker(tested), signal.SIGKILL)
+    wait_until(lambda: len(workers(tested)) == WIDE and len(tested.since(step)) > 10)
+    assert tested.clusters() == wide
+    assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
+
+    step = tested.step
+    with tested.client as client:
+        pose = client.pose().pose
+        assert pose is not None
+        client.relocalize(near=(*pose[:2], NEAR_M))
+    wait_until(lambda: len(workers(tested)) == NARROW)
+    assert len(tested.clusters()) == 1
+    os.kill(busy_worker(tested), signal.SIGKILL)
+    tested.wait_for_steps(10)
+    wait_until(lambda: len(workers(tested)) == NARROW)
+    assert len(tested.clusters()) == 1
+    assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
+
+    step = tested.step
+    with tested.client as client:
+        client.relocalize()
+    wait_until(lambda: tested.step > step + 2 and len(workers(tested)) > NARROW)
+    os.kill(busy_worker(tested), signal.SIGKILL)
+    wait_until(lambda: len(workers(tested)) == WIDE and tested.tracks())
+    assert len(tested.clusters()) == WIDE
+    assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
