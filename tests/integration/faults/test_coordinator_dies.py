@@ -1,5 +1,6 @@
 """docs/failures.md: the coordinator dies: a new one carries on with the same belief."""
 
+import math
 import os
 import signal
 import time
@@ -24,7 +25,6 @@ from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.system.listening import outcomes_of
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from tests.unit.coordinator.test_poisoned_checkpoints import nan_covariance
 from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
@@ -125,7 +125,8 @@ def newest_checkpoint(tested: System) -> Checkpoint:
 def poisoned(checkpoint: Checkpoint) -> Checkpoint:
     """Return the same with a NaN in it, and of a rank above all present ones."""
     tree = msgspec.msgpack.decode(checkpoint.state)
-    nan_covariance(tree)
+    cluster = next(iter(tree["ensemble"]["clusters"]["clusters"].values()))
+    cluster["covariance"] = [math.nan] * 9
     state = msgspec.msgpack.encode(tree)
     return msgspec.structs.replace(checkpoint, sender="a stranger", serial=2**50, state=state)
 

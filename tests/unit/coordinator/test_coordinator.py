@@ -14,7 +14,6 @@ from coordinator.events import (
     ScanArrived,
     TimePassed,
     WorkerJoined,
-    WorkerLeft,
     WorkerSnapshot,
     WorkerStateArrived,
 )
@@ -144,67 +143,6 @@ def test_a_worker_cannot_report_another_workers_job() -> None:
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
     status = story.coordinator.status(2 * SECOND, {})
     assert status.counters["report of another worker's job"] == 1
-
-
-def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
-    story = Story("a", "b").bootstrapped()
-    story.tracks(1, at_s=1.0, north=0.3, south=0.1)
-    assert [belief.step for belief in story.beliefs] == [0, 1]
-    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
-
-
-def test_a_step_waits_for_a_slow_worker_until_the_deadline_and_not_longer() -> None:
-    story = Story("a", "b").bootstrapped()
-    for step in range(1, 4):  # past the grace of jobs just handed out
-        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
-    story.tracks(4, at_s=10.0, north=0.3, south=None)
-    assert story.beliefs[-1].step == 3
-    story.follow(story.coordinator.handle(TimePassed(), int(10.6 * SECOND)))
-    assert story.beliefs[-1].step == 4
-    assert story.beliefs[-1].missing == ("c1",)
-    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
-
-
-def test_a_resurrected_worker_cannot_vote() -> None:
-    story = Story("a", "b").bootstrapped()
-    story.tracks(1, at_s=1.0, north=0.1, south=0.1)
-    old_epoch, old_place = story.epochs["c1"], story.places["c1"]
-    story.follow(story.coordinator.handle(WorkerLeft(old_place), 2 * SECOND))
-    assert story.places["c1"] != old_place
-    story.scan(2, at_s=2.0)
-    story.report(tracked("c1", 2, 1e9, SOUTH, epoch=old_epoch), at_s=2.1)
-    story.report(tracked("c0", 2, 0.1, NORTH, epoch=story.epochs["c0"]), at_s=2.2)
-    story.report(tracked("c1", 2, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=2.3)
-    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
-    counters = story.coordinator.status(3 * SECOND, {}).counters
-    assert counters["report of an old epoch"] == 1
-
-
-def test_without_workers_the_belief_stays_and_the_status_shows_it() -> None:
-    story = Story("a").bootstrapped()
-    story.follow(story.coordinator.handle(WorkerLeft("a"), SECOND))
-    story.scan(1, at_s=5.0)
-    story.follow(story.coordinator.handle(TimePassed(), 6 * SECOND))
-    assert story.beliefs[-1].missing == ("c0", "c1")
-    assert story.coordinator.pose(6 * SECOND).workers == 0
-    story.follow(story.coordinator.handle(WorkerJoined("b"), 7 * SECOND))
-    assert {story.places["c0"], story.places["c1"]} == {"b"}
-
-
-def test_a_scan_of_another_map_is_refused_and_counted() -> None:
-    story = Story("a").bootstrapped()
-    story.follow(story.coordinator.handle(ScanArrived(scan(1, digest="another")), SECOND))
-    assert story.beliefs[-1].step == 0
-    assert story.coordinator.status(SECOND, {}).counters["scan of another map"] == 1
-
-
-def test_a_given_pose_is_the_best_hypothesis_immediately() -> None:
-    story = Story("a").bootstrapped()
-    command = SetPose(sender="client", command_id="1", pose=(3.0, 4.0, 0.5))
-    story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
-    assert story.beliefs[-1].hypotheses[0].pose == (3.0, 4.0, 0.5)
-    assert story.coordinator.pose(SECOND).pose == pytest.approx((3.0, 4.0, 0.5))
-    assert "c2" in story.epochs, "a worker tracks it"
 
 
 def test_events_are_published_before_their_belief_and_can_be_queried_afterwards() -> None:

@@ -4,7 +4,6 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.events import CheckpointArrived, TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from protocol.message import MAX_SCAN_STEP
@@ -146,22 +145,6 @@ def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
     assert_same(living, undisturbed)
 
 
-def test_a_coordinator_without_the_newest_scans_continues_from_the_state(
-    model: SensorModel, undisturbed: Living
-) -> None:
-    """They were lost on their way to it; old ones are no new count of steps."""
-    living = lived(model, steps=16)
-    reachable, living.workers = living.workers, {}
-    heard, living.scans = living.scans, living.scans[:10]
-    living.revive()
-    living.workers, living.scans = reachable, heard
-    for name in reachable:
-        living.join(name)
-    for step in range(16, STEPS):
-        living.drive(step)
-    assert_same(living, undisturbed)
-
-
 def test_coordinator_and_workers_follow_a_bridge_that_restarts_its_steps(
     model: SensorModel,
 ) -> None:
@@ -189,46 +172,6 @@ def test_one_scan_of_a_step_far_ahead_changes_nothing(
     for one in range(14, STEPS):
         living.drive(one)
     assert_same(living, undisturbed)
-
-
-def test_several_scans_near_the_highest_step_are_followed_and_so_is_the_way_back(
-    model: SensorModel,
-) -> None:
-    living = lived(model, steps=14)
-    for n in range(4):
-        living.drive(MAX_SCAN_STEP - 4 + n, stamp_ns=13 * 10**9 + 1 + n, like=13)
-    assert max(living.beliefs) == MAX_SCAN_STEP - 1
-    living.beliefs.clear()
-    for step in range(14, 30):
-        living.drive(step)
-    beliefs = {step: told[-1] for step, told in living.beliefs.items() if step < 30}
-    assert set(beliefs) == set(range(16, 30)), "three scans in a row prove it"
-    assert beliefs[29].hypotheses
-    assert beliefs[29].missing == ()
-
-
-def test_a_deposed_coordinator_that_wakes_cannot_give_orders(model: SensorModel) -> None:
-    living = lived(model, steps=17)
-    old = living.coordinator
-    assert old is not None
-    living.revive()
-    jobs = {name: living.jobs(name) for name in living.workers}
-    woken = living.coordinator
-    living.coordinator = old
-    living.drive(17)
-    assert old.term.outranked_by is None, "no job began, so nobody has told it yet"
-    assert set(living.beliefs) == set(range(18))
-    assert {b.term for b in living.beliefs[17]} == {1}, "of a lower term than was heard before"
-    living.kill_worker("w0")  # it gives the jobs to others, who refuse
-    assert old.term.outranked_by is None, "a worker deposes nobody"
-    assert living.kept is not None
-    old.handle(CheckpointArrived(living.kept), 10**12)
-    assert old.term.outranked_by == living.kept.term, "the state of the one that carried on does"
-    assert old.handle(TimePassed(), 10**12) == []
-    living.coordinator = woken
-    assert {name: living.jobs(name) for name in living.workers} == {
-        name: jobs[name] for name in living.workers
-    }
 
 
 def given(command_id: str, x_m: float) -> SetPose:

@@ -1,10 +1,40 @@
 from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
 from coordinator.events import TimePassed
+from coordinator.instructions import Instruction, SendOrder
 from coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
-from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH
-from tests.unit.coordinator.test_slow_workers import StoryWithFrozen, with_two_clusters
+from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
+
+
+class StoryWithFrozen(Story):
+    """Some workers do not answer orders."""
+
+    def __init__(self, *workers: str) -> None:
+        self.frozen: set[str] = set()
+        super().__init__(*workers)
+
+    def follow(self, instructions: list[Instruction]) -> None:
+        super().follow(
+            [
+                instruction
+                for instruction in instructions
+                if not (isinstance(instruction, SendOrder) and instruction.worker in self.frozen)
+            ]
+        )
+
+    def tick(self, *, at_s: float) -> None:
+        self.follow(self.coordinator.handle(TimePassed(), int(at_s * SECOND)))
+
+
+def with_two_clusters() -> StoryWithFrozen:
+    """Clusters c0 and c1 are tracked by two of three workers, well after their hand-over."""
+    story = StoryWithFrozen("a", "b", "c")
+    story.bootstrapped()
+    for step in range(1, 4):
+        story.tracks(step, at_s=10.0 + step, north=0.1, south=0.1)
+    assert story.places["c0"] != story.places["c1"]
+    return story
 
 
 def overloaded() -> OverloadDetector:

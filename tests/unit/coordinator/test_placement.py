@@ -38,12 +38,6 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
         made.on_order_answer(name, answer)
 
 
-def test_jobs_are_spread_evenly() -> None:
-    made = placement("a", "b")
-    made.jobs.begin({f"c{n}": track(n) for n in range(4)})
-    assert begun(due(made, 0)) == {"a": ["c0", "c2"], "b": ["c1", "c3"]}
-
-
 def test_an_order_that_was_answered_is_not_repeated() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
@@ -108,40 +102,12 @@ def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again()
     assert order.resize == (("c0", 500, 30),)
 
 
-def test_jobs_are_kept_until_a_worker_appears() -> None:
-    made = placement()
-    made.jobs.begin({"c0": track(0)})
-    assert due(made, 0) == []
-    made.on_worker_joined("late")
-    assert begun(due(made, SECOND)) == {"late": ["c0"]}
-
-
 def test_a_restarted_worker_gets_its_jobs_again() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
     follow(made, due(made, 0))
     made.on_worker_joined("a")
     assert begun(due(made, SECOND)) == {"a": ["c0"]}
-
-
-def test_a_new_worker_takes_jobs_from_workers_that_have_two_more() -> None:
-    made = placement("a")
-    made.jobs.begin({f"c{n}": track(n) for n in range(3)})
-    follow(made, due(made, 0))
-    made.on_worker_joined("b")
-    orders = dict(due(made, SECOND))
-    assert [a.job_id for a in orders["b"].begin] == ["c0"]
-    assert [job for job, _ in orders["a"].keep] == ["c1", "c2"]
-
-
-def test_a_search_that_has_reported_stays_where_it_is() -> None:
-    made = placement("a")
-    made.jobs.begin({f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(3)})
-    follow(made, due(made, 0))
-    for n in range(3):
-        made.on_report(searched(f"s0.{n}", 0, {}), in_time=True)
-    made.on_worker_joined("b")
-    assert begun(due(made, SECOND)) == {}
 
 
 def test_ended_jobs_are_left_out_of_the_next_order() -> None:

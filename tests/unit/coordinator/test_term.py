@@ -1,5 +1,6 @@
 from coordinator.recovery import APART_US, UNSEEN_NS, Term
-from protocol.work import Checkpoint
+from protocol.terms import MAX_RELAYED_AHEAD_US, check_term
+from protocol.work import Checkpoint, OrderAnswer, TakeOver
 
 KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")
 
@@ -40,3 +41,13 @@ def test_a_workers_term_deposes_no_coordinator_but_raises_the_term_later() -> No
     assert term.rises_above_workers(UNSEEN_NS)
     assert term.number > 9
     assert not term.rises_above_workers(2 * UNSEEN_NS)
+
+
+def test_a_claimed_term_leaves_room_for_higher_terms() -> None:
+    term = Term.of(1_000)
+    claimed = OrderAnswer(sender="w", order=1, jobs=(), term=MAX_RELAYED_AHEAD_US)
+    for _ in range(100):
+        check_term(claimed, clock_ns=0)
+        term.on_term(claimed.term)
+        assert not term.on_term(term.number)
+    check_term(TakeOver(sender="c", term=term.number), clock_ns=0)

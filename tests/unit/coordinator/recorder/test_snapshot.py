@@ -11,7 +11,7 @@ import pytest
 from hypothesis import strategies as st
 
 from coordinator.coordinator import Coordinator, Started
-from coordinator.events import Event, ScanArrived, WorkerJoined, WorkerLeft
+from coordinator.events import Event
 from coordinator.instructions import Instruction, PublishBelief
 from coordinator.part import Part
 from coordinator.recorder.records import freeze, thaw, without_bulk
@@ -20,7 +20,6 @@ from protocol.answers import Belief
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import started
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
-from tests.unit.coordinator.reports import scan
 
 ROOT = Path(__file__).parents[4]
 PACKAGES = [path.parent for path in ROOT.glob("*/__init__.py") if path.parent.name != "tests"]
@@ -38,18 +37,6 @@ class Trap:
 @pytest.fixture(scope="module")
 def model() -> SensorModel:
     return symmetric_room()
-
-
-def test_a_fresh_coordinator_is_restored() -> None:
-    coordinator = STARTED.coordinator()
-    coordinator.handle(WorkerJoined("w0"), 1)
-    coordinator.handle(WorkerLeft("w0"), 2)
-    restored = thaw(freeze(coordinator))
-    assert (
-        restored.handle(ScanArrived(scan(0)), 3)
-        == coordinator.handle(ScanArrived(scan(0)), 3)
-        != []
-    )
 
 
 class Watched:
@@ -146,10 +133,3 @@ def loaders_of_objects(module: ast.Module) -> set[str]:
             case ast.Attribute(attr="unsafe_load" | "UnsafeLoader" | "FullLoader" as name):
                 found.add(name)
     return found
-
-
-def test_loaders_of_pickles_would_be_found() -> None:
-    """The test above can fail."""
-    text = "import pickle as p\nfrom marshal import loads\nnp.load(f, allow_pickle=True)\neval(f)"
-    assert loaders_of_objects(ast.parse(text)) == {"pickle", "marshal", "allow_pickle", "eval"}
-    assert loaders_of_objects(ast.parse("np.load(f, allow_pickle=False)")) == set()
