@@ -19,7 +19,7 @@ from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.log_weights import multiplied
-from particle_filter.observation_likelihood import allowed_poses, log_likelihood_ratio
+from particle_filter.observation_likelihood import ObservationArrays, allowed_poses, log_ratios
 from particle_filter.observations import Landmarks, Observation, log_average_ratio
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
@@ -195,7 +195,7 @@ class Tracking(RunningJob):
         if not scan.observations:
             return 0.0
         poses, before = self._particle_set.map_from_robot, self._particle_set.log_weights
-        ratios = log_likelihood_ratio(poses, *_observed(scan), self._model.grid)
+        ratios = log_ratios(poses, observation_arrays(scan, self._model))
         log_weights, total = multiplied(before, ratios, 1.0, np.zeros(len(poses)))
         self._particle_set = ParticleSet(poses, log_weights)
         return total - math.log(len(poses))
@@ -342,7 +342,7 @@ class Elsewhere(RunningJob):
         poses, log_weights = allowed_poses(observations, landmarks, model.grid, count, rng)
         if not len(poses):
             return log_average, None
-        log_weights += log_likelihood_ratio(poses, observations, landmarks, model.grid)
+        log_weights += log_ratios(poses, observation_arrays(scan, model))
         log_both, weighed = self._average(ParticleSet(poses, log_weights), count, beams)
         log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)
@@ -357,6 +357,8 @@ class Elsewhere(RunningJob):
 _latest: list[tuple[Scan, SensorModel, Beams]] = []
 """The beams of the last scan and of its mirror image, compared by identity: hashing a scan takes
 longer than selecting its beams."""
+_latest_observed: list[tuple[Scan, SensorModel, ObservationArrays]] = []
+"""The arrays of the last scan's observations."""
 _mirrored: list[tuple[Scan, Scan]] = []
 """The last scan and its mirror image."""
 
@@ -371,6 +373,16 @@ def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
     _latest[:] = [(scan, model, beams), *_latest[:1]]
     return beams
+
+
+def observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
+    """Return the arrays of a step's observations, shared as the beams of `scan_beams` are."""
+    for last, its_model, arrays in _latest_observed:
+        if last is scan and its_model is model:
+            return arrays
+    arrays = ObservationArrays.of(*_observed(scan), model.grid)
+    _latest_observed[:] = [(scan, model, arrays)]
+    return arrays
 
 
 def mirror_image(scan: Scan) -> Scan:

@@ -11,9 +11,12 @@ from particle_filter.observation_likelihood import allowed_poses, log_likelihood
 from particle_filter.observations import (
     Landmarks,
     Observation,
+    difference,
+    factors,
     log_average_ratio,
     outlier_probability,
 )
+from particle_filter.observations import density as densities
 from particle_filter.poses import between, compose
 from tests.unit.oracle.grid_filter import Array, GridFilter
 
@@ -67,6 +70,38 @@ def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
     np.testing.assert_allclose(ratios, expected, rtol=1e-9, atol=1e-12)
     false = [outlier_probability(pose, KINDS[kind], LANDMARKS, GRID) for pose in poses]
     assert -np.log(false) == pytest.approx(ratios, abs=1e-9)
+
+
+def test_the_table_and_what_is_left_out_change_the_ratio_by_less_than_1e_12() -> None:
+    rng = np.random.default_rng(5)
+    places = rng.uniform(0, 10, (12, 2))
+    marks = Landmarks(("a", "b", "b", "c") * 3, places, rng.uniform(1e-4, 0.1, 12))
+    seen = [
+        Observation(rng.uniform(-4, 4, 2), TILTED * scale, name, 0.05, share)
+        for scale, name, share in zip((0.01, 1.0, 9.0), "abc", (1.0, 0.3, 0.02), strict=True)
+    ] + [replace(KINDS["pose"], share=0.7), KINDS["position"]]
+    poses = rng.uniform((0, 0, -4), (10, 8, 4), (300, 3))
+    expected = np.zeros(300)
+    for each in seen:
+        right, any_landmark = factors(each, marks, GRID)
+        if each.landmark:
+            at = between(poses[:, None], np.column_stack([places, np.zeros(12)]))[..., :2]
+            ratios = np.zeros(300)
+            for mark, name in enumerate(marks.names):
+                wide = each.covariance + marks.variances[mark] * np.eye(2)
+                factor = any_landmark + right * (name == each.landmark)
+                ratios += factor * densities(at[:, mark] - each.mean, wide)
+        else:
+            ratios = right * densities(difference(poses, each.mean), each.covariance)
+        expected += each.share * np.log1p(ratios)
+    found = log_likelihood_ratio(poses, seen, marks, GRID)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_says_nothing_of_a_pose_that_is_infinitely_far(kind: str) -> None:
+    far = np.array([[1e300, -1e300, 0.3]])
+    assert log_likelihood_ratio(far, [KINDS[kind]], LANDMARKS, GRID) == [0.0]
 
 
 @pytest.mark.parametrize("kind", KINDS)
