@@ -44,9 +44,6 @@ class Amcl:
     """Localization node with AMCL's behaviour.
 
     Each `on_...` method takes one message and yields what the process is to do.
-
-    Args:
-        settings: of the bridge; `use` changes them.
     """
 
     def __init__(self, settings: Ros2Settings) -> None:
@@ -55,9 +52,7 @@ class Amcl:
         self.clock_ns: int | None = None
         """The newest time on `/clock`."""
         self.belief: Belief | None = None
-        """The newest belief."""
         self.last_pose: PoseTuple | None = None
-        """The pose that was published last."""
         self._unpublished: Belief | None = None
         self._frames = TransformTree()
         self._scans = LaserScans(self._frames, settings)
@@ -150,7 +145,7 @@ class Amcl:
                 case Kept.CLOCK_SET_BACK:
                     yield from self._on_clock_set_back(f"tf from {parent!r} to {child!r}", 0)
         yield from self._odometry()
-        yield from self._ready_scans(now_ns)
+        yield from self.on_tick(now_ns)
 
     def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
         """Handle a `sensor_msgs/LaserScan` or `PointCloud2`; it may wait for its transforms."""
@@ -160,11 +155,7 @@ class Amcl:
             yield from self._scans.add(message, now_ns)
         except ValueError as problem:
             yield Refused("laser scan refused", str(problem))
-        yield from self._ready_scans(now_ns)
-
-    def on_tick(self, now_ns: int) -> Iterator[Output]:
-        """Refuse scans whose transforms did not arrive in time."""
-        yield from self._ready_scans(now_ns)
+        yield from self.on_tick(now_ns)
 
     def on_map(self, message: Any) -> Iterator[Output]:
         """Handle a `nav_msgs/OccupancyGrid`."""
@@ -248,8 +239,6 @@ class Amcl:
         if (cloud := self._particles.cloud(belief)) is not None:
             yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
 
-    # --- helpers
-
     def on_advice(self, advice: Advice) -> Iterator[Output]:
         """Publish the best way in the odometry frame; an empty path if there is none."""
         poses: list[PoseTuple] = []
@@ -260,6 +249,8 @@ class Amcl:
             yield Refused("advice", advice.note)
         message = path(poses, advice.stamp_ns, self.settings.odom_frame)
         yield Publish(topics.ADVICE, message)
+
+    # --- helpers
 
     def _odometry(self) -> Iterator[Output]:
         """Yield the newest odometry, unless it was yielded before."""
@@ -282,7 +273,8 @@ class Amcl:
             sender = self.settings.node_name
             yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
 
-    def _ready_scans(self, now_ns: int) -> Iterator[Output]:
+    def on_tick(self, now_ns: int) -> Iterator[Output]:
+        """Use the scans whose transforms are known; refuse those that have waited too long."""
         for reading in self._scans.ready(now_ns):
             yield reading
             if isinstance(reading, Refused):

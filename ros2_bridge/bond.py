@@ -13,7 +13,6 @@ import threading
 import time
 import uuid
 from pathlib import Path
-from typing import Protocol
 from urllib.parse import quote
 
 import msgspec
@@ -23,29 +22,17 @@ from process_runtime.state_folder import state_folder
 from ros2_bridge.lifecycle import State
 from ros2_bridge.message_types import BOND_STATUS, new
 from ros2_bridge.messages_out import header
+from ros2_bridge.node import RosPublisher
 
 PERIOD_S, TIMEOUT_S = 0.1, 4.0
 
 
-class Sender(Protocol):
-    """Publisher of the topic `bond`."""
-
-    def put(self, message: object) -> None:
-        """Send a `bond/Status`."""
-
-
 class BondThread:
-    """Sends heartbeats between `begin` and `end`; a context manager that ends them.
+    """Sends heartbeats between `begin` and `end`; a context manager that ends them."""
 
-    Args:
-        publisher: of the topic `bond`.
-        node_name: name of the node and of its bond.
-    """
-
-    def __init__(self, publisher: Sender, node_name: str) -> None:
+    def __init__(self, publisher: RosPublisher, node_name: str) -> None:
         self._publisher, self._node_name = publisher, node_name
         self.instance_id = ""
-        """Id of the newest bond."""
         self._over: threading.Event | None = None
         self._thread: threading.Thread | None = None
 
@@ -65,7 +52,6 @@ class BondThread:
             self._thread.start()
 
     def end(self) -> None:
-        """End the bond with a last message."""
         if self._over is not None and self._thread is not None:
             self._over.set()
             self._thread.join()
@@ -155,12 +141,7 @@ class RestartFile:
 
 
 def restart_file(settings: Settings, node: str) -> RestartFile:
-    """Return the file of a node, in the folder of the coordinator's state.
-
-    Args:
-        settings: of all processes.
-        node: its full name.
-    """
+    """Return the file of a node, by its full name, in the folder of the coordinator's state."""
     folder = state_folder(settings.coordinator.state_folder)
     if folder is None:
         return RestartFile(None)
@@ -169,7 +150,6 @@ def restart_file(settings: Settings, node: str) -> RestartFile:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Replace the content atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     number, part = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
     with os.fdopen(number, "wb") as file:

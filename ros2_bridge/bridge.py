@@ -31,10 +31,9 @@ from ros2_bridge.bond import BondThread, Doing, RestartFile, restart_file
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
-from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher
+from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher, log_to_ros
 from ros2_bridge.outputs import AskAdvice, Bond, Command, Output, Publish, Refused
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
-from ros2_bridge.ros_log import log_to_ros
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
 from zenoh_link.node import Node
@@ -58,11 +57,6 @@ _COMMAND_KEYS: dict[type[Command], str] = {
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
     """Run the node until `stop` is set; wait for the router and the robot if necessary.
-
-    Args:
-        settings: of all processes.
-        process: name of this one.
-        stop: ends the node.
 
     Raises:
         SettingsError: a name or an endpoint is invalid.
@@ -153,12 +147,9 @@ class BridgeLoop:
             if event is None or time.monotonic() >= (self._places_until_s or math.inf):
                 self._publish_all_places()
             self._every_second()
-            state, bond, held = (
-                self.services.lifecycle.state,
-                self._bond.instance_id,
-                self._amcl.held,
-            )
-            self._file.keep(Doing(state=state, bond=bond, held=held), time.monotonic())
+            state, held = self.services.lifecycle.state, self._amcl.held
+            doing = Doing(state=state, bond=self._bond.instance_id, held=held)
+            self._file.keep(doing, time.monotonic())
 
     def _resume(self, before: Doing) -> None:
         """Continue in the state of a killed bridge; the coordinator still knows the pose."""

@@ -1,6 +1,7 @@
 """Poses of the robot from ROS: initial poses, and observations of other sensors."""
 
 import math
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -42,13 +43,11 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
     odom, base = settings.odom_frame, settings.base_frame
     now_ns = frames.newest_ns(odom, base)
     stamp_ns = stamp_of(message.header)
-    if now_ns is None or not 0 < stamp_ns < now_ns:
-        return _command(settings, pose_tuple(then), covariance, now_ns)
-    try:
-        start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
-    except TransformMissingError:
-        return _command(settings, pose_tuple(then), covariance, now_ns)
-    now = compose(then, between(np.array(start), np.array(end)))
+    now = then
+    if now_ns is not None and 0 < stamp_ns < now_ns:
+        with suppress(TransformMissingError):
+            start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
+            now = compose(then, between(np.array(start), np.array(end)))
     return _command(settings, pose_tuple(now), covariance, now_ns)
 
 
@@ -79,7 +78,6 @@ def observed_pose(message: Any, topic: str, settings: Ros2Settings) -> Observati
 
 
 def initial_pose(settings: Ros2Settings) -> SetPose:
-    """Return the command for the initial pose in the settings."""
     pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
     spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
     return _command(settings, pose, covariance_tuple(spread), None)

@@ -39,12 +39,7 @@ class _Waiting:
 
 
 class LaserScans:
-    """Queue of scans that wait for the transforms of their time.
-
-    Args:
-        frames: the tf buffer.
-        settings: frames, time limit, shortest and longest range.
-    """
+    """Queue of scans that wait for the transforms of their time."""
 
     def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
         self.settings = settings
@@ -94,12 +89,6 @@ class LaserScans:
         return done
 
     def _reading(self, waiting: _Waiting) -> LaserReading:
-        """Convert a scan.
-
-        Raises:
-            TransformMissingError: tf lacks the pose of the robot or of the laser.
-            ValueError: the scan is unusable.
-        """
         settings, stamp_ns = self.settings, waiting.stamp_ns
         odom_from_base = self._frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
         base_from_laser = self._frames.lookup(settings.base_frame, waiting.frame, stamp_ns)
@@ -131,13 +120,7 @@ class LaserScans:
 def laser_reading(
     scan: Any, base_from_laser: Rigid, odom_from_robot: PoseTuple, settings: Ros2Settings
 ) -> LaserReading:
-    """Convert a `sensor_msgs/LaserScan`.
-
-    Args:
-        scan: the message.
-        base_from_laser: pose of the laser on the robot.
-        odom_from_robot: odometry at its stamp.
-        settings: shortest and longest range, and the sender's name.
+    """Convert a `sensor_msgs/LaserScan`; `odom_from_robot`: at its stamp.
 
     Raises:
         ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
@@ -206,11 +189,7 @@ def cloud_reading(
 
 
 def _axes(cloud: Any) -> list[NDArray[np.floating]]:
-    """Return x, y and z of all points in the sensor's frame, as three (N,) arrays [m].
-
-    Raises:
-        ValueError: see `cloud_reading`.
-    """
+    """Return x, y and z of all points in the sensor's frame, as three (N,) arrays [m]."""
     fields = {field.name: field for field in cloud.fields}
     places, order = {}, ">" if cloud.is_bigendian else "<"
     for name in ("x", "y", "z"):

@@ -21,20 +21,12 @@ class State(Enum):
 
     @property
     def label(self) -> str:
-        """Its name in ROS."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Transition:
-    """A transition between two states.
-
-    Args:
-        number: its number in ROS.
-        label: its name in ROS.
-        start: the state before it.
-        goal: the state after it.
-    """
+    """A transition between two states, with ROS's number and name."""
 
     number: int
     label: str
@@ -42,16 +34,11 @@ class Transition:
     goal: State
 
 
-@dataclass(frozen=True)
-class _Way:
-    """A requested transition to a transient state, and the one that follows it."""
-
-    asked: Transition
-    succeeded: Transition
-
-
-def _way(number: int, label: str, start: State, during: State, goal: State, done: int) -> _Way:
-    return _Way(
+def _way(
+    number: int, label: str, start: State, during: State, goal: State, done: int
+) -> tuple[Transition, Transition]:
+    """Return a requested transition to a transient state, and the one that follows it."""
+    return (
         Transition(number, label, start, during),
         Transition(done, "transition_success", during, goal),
     )
@@ -70,7 +57,7 @@ _WAYS = (
     _way(7, "shutdown", State.ACTIVE, State.SHUTTINGDOWN, State.FINALIZED, 50),
 )
 
-TRANSITION_GRAPH = tuple(dict.fromkeys(one for way in _WAYS for one in (way.asked, way.succeeded)))
+TRANSITION_GRAPH = tuple(dict.fromkeys(one for way in _WAYS for one in way))
 
 
 class Lifecycle:
@@ -79,13 +66,9 @@ class Lifecycle:
     def __init__(self) -> None:
         self.state = State.UNCONFIGURED
 
-    @property
-    def is_active(self) -> bool:
-        return self.state is State.ACTIVE
-
     def available(self) -> list[Transition]:
         """Return the transitions that can be requested in this state."""
-        return [way.asked for way in _WAYS if way.asked.start is self.state]
+        return [asked for asked, _ in _WAYS if asked.start is self.state]
 
     def change(self, number: int, label: str = "") -> tuple[Transition, ...]:
         """Request a transition.
@@ -97,9 +80,9 @@ class Lifecycle:
         Returns:
             The transitions made; none if the state does not allow it.
         """
-        for way in _WAYS:
-            meant = way.asked.label == label if label else way.asked.number == number
-            if meant and way.asked.start is self.state:
-                self.state = way.succeeded.goal
-                return way.asked, way.succeeded
+        for asked, succeeded in _WAYS:
+            meant = asked.label == label if label else asked.number == number
+            if meant and asked.start is self.state:
+                self.state = succeeded.goal
+                return asked, succeeded
         return ()

@@ -48,7 +48,6 @@ SET_PARAMETERS_ATOMICALLY = "rcl_interfaces/srv/SetParametersAtomically"
 LIST_PARAMETERS = "rcl_interfaces/srv/ListParameters"
 DESCRIBE_PARAMETERS = "rcl_interfaces/srv/DescribeParameters"
 GET_PARAMETER_TYPES = "rcl_interfaces/srv/GetParameterTypes"
-GET_TYPE_DESCRIPTION = "type_description_interfaces/srv/GetTypeDescription"
 
 _NOTHING = "uint8 structure_needs_at_least_one_member\n"
 _HYPOTHESIS = "vision_msgs/msg/ObjectHypothesis"
@@ -99,13 +98,6 @@ _SERVICES = {
         "rcl_interfaces/ParameterDescriptor[] descriptors\n",
     ),
     GET_PARAMETER_TYPES: ("string[] names\n", "uint8[] types\n"),
-    GET_TYPE_DESCRIPTION: (
-        "string type_name\nstring type_hash\nbool include_type_sources\n",
-        "bool successful\nstring failure_reason\n"
-        "type_description_interfaces/TypeDescription type_description\n"
-        "type_description_interfaces/TypeSource[] type_sources\n"
-        "type_description_interfaces/KeyValue[] extra_information\n",
-    ),
 }
 """Request and response of each service."""
 
@@ -123,7 +115,6 @@ _SERVICE_HASHES = {
     LIST_PARAMETERS: "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
     DESCRIBE_PARAMETERS: "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
     GET_PARAMETER_TYPES: "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
-    GET_TYPE_DESCRIPTION: "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5",
 }
 """RIHS01 hashes of service types since ROS 2 Jazzy; `rosbags` cannot compute them."""
 
@@ -182,7 +173,6 @@ def new(ros_type: str, **fields: Any) -> Any:
 
 
 def encode(message: Any, ros_type: str) -> bytes:
-    """Encode a message as CDR."""
     return bytes(typestore().serialize_cdr(message, ros_type))
 
 

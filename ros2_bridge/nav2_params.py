@@ -1,7 +1,6 @@
 """Read AMCL's parameters of a `nav2_params.yaml` as settings."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,26 +17,16 @@ _ANY_NODE = ("/**", "/*")
 _SEPARATOR = "."
 
 
-@dataclass(frozen=True)
-class Nav2Params:
-    """The settings of a file.
-
-    Args:
-        values: settings by their dotted names.
-        notes: a line for each parameter that has no effect here, or another one than in nav2,
-            unless it has nav2's default.
-    """
-
-    values: dict[str, Value]
-    notes: tuple[str, ...]
-
-
-def read_nav2_params(path: Path) -> Nav2Params:
+def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
     """Read the parameters of the node `amcl`.
 
     Args:
         path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
             namespace, or under ``/**`` for all nodes.
+
+    Returns:
+        Settings by their dotted names, and a line for each parameter that has no effect here, or
+        another one than in nav2, unless it has nav2's default.
 
     Raises:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
@@ -66,7 +55,7 @@ def read_nav2_params(path: Path) -> Nav2Params:
             values[parameter.setting] = setting
         if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
             notes.append(f"{name} = {value} of nav2 {instead}")
-    return Nav2Params(values, tuple(notes))
+    return values, notes
 
 
 def _tree(path: Path) -> dict[Any, Any]:

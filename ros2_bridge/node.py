@@ -1,15 +1,19 @@
-"""A ROS 2 node on a Zenoh session: publishers, subscriptions, services and their tokens."""
+"""A ROS 2 node on a Zenoh session: publishers, subscriptions, services, tokens, and its log."""
 
 import itertools
+import logging
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
 import zenoh
 from zenoh import ext
 
-from ros2_bridge.message_types import encode, type_hash
+from ros2_bridge.message_types import LOG, encode, new, type_hash
+from ros2_bridge.messages_out import header
 from ros2_bridge.topics import Topic, service_qos
 from ros2_bridge.wire import (
     Endpoint,
@@ -27,6 +31,8 @@ from zenoh_link.inbox import Inbox
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 _NODE_NUMBER = 0
 _HEARTBEAT_S = 0.5
+_LEVELS = (10, 20, 30, 40, 50)
+"""Of a log; the same numbers in ROS and Python."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +71,7 @@ class Called:
 
 
 class RosPublisher:
-    """Publishes the messages of one topic; thread-safe.
-
-    Args:
-        session: connected to the robot's router.
-        key: of the topic.
-        token: of the publisher.
-        topic: the topic.
-    """
+    """Publishes the messages of one topic; thread-safe."""
 
     def __init__(self, session: zenoh.Session, key: str, token: str, topic: Topic) -> None:
         self._type, self._id = topic.ros_type, endpoint_id(token)
@@ -122,18 +121,17 @@ class RosNode:
         self._announce(name.token(self._id, _NODE_NUMBER))
 
     def publisher(self, topic: Topic) -> RosPublisher:
-        """Announce and declare a publisher."""
         key, token = self._endpoint(EndpointKind.PUBLISHER, topic.name, topic.ros_type, topic.qos)
         publisher = RosPublisher(self._session, key, token, topic)
         self._announce(token)
         return publisher
 
     def subscribe(self, topic: Topic, inbox: Inbox[Any], *, own: bool) -> None:
-        """Put the messages of a topic into an inbox, each in place of the topic's oldest if full.
+        """Put `FromRos` into an inbox, each in place of the topic's oldest if full.
 
         Args:
             topic: the topic, from any release of ROS.
-            inbox: takes `FromRos`.
+            inbox: takes the messages.
             own: include messages that this session publishes.
         """
 
@@ -206,3 +204,34 @@ class RosNode:
 
 def _attached(query: zenoh.Query) -> bytes:
     return query.attachment.to_bytes() if query.attachment is not None else b""
+
+
+class _RosLog(logging.Handler):
+    def __init__(self, publisher: RosPublisher, name: str) -> None:
+        super().__init__(logging.INFO)
+        self._publisher, self._name = publisher, name
+
+    def emit(self, record: logging.LogRecord) -> None:
+        message = new(
+            LOG,
+            stamp=header(int(record.created * 1e9), "").stamp,
+            level=max(level for level in _LEVELS if level <= record.levelno),
+            name=self._name,
+            msg=record.getMessage(),
+            file=record.pathname,
+            function=record.funcName or "",
+            line=record.lineno,
+        )
+        with suppress(zenoh.ZError):  # the session is being closed
+            self._publisher.put(message)
+
+
+@contextmanager
+def log_to_ros(publisher: RosPublisher, node: str) -> Iterator[None]:
+    """Publish the log on `/rosout` too, within the ``with`` block; `node`: its full name."""
+    handler = _RosLog(publisher, node.strip("/").replace("/", "."))
+    logging.getLogger().addHandler(handler)
+    try:
+        yield
+    finally:
+        logging.getLogger().removeHandler(handler)

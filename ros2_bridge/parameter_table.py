@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 from process_runtime.settings import Settings
@@ -71,7 +72,6 @@ class Parameter:
         return key if is_live else None
 
     def value(self, settings: Settings) -> Value:
-        """Return the parameter's value in these settings."""
         if not self.setting:
             return self.default
         section, _, key = self.setting.rpartition(".")
@@ -125,10 +125,6 @@ def _nav2_motion_model(model: str) -> str:
     return next((plugin for plugin, ours in _PLUGINS.items() if ours == model), model)
 
 
-def _sensor_model(name: str) -> str:
-    return _one_of(_SENSOR_MODELS, name)
-
-
 def _root(variance: float) -> float:
     if variance < 0.0:
         raise ValueError("a variance must not be negative")
@@ -169,7 +165,12 @@ _ALL = (
     Parameter("laser_likelihood_max_dist", 2.0, "sensor.max_obstacle_distance_m"),
     Parameter("laser_max_range", 100.0, "ros2.laser_max_range_m"),
     Parameter("laser_min_range", -1.0, "ros2.laser_min_range_m"),
-    Parameter("laser_model_type", "likelihood_field", "sensor.model", _sensor_model),
+    Parameter(
+        "laser_model_type",
+        "likelihood_field",
+        "sensor.model",
+        partial(_one_of, _SENSOR_MODELS),
+    ),
     Parameter("map_topic", "map", "ros2.map_topic"),
     Parameter("max_beams", 60, "sensor.max_beams"),
     Parameter("odom_frame_id", "odom", "ros2.odom_frame"),

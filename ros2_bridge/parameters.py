@@ -27,11 +27,7 @@ _SEPARATOR = "."
 
 
 class Parameters:
-    """The node's parameters: settings by nav2's names.
-
-    Args:
-        settings: of all processes.
-    """
+    """The node's parameters: settings by nav2's names."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -107,12 +103,6 @@ class Parameters:
         return new(result, successful=not reason, reason=reason)
 
     def _set(self, name: str, wanted: Any) -> None:
-        """Change a setting.
-
-        Raises:
-            SettingsError: the parameter is unknown, or can only be set at the start; the value is
-                of another type or out of range.
-        """
         parameter = PARAMETERS.get(name)
         problem, value = "", None
         if parameter is None:

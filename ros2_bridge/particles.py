@@ -15,17 +15,13 @@ CLOUD = 2_000
 
 @dataclass(frozen=True)
 class _Cloud:
-    """The newest particles of a cluster.
-
-    Args:
-        odom_from_robot: odometry at their step.
-        map_from_robot: (N, 3) poses.
-        summed: (N,) cumulative weights.
-    """
+    """The newest particles of a cluster, with the odometry at their step."""
 
     odom_from_robot: NDArray[np.float64]
     map_from_robot: NDArray[np.float64]
+    """(N, 3) poses."""
     summed: NDArray[np.float64]
+    """(N,) cumulative weights."""
 
     def drawn(self, count: int) -> NDArray[np.float64]:
         """Return the (count, 3) poses of a systematic resampling."""

@@ -28,11 +28,7 @@ _SAME_PLACE_M, _SAME_HEADING_RAD = 1.0, 0.5
 
 
 class PoseChoice:
-    """Chooses the place to publish after each belief.
-
-    Args:
-        publish: the rule.
-    """
+    """Chooses the place to publish after each belief."""
 
     def __init__(self, publish: Publish) -> None:
         self.publish = publish
@@ -132,24 +128,18 @@ class MapFromOdom:
             return None
         return pose_tuple(compose(np.array(self._map_from_ours), np.array(ours)))
 
-    def on_place(self, stamp_ns: int, map_from_robot: PoseTuple) -> bool:
-        """Handle the robot's pose at a scan; return whether the scan is known."""
+    def on_place(self, stamp_ns: int, map_from_robot: PoseTuple) -> None:
+        """Handle the robot's pose at a scan; ignore that of an unknown scan."""
         ours = self._scans.get(stamp_ns)
-        if ours is None:
-            return False
-        self._map_from_ours = pose_tuple(compose(np.array(map_from_robot), inverse(np.array(ours))))
-        return True
+        if ours is not None:
+            robot_from_ours = inverse(np.array(ours))
+            self._map_from_ours = pose_tuple(compose(np.array(map_from_robot), robot_from_ours))
 
     def forget_place(self) -> None:
-        """Forget the robot's pose."""
         self._map_from_ours = None
 
     def place(self, odom_from_robot: PoseTuple) -> PoseTuple | None:
-        """Return the current pose of the odom frame in the map; None: unknown.
-
-        Args:
-            odom_from_robot: the robot's newest odometry.
-        """
+        """Return the pose of the odom frame in the map by the newest odometry; None: unknown."""
         if self._map_from_ours is None:
             return None
         theirs = np.array(odom_from_robot)

@@ -108,9 +108,6 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
     """Return whether the robot runs ROS 2 Humble; wait for one of its nodes if necessary.
 
     With the wrong form of keys, publishers appear in ROS's graph, but no message arrives.
-
-    Raises:
-        StoppedError: `stop` was set.
     """
     if settings.type_hashes != "auto":
         return settings.type_hashes == "humble"
@@ -131,12 +128,7 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
 def _refuse_second_node(
     session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
 ) -> None:
-    """Check that no node with this name runs: both would publish map -> odom.
-
-    Raises:
-        AlreadyRunningError: such a node exists, and does not disappear.
-        StoppedError: `stop` was set.
-    """
+    """Check that no node with this name runs: both would publish map -> odom."""
     full_name = name.topic(name.name)
     left = round(_GONE_WITHIN_S / _LOOK_EVERY_S)
     while full_name in map(node_in_token, alive(session, f"{GRAPH}/{name.domain_id}/**", _ASK_S)):

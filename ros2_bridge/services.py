@@ -14,7 +14,6 @@ from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
 from ros2_bridge.outputs import NO_ID, AskAdvice, Bond, Output, Publish
 from ros2_bridge.parameters import Parameters
-from ros2_bridge.type_descriptions import get_type_description
 
 Answer = tuple[Any, list[Output]]
 """The response and the outputs that follow it."""
@@ -38,7 +37,6 @@ class Services:
         self.no_motion_update = Update(sender=self._sender, command_id=NO_ID)
         """Makes a step of the next scan although the robot stands."""
         self.freshness = "unreachable"
-        """The freshness in the newest status."""
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
             "reinitialize_global_localization": (types.EMPTY, self._search_everywhere),
             "request_nomotion_update": (types.EMPTY, self._no_motion_update),
@@ -54,7 +52,6 @@ class Services:
             "~/get_parameter_types": (types.GET_PARAMETER_TYPES, _only(parameters.kinds)),
             "~/list_parameters": (types.LIST_PARAMETERS, _only(parameters.names)),
             "~/describe_parameters": (types.DESCRIBE_PARAMETERS, _only(parameters.describe)),
-            "~/get_type_description": (types.GET_TYPE_DESCRIPTION, _only(get_type_description)),
             "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
             "~/set_parameters_atomically": (
                 types.SET_PARAMETERS_ATOMICALLY,

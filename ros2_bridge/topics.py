@@ -49,11 +49,7 @@ def service_qos(ros_type: str) -> Qos:
 
 @dataclass(frozen=True)
 class Topics:
-    """The topics whose names are settings.
-
-    Args:
-        settings: of the bridge.
-    """
+    """The topics whose names are settings."""
 
     settings: Ros2Settings
 
@@ -85,13 +81,13 @@ class Topics:
         return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
 
     def read(self) -> tuple[Topic, ...]:
-        """Return the topics that the node subscribes to."""
+        """Return all topics to subscribe to."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
         transforms = (self.tf, self.tf_static)
         return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.poses, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
-        """Return the topics that the node publishes."""
+        """Return all topics to publish."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),

@@ -76,7 +76,6 @@ class NodeName:
         return f"{self.namespace}/{name}"
 
     def token(self, session_id: str, node_number: int) -> str:
-        """Return the node's liveliness token."""
         start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{node_number}/NN"
         return f"{start}/{self._owner()}"
 
@@ -94,19 +93,13 @@ class NodeName:
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A publisher, subscriber, client or service.
-
-    Args:
-        kind: kind of the endpoint.
-        topic: full name of the topic or service.
-        type_name: as DDS names it, see `dds_type`.
-        type_hash: hash of the message type.
-        qos: quality of service of the topic.
-    """
+    """A publisher, subscriber, client or service."""
 
     kind: EndpointKind
     topic: str
+    """Full name of the topic or service."""
     type_name: str
+    """As DDS names it, see `dds_type`."""
     type_hash: str
     qos: Qos
 

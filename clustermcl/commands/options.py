@@ -196,8 +196,6 @@ def settings_with_nav2(
 
     if nav2_params is None:
         return load_settings(settings_file, assignments), []
-    read = read_nav2_params(nav2_params)
-    settings = load_settings(
-        settings_file, assignments, beneath=read.values, beneath_from=str(nav2_params)
-    )
-    return settings, list(read.notes)
+    values, notes = read_nav2_params(nav2_params)
+    origin = str(nav2_params)
+    return load_settings(settings_file, assignments, beneath=values, beneath_from=origin), notes

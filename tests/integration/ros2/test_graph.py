@@ -50,7 +50,6 @@ SERVED = {
     "/amcl/get_state lifecycle_msgs::srv::dds_::GetState_",
     "/amcl/get_available_states lifecycle_msgs::srv::dds_::GetAvailableStates_",
     "/amcl/get_available_transitions lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
-    "/amcl/get_type_description type_description_interfaces::srv::dds_::GetTypeDescription_",
     "/amcl/get_transition_graph lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
 }
 PARAMETERS_SERVED = {

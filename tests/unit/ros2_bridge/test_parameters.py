@@ -88,8 +88,8 @@ bt_navigator:
 
 
 def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
-    read = read_nav2_params(write(tmp_path, STOCK))
-    settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=read.values)
+    values, notes = read_nav2_params(write(tmp_path, STOCK))
+    settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=values)
     assert settings.motion.turn_noise_per_turn == 0.5
     assert settings.motion.model == "omnidirectional"
     assert settings.sensor.max_beams == 90
@@ -105,12 +105,12 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
         initial_heading_rad=0.5,
         laser_max_range_m=-1.0,  # the laser's own
     )
-    assert read.notes == (  # and nothing of what is as nav2 has it by itself
+    assert notes == [  # and nothing of what is as nav2 has it by itself
         "laser_model_type = likelihood_field_prob of nav2 is replaced by our likelihood_field, "
         "which multiplies the beams' likelihoods too; no beam is skipped: sensor.occlusion_weight",
         f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
         "invented of nav2 has no effect: AMCL has no such parameter",
-    )
+    ]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +122,7 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
     ],
 )
 def test_a_node_is_found_in_any_namespace_and_its_own_values_win(tmp_path: Path, text: str) -> None:
-    assert read_nav2_params(write(tmp_path, text)).values["sensor.max_beams"] == 90
+    assert read_nav2_params(write(tmp_path, text))[0]["sensor.max_beams"] == 90
 
 
 @pytest.mark.parametrize(
@@ -137,12 +137,12 @@ def test_a_node_is_found_in_any_namespace_and_its_own_values_win(tmp_path: Path,
 def test_a_namespace_in_the_file_applies_to_the_node_and_its_tf_topics(
     tmp_path: Path, text: str, namespace: str
 ) -> None:
-    read = read_nav2_params(write(tmp_path, text))
-    ros2 = load_settings(None, [], beneath=read.values).ros2
+    values, notes = read_nav2_params(write(tmp_path, text))
+    ros2 = load_settings(None, [], beneath=values).ros2
     assert ros2.namespace == namespace
     assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
     assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
-    assert bool(read.notes) == bool(namespace)
+    assert bool(notes) == bool(namespace)
 
 
 def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> N
 def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -> None:
     for value in ("[front/scan, /rear]", "'front/scan,/rear'"):
         text = f"amcl:\n  ros__parameters: {{scan_topic: {value}, pointcloud_topic: lidar}}\n"
-        ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text)).values).ros2
+        ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text))[0]).ros2
         assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear", "lidar"]
         assert node_name(ros2).name == "amcl"
     with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS expects letters"):
@@ -168,7 +168,7 @@ def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -
 
 def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
     text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
-    assert read_nav2_params(write(tmp_path, text)).values["ros2.use_sim_time"] is True
+    assert read_nav2_params(write(tmp_path, text))[0]["ros2.use_sim_time"] is True
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem
 
 def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "amcl:\n  ros__parameters: {max_beams: 0}\n")
-    values = read_nav2_params(path).values
+    values = read_nav2_params(path)[0]
     with pytest.raises(SettingsError, match=r"nav2_params.yaml: sensor.max_beams = 0"):
         load_settings(None, [], beneath=values, beneath_from=str(path))
 
