@@ -1,13 +1,17 @@
-"""The worker process: one parent that compiles the kernels, and children that run the jobs."""
+"""The worker process: one parent that compiles the kernels, and children that run the jobs.
+
+The children of a pool serve several robots, each in a thread of its own with its own session, so
+that robots meet nowhere and the operating system shares the cores fairly among them.
+"""
 
 import argparse
 import logging
 import os
 import sys
 import time
-from collections.abc import Iterable
-from concurrent.futures import Future
-from contextlib import closing
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +20,9 @@ from particle_filter.branch_and_bound import free_leaves
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 from process_runtime.main import Invocation, process_main
-from process_runtime.stop import StopFlag
+from process_runtime.settings import Settings
+from process_runtime.settings_file import load_settings
+from process_runtime.stop import StopFlag, StoppedError
 from process_runtime.supervisor import (
     ChildCount,
     ReportJobs,
@@ -26,7 +32,7 @@ from process_runtime.supervisor import (
 from protocol import keys
 from protocol.advice import AdviceQuestion
 from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableError
+from protocol.errors import ClusterMclError, MalformedMessageError, SettingsError, UnreachableError
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
 from protocol.work import Checkpoint, TakeOver, WorkOrder
@@ -80,20 +86,29 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--count", type=int, metavar="N", help="worker processes (default: worker.count)"
     )
+    parser.add_argument(
+        "--fleet", type=Path, metavar="FOLDER", help="serve the robot of each settings file in it"
+    )
 
 
 def run_workers(invocation: Invocation) -> None:
-    """Compile the kernels, fork the workers, and keep them running until the process is stopped."""
+    """Compile the kernels, fork the workers, and keep them running until the process is stopped.
+
+    Raises:
+        SettingsError: the folder of the fleet is not usable.
+    """
     settings, prefix = invocation.settings, invocation.process
+    folder, overrides = invocation.arguments.fleet, invocation.arguments.set
+    robots = [settings] if folder is None else fleet_of(folder, overrides)
     cache = chosen_cache_folder(settings.worker.cache_folder)
     compile_kernels(SensorSettings())
 
     def child(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:
         name = f"{prefix}-{index}"
-        with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
-            node.open()
-            work_without_preempting()
-            WorkerLoop(node, cache, report_jobs).run()
+        if folder is None:
+            serve(name, settings, cache, stop, report_jobs)
+        else:
+            serve_robots(name, robots, cache, stop, report_jobs)
 
     fixed = invocation.arguments.count or settings.worker.count
     # Linux also knows which cores this process may use.
@@ -101,6 +116,82 @@ def run_workers(invocation: Invocation) -> None:
     most = max(SPARE + 1, cores)
     count = ChildCount(fixed, fixed) if fixed else ChildCount(SPARE + 1, most)
     run_forked(count, child, invocation.stop, name=prefix)
+
+
+def fleet_of(folder: Path, overrides: Sequence[str]) -> list[Settings]:
+    """Return the settings of each robot of a fleet.
+
+    Args:
+        folder: has a settings file, ``NAME.toml``, for each robot.
+        overrides: settings as for ``--set``, which hold for all robots.
+
+    Raises:
+        SettingsError: there is no settings file, one is not valid, or two are of one robot.
+    """
+    files = sorted(folder.glob("*.toml"))
+    if not files:
+        problem = f"{folder} is not a folder with settings files (*.toml), one for each robot"
+        raise SettingsError(key="--fleet", problem=problem)
+    robots = dict[tuple[str, str], Path]()
+    fleet = [load_settings(file, overrides) for file in files]
+    for file, one in zip(files, fleet, strict=True):
+        first = robots.setdefault((one.zenoh.router, one.robot.name), file)
+        if first is not file:
+            problem = f"{first} and {file} are both of robot {one.robot.name!r}: remove one"
+            raise SettingsError(key="--fleet", problem=problem)
+    return fleet
+
+
+def serve(
+    name: str, settings: Settings, cache: Path, stop: StopFlag, report_jobs: ReportJobs
+) -> None:
+    """Serve one robot until the process is stopped."""
+    with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
+        node.open()
+        work_without_preempting()
+        WorkerLoop(node, cache, report_jobs).run()
+
+
+def serve_robots(
+    name: str, robots: Sequence[Settings], cache: Path, stop: StopFlag, report_jobs: ReportJobs
+) -> None:
+    """Serve several robots, each in a thread, until the process is stopped or one thread ends."""
+    shares = [_Share() for _ in robots]
+    with ThreadPoolExecutor(len(robots)) as pool:
+        serving = [
+            pool.submit(serve, name, settings, cache, share.stop, share.report_jobs)
+            for settings, share in zip(robots, shares, strict=True)
+        ]
+        # Nothing gives a sign of life while a thread hangs, so that the parent restarts this child.
+        signs, stop.on_look = stop.on_look, lambda: None
+        while not stop.wait(POLL_S) and not any(robot.done() for robot in serving):
+            report_jobs(sum(share.jobs for share in shares))
+            if all(share.looked for share in shares):
+                signs()
+                for share in shares:
+                    share.looked = False
+        for share in shares:
+            share.stop.set()
+    for robot in serving:
+        with suppress(StoppedError):
+            robot.result()
+
+
+class _Share:
+    """What one robot's thread reports to the main thread of its process."""
+
+    def __init__(self) -> None:
+        self.jobs = 0
+        self.looked = False
+        """Whether the thread has checked its stop flag since the last sign of life."""
+        self.stop = StopFlag()
+        self.stop.on_look = self._on_look
+
+    def report_jobs(self, count: int) -> None:
+        self.jobs = count
+
+    def _on_look(self) -> None:
+        self.looked = True
 
 
 class WorkerLoop:

@@ -163,13 +163,21 @@ def router(
 def worker(
     name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
     count: Annotated[int | None, typer.Option(min=1, help="Processes: worker.count.")] = None,
+    fleet: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Serve the robot of each settings file in it."),
+    ] = None,
     robot: Robot = None,
     router: Router = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run more workers, on this machine or another one."""
+    """Run more workers, on this machine or another one, for a robot or a fleet."""
+    if fleet is not None and robot is not None:
+        problem = "--robot with --fleet: the files of the fleet name its robots; leave one out"
+        raise SettingsError(key="--fleet", problem=problem)
     given = ["--name", name, *([] if count is None else ["--count", str(count)])]
+    given += [] if fleet is None else ["--fleet", str(fleet)]
     _become("worker", given, settings_file, as_assignments(robot, router), assignments)
 
 

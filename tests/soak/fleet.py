@@ -1,6 +1,7 @@
 """All processes of a soak: one router, and for each robot all that `clustermcl up` starts."""
 
 import json
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from tests.soak.eight_rooms import soak_world
 from zenoh_link.configuration import router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
-CABLES = "cables"
+CABLES, POOL = "cables", "pool"
 WORKER = "worker"
 """A process forked by the workers' parent."""
 _SOCKET = "unixsock-stream/"
@@ -51,6 +52,7 @@ class Fleet:
         rate_hz: scans a second of each robot.
         coordinators: coordinators of each robot; one leads, the others are standbys.
         cables: whether workers and coordinators reach the router through the relay.
+        pool: whether the robots share their workers.
     """
 
     def __init__(
@@ -62,6 +64,7 @@ class Fleet:
         rate_hz: float,
         coordinators: int,
         cables: bool,
+        pool: bool = False,
     ) -> None:
         self._folder = folder
         self._control = folder / "control.sock"
@@ -84,12 +87,19 @@ class Fleet:
                 settings_as_toml(msgspec.structs.replace(own, zenoh=zenoh)), "utf-8"
             )
             drive = ("--world", world, "--rate-hz", repr(rate_hz))
+            if pool:
+                (folder / POOL).mkdir(exist_ok=True)
+                shutil.copy(far_file, folder / POOL)
+            else:
+                children.append(self._child(f"{robot}/{WORKERS}", "worker", far_file))
             children += [
-                self._child(f"{robot}/{WORKERS}", "worker", far_file),
                 *self._coordinators(robot, far_file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
                 self._child(f"{robot}/{ROBOT}", "tests.soak.driver", file, *drive),
             ]
+        if pool:
+            words = ("--fleet", str(folder / POOL), "--name", POOL)
+            children.append(self._child(f"{POOL}/{WORKERS}", "worker", file, *words))
         self._supervisor = Supervisor(children)
 
     def start(self) -> None:
@@ -170,4 +180,6 @@ def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
     except (psutil.NoSuchProcess, OSError):
         return None
     robot, _, role = parent.rpartition("/")
-    return f"{robot}/{own}" if role == WORKERS and own.startswith(f"{WORKER}-") else None
+    return (
+        f"{robot}/{own}" if role == WORKERS and own.startswith((f"{WORKER}-", f"{POOL}-")) else None
+    )
