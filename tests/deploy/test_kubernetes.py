@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from process_runtime.settings_file import load_settings
+from tests.unit.evaluation.places import STATUS
 from zenoh_link.session import MANY_LINKS, VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
@@ -22,6 +23,7 @@ RESOURCES = [
     for name in KUSTOMIZATION["resources"]
     for resource in yaml.safe_load_all((FOLDER / name).read_text())
 ]
+POOL, SCALER = yaml.safe_load_all((FOLDER / "pool" / "pool.yaml").read_text())
 
 Object = dict[str, Any]
 
@@ -166,9 +168,30 @@ def test_the_routers_file_is_the_deployed_one_and_finds_its_certificates() -> No
     } <= mounts
 
 
+def test_the_pool_has_the_rights_of_a_worker_and_reads_the_mounted_fleet() -> None:
+    pod, worker = POOL["spec"]["template"]["spec"], pods()["worker"]
+    for name in ("securityContext", "automountServiceAccountToken", "enableServiceLinks"):
+        assert pod[name] == worker[name]
+    (container,) = pod["containers"]
+    assert container["securityContext"] == worker["containers"][0]["securityContext"]
+    mounts = {mount["name"]: mount["mountPath"] for mount in container["volumeMounts"]}
+    assert set(mounts) == {volume["name"] for volume in pod["volumes"]}
+    assert container["args"][:3] == ["worker", "--fleet", mounts["fleet"]]
+    assert POOL["spec"]["selector"]["matchLabels"] == POOL["spec"]["template"]["metadata"]["labels"]
+
+
+def test_the_pool_scales_by_a_metric_that_coordinators_serve() -> None:
+    target = SCALER["spec"]["scaleTargetRef"]
+    assert (target["kind"], target["name"]) == (POOL["kind"], POOL["metadata"]["name"])
+    external = SCALER["spec"]["metrics"][0]["external"]["metric"]["name"]
+    metrics = pytest.importorskip("zenoh_link.metrics_of_status", reason="the extra metrics")
+    collector = metrics.StatusCollector(lambda: STATUS)
+    assert external in {metric.name for metric in collector.collect()}
+
+
 def test_kubernetes_schema_has_no_objection() -> None:
     validate = pytest.importorskip("kubernetes_validate", reason="kubernetes-validate is not there")
-    for resource in RESOURCES:
+    for resource in [*RESOURCES, POOL, SCALER]:
         validate.validate(resource, "1.31", strict=True)
 
 
