@@ -247,9 +247,9 @@ class ClusterMCL(RobotCommands):
             ValueError: the map has no obstacle.
         """
         self._model = sensor_model(grid_map, self._settings.sensor, default_cache_folder())
-        self.map, self._ground = grid_map, FreeGround.of(grid_map)
-        self._landmarks = tuple(landmarks)
-        self._maker.change_map(grid_map.digest, landmarks)
+        self.map = grid_map.with_landmarks(landmarks)
+        self._ground = FreeGround.of(self.map)
+        self._maker.change_map(self.map.digest, landmarks)
         self._filter = InProcess(self._model, self._settings)
         self.belief: Belief | None = None
 
@@ -297,7 +297,7 @@ class ClusterMCL(RobotCommands):
             raise StateFileError(path, f"not a state: {error}") from None
         self._filter, scan = resumed, state.filter.applied
         self._maker = StepMaker(
-            self._settings.bridge, self.map.digest, _SENDER, landmarks=self._landmarks
+            self._settings.bridge, self.map.digest, _SENDER, landmarks=self.map.landmarks
         )
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS

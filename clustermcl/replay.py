@@ -10,6 +10,7 @@ from clustermcl.as_json import JsonObject, belief_object, dumped
 from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
+from grid_maps.landmarks import landmarks_beside
 from protocol.errors import printable
 from recordings.map_file import load_map
 
@@ -66,10 +67,13 @@ def print_replay(
     Raises:
         RecordingError: there is no recording, it cannot be read, or it has another map.
         MapFileError: the map cannot be read.
+        LandmarksFileError: the landmarks file beside the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step
-    digest = load_map(map_file).digest if map_file else None
+    digest = None
+    if map_file:
+        digest = load_map(map_file).with_landmarks(landmarks_beside(map_file)).digest
     comparison, step = Comparison(), -1
     for wall_ns, happening in replayed(folder, version("clustermcl"), digest):
         comparison.add(happening)

@@ -3,10 +3,12 @@
 import hashlib
 import math
 import struct
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from particle_filter.grid import Grid
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
+from protocol.steps import Landmark
 
 MAX_CELLS = 2**28
 """Limit for the cells of a map: 16,384 x 16,384. Larger files and messages are refused before
@@ -35,6 +38,7 @@ class GridMap:
         cells: (rows, cols) int8: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y.
         cell_m: side of a cell [m].
         map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
+        landmarks: of the map.
 
     Raises:
         ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
@@ -43,6 +47,7 @@ class GridMap:
     cells: Cells
     cell_m: float
     map_from_grid: PoseTuple
+    landmarks: tuple[Landmark, ...] = ()
 
     def __post_init__(self) -> None:
         _check_cells(self.cells)
@@ -57,10 +62,24 @@ class GridMap:
             cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
 
+    def with_landmarks(self, landmarks: Iterable[Landmark]) -> "GridMap":
+        """Return the map with these landmarks in place of its own."""
+        return replace(self, landmarks=tuple(landmarks))
+
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of geometry and cells, in hex; in maps with the same digest, a pose is the same
-        place."""
+        """SHA-256 of geometry, cells and landmarks, in hex; in maps with the same digest, a pose is
+        the same place."""
+        if not self.landmarks:
+            return self.cells_digest
+        marks = [(mark.name, mark.x + 0.0, mark.y + 0.0, mark.sigma) for mark in self.landmarks]
+        summed = hashlib.sha256(self.cells_digest.encode())
+        summed.update(msgspec.msgpack.encode(marks))
+        return summed.hexdigest()
+
+    @cached_property
+    def cells_digest(self) -> str:
+        """Digest of the map without its landmarks."""
         rows, cols = self.cells.shape
         geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
         summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))

@@ -2,7 +2,6 @@
 
 import math
 import zlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,10 @@ import numpy as np
 from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MalformedMessageError
-from protocol.steps import Landmark, MapMessage, MapReading
+from protocol.steps import MapMessage, MapReading
 
 
-def to_message(grid_map: GridMap, sender: str, landmarks: Sequence[Landmark] = ()) -> MapMessage:
+def to_message(grid_map: GridMap, sender: str) -> MapMessage:
     """Return a map as a message of the bridge, compressed by zlib, mostly to 1 %."""
     rows, cols = grid_map.cells.shape
     return MapMessage(
@@ -24,7 +23,7 @@ def to_message(grid_map: GridMap, sender: str, landmarks: Sequence[Landmark] = (
         rows=rows,
         cols=cols,
         zlib_cells=zlib.compress(grid_map.cells.data, level=6),
-        landmarks=tuple(landmarks),
+        landmarks=grid_map.landmarks,
     )
 
 
@@ -43,7 +42,7 @@ def from_message(message: MapMessage) -> GridMap:
         if len(cells) != size or not unpacker.eof:
             raise _malformed(f"its bytes do not fill {message.rows} x {message.cols} cells")
         grid = np.frombuffer(cells, np.int8).reshape(message.rows, message.cols)
-        grid_map = GridMap(grid, message.cell_m, message.map_from_grid)
+        grid_map = GridMap(grid, message.cell_m, message.map_from_grid, message.landmarks)
     except (zlib.error, ValueError) as error:
         raise _malformed(str(error)) from error
     if grid_map.digest != message.digest:

@@ -70,7 +70,8 @@ def view_recording(
         raise RecordingError(recording, f"{problem}; {remedy}")
     named = None
     if map_file:
-        named = to_message(load_map(map_file), "recording", landmarks_beside(map_file))
+        grid_map = load_map(map_file).with_landmarks(landmarks_beside(map_file))
+        named = to_message(grid_map, "recording")
     run = RecordedRun(recording, named)
     if save_file is None:
         with opened_page(page, [run.room]):

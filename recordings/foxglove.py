@@ -18,7 +18,7 @@ from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp
 from protocol.pose_arrays import ellipse_axes
-from protocol.steps import LaserBeams, Scan
+from protocol.steps import Landmark, LaserBeams, Scan
 
 Json: TypeAlias = dict[str, Any]
 
@@ -114,6 +114,7 @@ class MapFields(msgspec.Struct, frozen=True):
     map_from_grid: PoseTuple
     column_count: Annotated[int, msgspec.Meta(gt=0, lt=2**31)]
     data: bytes
+    landmarks: tuple[Landmark, ...] = ()
 
     def grid_map(self) -> GridMap:
         """Return the map.
@@ -122,7 +123,7 @@ class MapFields(msgspec.Struct, frozen=True):
             ValueError: the bytes are not a map.
         """
         occupancy = np.frombuffer(self.data, np.int8).reshape(-1, self.column_count)
-        return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid)
+        return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid, self.landmarks)
 
 
 def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
@@ -136,7 +137,8 @@ def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
         cells = np.maximum.reduceat(cells, np.arange(0, cells.shape[axis], every), axis=axis)
     cell_m, cols = grid_map.cell_m * every, cells.shape[1]
     data = np.where(cells == OCCUPIED, 100, cells).astype(np.int8).tobytes()
-    return msgspec.structs.asdict(MapFields(cell_m, grid_map.map_from_grid, cols, data)) | {
+    fields = MapFields(cell_m, grid_map.map_from_grid, cols, data, grid_map.landmarks)
+    return msgspec.structs.asdict(fields) | {
         **_header(stamp_ns, MAP),
         "pose": _pose(grid_map.map_from_grid),
         "cell_size": {"x": cell_m, "y": cell_m},

@@ -73,7 +73,7 @@ def run_simulator(invocation: Invocation) -> None:
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
-    serve_robot(invocation, grid_map, source, extend, landmarks=world.landmarks)
+    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), source, extend)
 
 
 class _Operator:

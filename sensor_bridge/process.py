@@ -4,7 +4,7 @@ import argparse
 import logging
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from typing import TypeAlias, assert_never
 
@@ -30,7 +30,6 @@ from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import MAX_SCAN_STEP
 from protocol.steps import (
     KEPT_STEPS,
-    Landmark,
     LaserReading,
     MapMessage,
     MapReading,
@@ -95,10 +94,8 @@ def run_bridge(invocation: Invocation) -> None:
         return
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
-    grid_map = load_map(map_file)
-    serve_robot(
-        invocation, grid_map, source_of(source, settings), landmarks=landmarks_beside(map_file)
-    )
+    grid_map = load_map(map_file).with_landmarks(landmarks_beside(map_file))
+    serve_robot(invocation, grid_map, source_of(source, settings))
 
 
 def source_of(named: str, settings: BridgeSettings) -> Source | None:
@@ -127,7 +124,6 @@ def serve_robot(
     grid_map: GridMap | None,
     source: Source | None,
     extend: Callable[[Node], OnStep] = lambda _node: lambda _scan: None,
-    landmarks: Sequence[Landmark] = (),
 ) -> None:
     """Publish the steps of a source and serve the map until the process is stopped.
 
@@ -136,7 +132,6 @@ def serve_robot(
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
         extend: adds to the node what a source needs; returns what to call with each step.
-        landmarks: of the map.
 
     Raises:
         AlreadyRunningError: the robot has a bridge.
@@ -161,7 +156,7 @@ def serve_robot(
                 endpoint=settings.zenoh.router,
                 advice="stop it, or choose another robot.name",
             )
-        Bridge(node, settings.bridge, grid_map, source, extend(node), landmarks).run()
+        Bridge(node, settings.bridge, grid_map, source, extend(node)).run()
 
 
 class Bridge:
@@ -173,7 +168,6 @@ class Bridge:
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them.
         on_step: called with each step after it is published.
-        landmarks: of the map.
     """
 
     def __init__(
@@ -183,11 +177,10 @@ class Bridge:
         grid_map: GridMap | None,
         source: Source | None,
         on_step: OnStep,
-        landmarks: Sequence[Landmark],
     ) -> None:
         self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
-        self._is_live, self._landmarks = source is None, landmarks
-        self._map = to_message(grid_map, node.name, landmarks) if grid_map else None
+        self._is_live = source is None
+        self._map = to_message(grid_map, node.name) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
         self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
@@ -334,7 +327,7 @@ class Bridge:
             first_step=first_step,
             lockstep=self._flow.lockstep,
             live=self._is_live,
-            landmarks=self._landmarks,
+            landmarks=first_map.landmarks,
         )
         maker.configure(live or AS_STARTED)
         return maker

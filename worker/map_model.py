@@ -118,7 +118,7 @@ def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> Se
 
 def _name(grid_map: GridMap, settings: SensorSettings) -> str:
     numbers = msgspec.json.encode(settings, order="deterministic")
-    text = f"{CACHE_VERSION} {grid_map.digest} ".encode() + numbers
+    text = f"{CACHE_VERSION} {grid_map.cells_digest} ".encode() + numbers
     return f"{_ENTRY}{hashlib.sha256(text).hexdigest()[:32]}"
 
 

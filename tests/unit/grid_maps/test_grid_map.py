@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message, from_reading, to_message
@@ -91,11 +93,32 @@ def test_a_pose_that_is_not_finite_is_refused() -> None:
 def test_a_map_survives_the_wire(cells: Cells, pose: PoseTuple) -> None:
     cells[2, 2] = FREE
     sent = a_map(cells, map_from_grid=pose)
-    message = to_message(sent, "bridge", [TAG])
+    message = to_message(sent.with_landmarks([TAG]), "bridge")
     assert message.landmarks == (TAG,)
     received = from_message(message)
     np.testing.assert_array_equal(received.cells, sent.cells)
-    assert (received.digest, received.map_from_grid) == (sent.digest, pose)
+    assert (received.cells_digest, received.map_from_grid) == (sent.digest, pose)
+    assert received.landmarks == (TAG,)
+
+
+TAG = Landmark(name="exit", x=1.0, y=2.0, sigma=0.1)
+
+
+def test_a_changed_landmark_is_another_map_with_the_same_cells() -> None:
+    bare, tagged = a_map(), a_map().with_landmarks([TAG])
+    changes: list[dict[str, Any]] = [{"name": "door"}, {"x": 1.1}, {"y": 2.1}, {"sigma": 0.2}]
+    others = [bare, bare.with_landmarks([TAG, TAG])]
+    others += [bare.with_landmarks([replace(TAG, **change)]) for change in changes]
+    assert len({tagged.digest, *(other.digest for other in others)}) == 7
+    assert {other.cells_digest for other in (tagged, *others)} == {bare.digest}
+    assert bare.with_landmarks([replace(TAG, x=0.0)]).digest == (
+        bare.with_landmarks([replace(TAG, x=-0.0)]).digest
+    )
+
+
+def test_the_digest_without_landmarks_is_that_of_earlier_recordings() -> None:
+    grid_map = GridMap(np.array([[0, 1], [-1, 0]], np.int8), 0.05, (1.0, 2.0, 0.5))
+    assert grid_map.digest == "efbd29b66becf8a443019f1cff99b4f7a991212707004bd70cf17f63e651653b"
 
 
 def a_message(**changed: object) -> MapMessage:
@@ -114,6 +137,7 @@ def a_message(**changed: object) -> MapMessage:
         a_message(rows=0),
         a_message(cell_m=0.0),
         a_message(digest="00"),
+        a_message(landmarks=(TAG,)),
     ],
 )
 def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -> None:
@@ -121,7 +145,6 @@ def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -
         from_message(message)
 
 
-TAG = Landmark(name="exit", x=1.0, y=2.0, sigma=0.1)
 READING = MapReading(
     sender="robot",
     cell_m=0.05,

@@ -18,7 +18,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import MapFileError, RecordingError
 from protocol.job_events import JobEvents
-from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
+from protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
 from recordings import run_log
 from recordings.map_file import load_map
 from recordings.recording import open_recording
@@ -165,13 +165,17 @@ def test_the_mcap_library_reads_scan_places_and_map(run: Path) -> None:
     )  # fmt: skip
 
 
+TAG = Landmark(name="exit", x=1.0, y=2.0, sigma=0.1)
+
+
 def test_the_map_is_read_again_and_a_large_one_coarser(run: Path, tmp_path: Path) -> None:
     ground = world("cross").map
     assert last_map(run).digest == load_map(run).digest == ground.digest
     small = tmp_path / "small.mcap"
     with RunLog(small) as log:
-        log.on_map(ground, 0, ground.cells.size // 4)
+        log.on_map(ground.with_landmarks([TAG]), 0, ground.cells.size // 4)
     coarse = last_map(small)
+    assert coarse.landmarks == (TAG,)
     assert coarse.cell_m == 2 * ground.cell_m
     assert coarse.cells.shape == tuple(-(-side // 2) for side in ground.cells.shape)
     rows, cols = np.nonzero(ground.cells == 1)

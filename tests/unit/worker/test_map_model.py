@@ -13,6 +13,7 @@ from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_model import LaserScan, MapArrays, SensorModel
 from particle_filter.settings import SensorSettings
+from protocol.steps import Landmark
 from worker import map_model
 from worker.map_model import sensor_model
 
@@ -45,6 +46,13 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
             assert ours.dtype == theirs.dtype
         assert field_of(cached).log_floor == field_of(computed).log_floor
         assert field_of(cached).log_step == field_of(computed).log_step
+
+
+def test_a_changed_landmark_leaves_the_cached_model_valid(tmp_path: Path) -> None:
+    tag = Landmark(name="exit", x=1.0, y=2.0, sigma=0.1)
+    for landmarks in ((), (tag,)):
+        sensor_model(grid_map().with_landmarks(landmarks), SETTINGS, tmp_path)
+    assert len(list(tmp_path.glob("field-*"))) == 1
 
 
 def test_the_most_recently_used_cache_entries_are_kept(tmp_path: Path) -> None:
