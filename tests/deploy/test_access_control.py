@@ -8,12 +8,7 @@ import zenoh
 
 from protocol import keys
 from protocol.errors import SettingsError
-from zenoh_link.access_control import (
-    ROLES,
-    WORKER_PROCESSES,
-    access_control,
-    rights_of,
-)
+from zenoh_link.access_control import ROLES, WORKER_PROCESSES, access_control, rights_of
 from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import (
     DEFAULT_CERTIFICATES,

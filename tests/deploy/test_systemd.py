@@ -146,7 +146,7 @@ def test_no_drop_in_masks_another_and_certificates_come_last(tmp_path: Path, ser
     given = "".join(file.read_text() for file in read)
     credentials = set(re.findall(r"LoadCredential=([^:]+):", given))
     assert {name.replace("router", "own") for name in credentials} == {
-        *("authority.pem", "own.pem", "own.key"),
+        *("authority.pem", "own.pem", "own.key")
     }
     arguments = re.findall('Environment="?CLUSTERMCL_TLS=(.*)', given)
     assert "own.key" in arguments[-1]

@@ -23,14 +23,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode, refusal_of
 from protocol.message import PoseTuple
 from protocol.steps import Landmark, LaserReading, Observation, OdometryReading, Reading, Scan
-from protocol.work import (
-    Assignment,
-    ElsewhereReport,
-    Report,
-    SearchJob,
-    SearchReport,
-    TrackReport,
-)
+from protocol.work import Assignment, ElsewhereReport, Report, SearchJob, SearchReport, TrackReport
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked

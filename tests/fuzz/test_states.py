@@ -123,9 +123,7 @@ def test_a_real_state_is_carried_on() -> None:
 
 @cases(0.05)
 @given(st.data())
-def test_a_coordinator_continues_from_a_state_with_any_number_changed(
-    data: st.DataObject,
-) -> None:
+def test_a_coordinator_continues_from_a_state_with_any_number_changed(data: st.DataObject) -> None:
     checkpoint = data.draw(st.sampled_from(real_checkpoints()))
     state = data.draw(with_other_numbers(st.just(checkpoint.state)))
     step = checkpoint.step

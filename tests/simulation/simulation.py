@@ -7,14 +7,7 @@ from typing import TypeVar
 from particle_filter.sensor_model import SensorModel
 from protocol.codec import decode, encode
 from protocol.steps import OdometryReading, Scan
-from protocol.work import (
-    Checkpoint,
-    OrderAnswer,
-    Report,
-    TakeOver,
-    WorkerState,
-    WorkOrder,
-)
+from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
 from tests.simulation.coordinator_node import CoordinatorNode
 from tests.simulation.laws import LawBrokenError, Laws, demand
 from tests.simulation.network import SECOND, Action, Asker, Clock, Network, Node, ns

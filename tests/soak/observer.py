@@ -15,15 +15,7 @@ from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
 from tests.soak.driver import TRUTH_KEY, TrueMotion
 from tests.soak.eight_rooms import copies_in_all_rooms, eight_rooms
-from tests.soak.promises import (
-    AgeTrue,
-    Answered,
-    Outages,
-    Question,
-    StepsOnce,
-    TruthHeld,
-    Verdict,
-)
+from tests.soak.promises import AgeTrue, Answered, Outages, Question, StepsOnce, TruthHeld, Verdict
 from zenoh_link.node import Node
 from zenoh_link.wire import Received
 

@@ -16,12 +16,7 @@ import zenoh
 from clustermcl.client import Client
 from clustermcl.stack import WORKERS, Stack, meeting_in, running
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import (
-    BridgeSettings,
-    CoordinatorSettings,
-    Settings,
-    WorkerSettings,
-)
+from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys

@@ -114,8 +114,7 @@ def newest_checkpoint(tested: System) -> Checkpoint:
     """Return a checkpoint of the acting coordinator, with clusters that are tracked."""
     found: list[Checkpoint] = []
     subscriber = tested.session.declare_subscriber(
-        keys.CHECKPOINT,
-        lambda sample: found.append(decode(sample.payload.to_bytes(), Checkpoint)),
+        keys.CHECKPOINT, lambda sample: found.append(decode(sample.payload.to_bytes(), Checkpoint))
     )
     wait_until(lambda: found and len(state_in(found[-1]).ensemble.clusters))
     subscriber.undeclare()

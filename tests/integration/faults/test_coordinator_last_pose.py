@@ -34,9 +34,7 @@ def cut_the_power(tested: System) -> None:
         tested.hurt(name)
 
 
-def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(
-    tmp_path: Path,
-) -> None:
+def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(tmp_path: Path) -> None:
     with system(kept_in(tmp_path), "--steps", "400") as tested:
         wait_until(lambda: any(b.state == "localized" for b in tested.beliefs))
         tested.wait_for_steps(5)

@@ -22,11 +22,7 @@ from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
-from protocol.work import (
-    Particles,
-    Report,
-    TrackReport,
-)
+from protocol.work import Particles, Report, TrackReport
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until

@@ -11,9 +11,7 @@ from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.wire import Received
 
 
-def test_the_map_is_asked_for_again_although_the_inbox_is_full(
-    router: ZenohSettings,
-) -> None:
+def test_the_map_is_asked_for_again_although_the_inbox_is_full(router: ZenohSettings) -> None:
     """An answer was lost in a full inbox, and the map was never requested."""
     loop = LiveLoop(replace(Settings(), zenoh=router), {}, StopFlag())
     with closing(loop.node) as node:

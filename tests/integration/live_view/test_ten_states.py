@@ -174,12 +174,7 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
     ],
 )
 def test_state_places_probability_and_freshness_are_visible_without_scrolling(
-    stage: Stage,
-    steps: list[Step],
-    driver: Any,
-    pictures: Path,
-    show: Any,
-    facts: dict[str, str],
+    stage: Stage, steps: list[Step], driver: Any, pictures: Path, show: Any, facts: dict[str, str]
 ) -> None:
     page = Page(driver, stage.server.link)
     shows(stage, lambda: page.run("return liveView.view.map !== null"))

@@ -11,13 +11,7 @@ from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
 from ros2_bridge.topics import AMCL_POSE
 from tests.integration.ros2.robot import planar
-from tests.integration.ros2.test_whole_way import (
-    WORLD,
-    Drive,
-    put_map,
-    robot_and_system,
-    stamp_of,
-)
+from tests.integration.ros2.test_whole_way import WORLD, Drive, put_map, robot_and_system, stamp_of
 from tests.integration.waiting import wait_until
 
 

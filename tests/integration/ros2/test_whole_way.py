@@ -88,8 +88,7 @@ def put_map(robot: RosRobot, grid_map: GridMap) -> None:
     )
     cells = np.where(grid_map.cells == 1, np.int8(100), grid_map.cells).ravel()
     robot.put(
-        robot.topics.map,
-        new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells),
+        robot.topics.map, new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells)
     )
 
 

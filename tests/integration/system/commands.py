@@ -13,11 +13,7 @@ from tests.integration.waiting import PATIENCE_S, wait_until
 COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 SMALL_FILTER = [
     word
-    for setting in (
-        "cluster.particles=300",
-        "search.poses=4000",
-        "belief.max_clusters=6",
-    )
+    for setting in ("cluster.particles=300", "search.poses=4000", "belief.max_clusters=6")
     for word in ("--set", setting)
 ]
 """A filter small enough for tests."""

@@ -10,12 +10,7 @@ import pytest
 
 from clustermcl.stack import Stack, meeting_in, running
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import (
-    BridgeSettings,
-    CoordinatorSettings,
-    Settings,
-    WorkerSettings,
-)
+from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
 
 SMALL = Settings(
     seed=3,

@@ -84,8 +84,7 @@ def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "number"),
-    [("0 of 4 workers are ready", signal.SIGINT), ("step 0: ", signal.SIGTERM)],
+    ("after", "number"), [("0 of 4 workers are ready", signal.SIGINT), ("step 0: ", signal.SIGTERM)]
 )
 def test_an_interrupted_demo_leaves_nothing(
     after: str, number: int, environment: dict[str, str], tmp_path: Path

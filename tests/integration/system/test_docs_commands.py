@@ -137,10 +137,7 @@ def test_a_block_that_needs_no_robot(block: Block, folder: Path, short_folder: s
 
 @pytest.mark.parametrize("block", marked("offline", "python"), ids=str)
 def test_a_program_that_needs_no_robot(
-    block: Block,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
     exec(compile(block.text, block.page, "exec"), {})

@@ -63,9 +63,7 @@ def test_a_mirrored_robot_is_at_no_known_place(environment: dict[str, str]) -> N
     assert 0.0 <= run["off_map_probability_mean"] <= 1.0
 
 
-def test_every_start_of_a_simulated_robot_has_a_different_seed(
-    environment: dict[str, str],
-) -> None:
+def test_every_start_of_a_simulated_robot_has_a_different_seed(environment: dict[str, str]) -> None:
     words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
     found = results(*words, environment=environment)
     assert [(run["seed"], run["start_step"], run["steps"]) for run in found["runs"]] == [

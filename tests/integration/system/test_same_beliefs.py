@@ -40,9 +40,7 @@ def test_processes_over_zenoh_believe_exactly_what_one_process_believes(
     assert any(outcome.resize for outcome in alone[: STEPS - 10]), "and numbers of particles"
 
 
-def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one(
-    start_stack: StartStack,
-) -> None:
+def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one(start_stack: StartStack) -> None:
     """A robot that is probably not on the map has one at once; it is searched for and tracked."""
     belief = msgspec.structs.replace(SMALL.belief, off_map_probability=0.6)
     doubting = msgspec.structs.replace(SMALL, belief=belief)

@@ -8,14 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from clustermcl import (
-    ClusterMCL,
-    Reading,
-    RecordingError,
-    SettingsError,
-    read_recording,
-    register,
-)
+from clustermcl import ClusterMCL, Reading, RecordingError, SettingsError, read_recording, register
 from particle_filter import extensions
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_models import computed_model

@@ -52,12 +52,7 @@ NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
 
 
 def scan(
-    step: int,
-    *,
-    x_m: float = 0.0,
-    lockstep: bool = False,
-    digest: str = "map",
-    live: bool = False,
+    step: int, *, x_m: float = 0.0, lockstep: bool = False, digest: str = "map", live: bool = False
 ) -> Scan:
     return Scan(
         sender="bridge",
@@ -165,9 +160,5 @@ def tracked(
 
 def elsewhere(step: int, log_likelihood: float, *, epoch: int = 0) -> ElsewhereReport:
     return ElsewhereReport(
-        sender="w",
-        job_id="e0",
-        epoch=epoch,
-        step=step,
-        log_likelihood=log_likelihood,
+        sender="w", job_id="e0", epoch=epoch, step=step, log_likelihood=log_likelihood
     )

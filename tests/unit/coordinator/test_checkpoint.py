@@ -5,12 +5,7 @@ import sys
 import msgspec
 import pytest
 
-from coordinator.checkpoint import (
-    STATE_VERSION,
-    CheckpointState,
-    from_bytes,
-    to_bytes,
-)
+from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator, Started
 from coordinator.events import ScanArrived, WorkerJoined, WorkerSnapshot, WorkerStateArrived
 from coordinator.instructions import PublishCheckpoint

@@ -59,8 +59,7 @@ class Story:
         **belief: object,
     ) -> None:
         settings = FilterSettings(
-            search=SearchSettings(shards=1),
-            belief=literal_bayes(**{"max_clusters": 3, **belief}),
+            search=SearchSettings(shards=1), belief=literal_bayes(**{"max_clusters": 3, **belief})
         )
         self.coordinator = Started(
             sender="coordinator",

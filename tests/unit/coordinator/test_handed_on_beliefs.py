@@ -178,9 +178,7 @@ def given(command_id: str, x_m: float) -> SetPose:
     return SetPose(sender="client", command_id=command_id, pose=(x_m, 2.0, 0.5))
 
 
-def test_a_command_repeated_after_a_restart_is_not_carried_out_again(
-    model: SensorModel,
-) -> None:
+def test_a_command_repeated_after_a_restart_is_not_carried_out_again(model: SensorModel) -> None:
     living = lived(model, steps=14)
     living.command(given("7", 2.0))
     first = living.beliefs[13][-1]

@@ -30,11 +30,7 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
     """Every worker follows its orders."""
     for name, order in orders:
         jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
-        answer = OrderAnswer(
-            sender=name,
-            order=order.order,
-            jobs=tuple((j, e, 0) for j, e in jobs),
-        )
+        answer = OrderAnswer(sender=name, order=order.order, jobs=tuple((j, e, 0) for j, e in jobs))
         made.on_order_answer(name, answer)
 
 

@@ -3,12 +3,7 @@ import math
 from msgspec.structs import replace
 
 from coordinator.events import WorkerSnapshot, snapshot_of
-from coordinator.recovery import (
-    KNOWN_NS,
-    SILENT_NS,
-    UNKNOWN_NS,
-    StateRecovery,
-)
+from coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
 from protocol.codec import encode
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
 from tests.unit.coordinator.reports import cloud_at, elsewhere

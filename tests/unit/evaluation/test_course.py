@@ -31,9 +31,7 @@ def truths(robot: RecordedRobot, start_step: int, updates: int | None) -> list[t
     return [(scan.step, truth[0]) for scan, truth in steps if truth is not None]
 
 
-def test_a_run_has_its_start_and_its_number_of_steps(
-    recorded: RecordedRobot,
-) -> None:
+def test_a_run_has_its_start_and_its_number_of_steps(recorded: RecordedRobot) -> None:
     assert truths(recorded, 0, None) == [(step, float(step)) for step in range(10)]
     assert truths(recorded, 0, 3) == [(0, 0.0), (1, 1.0), (2, 2.0)]
     assert truths(recorded, 6, 3) == [(6, 6.0), (7, 7.0), (8, 8.0)]

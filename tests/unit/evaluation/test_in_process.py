@@ -34,9 +34,7 @@ def place(share: float, *means: tuple[float, float, float]) -> Place:
     return Place(share=share, pose=means[0], covariance=NO_SPREAD, sample=sample)
 
 
-def test_improbable_parts_of_a_split_begin_and_end_in_one_step(
-    model: SensorModel,
-) -> None:
+def test_improbable_parts_of_a_split_begin_and_end_in_one_step(model: SensorModel) -> None:
     settings = FilterSettings(
         cluster=ClusterSettings(particles=200, split_every_steps=1),
         search=SearchSettings(heading_step_rad=0.1, poses=400, shards=1),

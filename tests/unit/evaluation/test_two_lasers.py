@@ -64,8 +64,7 @@ def test_two_lasers_find_the_robot_as_one_does() -> None:
     results = [outcome for _, outcome in outcomes([scan for scan, _ in told], model, SMALL)]
     truth = told[-1][1]
     best = min(
-        (math.dist(place.pose[:2], truth[:2]) for place in results[-1].hypotheses),
-        default=math.inf,
+        (math.dist(place.pose[:2], truth[:2]) for place in results[-1].hypotheses), default=math.inf
     )
     assert best < 0.2
     assert results[-1].state in ("ambiguous", "localized")

@@ -3,11 +3,7 @@
 import numpy as np
 import pytest
 
-from live_view.frames import (
-    MAX_PARTICLES,
-    cloud_frame,
-    may_have_particles,
-)
+from live_view.frames import MAX_PARTICLES, cloud_frame, may_have_particles
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.work import Particles

@@ -8,15 +8,7 @@ import pytest
 
 from live_view.picture import NEWEST_ROWS, Picture
 from protocol.steps import TruePose
-from tests.unit.live_view.messages import (
-    belief,
-    events,
-    map_message,
-    pose,
-    report,
-    scan,
-    status,
-)
+from tests.unit.live_view.messages import belief, events, map_message, pose, report, scan, status
 
 
 @pytest.fixture

@@ -142,11 +142,7 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
 
 @pytest.mark.parametrize(
     ("told", "exactly"),
-    [
-        ({}, {}),
-        (TEMPERED, EXACTLY),
-        ({"transition_probability": 0.1}, {"rho": 0.1}),
-    ],
+    [({}, {}), (TEMPERED, EXACTLY), ({"transition_probability": 0.1}, {"rho": 0.1})],
     ids=["plain Bayes", "evidence model", "rho"],
 )
 @pytest.mark.parametrize("shares", [{"truth": 0.5, "mirrored": 0.3}, {"mirrored": 0.9}])

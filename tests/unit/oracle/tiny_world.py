@@ -21,12 +21,7 @@ from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
-from protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    SearchReport,
-    TrackReport,
-)
+from protocol.work import Assignment, ElsewhereJob, SearchReport, TrackReport
 from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
 from tests.unit.particle_filter.naive_rays import cast_rays

@@ -71,17 +71,6 @@ def test_the_kernel_agrees_with_the_book_line_by_line(seed: int) -> None:
     np.testing.assert_allclose(weigh(poses, readings), naive, atol=1e-6)
 
 
-@relaxed
-@given(seed=seeds, x=st.floats(-50, 50), y=st.floats(-50, 50), heading=st.floats(-3.2, 3.2))
-def test_the_likelihood_does_not_depend_on_the_origin_of_the_map(
-    seed: int, x: float, y: float, heading: float
-) -> None:
-    in_grid, readings, map_from_grid = random_poses(seed), random_readings(seed), (x, y, heading)
-    in_map = np.array([naive_rays.turned(np.array(map_from_grid), pose) for pose in in_grid])
-    moved = weigh(in_map, readings, map_from_grid=map_from_grid)
-    np.testing.assert_allclose(moved, weigh(in_grid, readings), atol=1e-6)
-
-
 @pytest.mark.parametrize("expected", [0.05, 0.4, 3.0, 11.8, 12.0])
 def test_the_density_of_all_readings_sums_to_one(expected: float) -> None:
     """Without return is a point mass; all the rest is a density over the range."""

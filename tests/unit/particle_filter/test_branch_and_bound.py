@@ -139,10 +139,5 @@ def test_good_tiles_with_small_gaps_between_them_are_one_run() -> None:
     good = np.zeros(400, bool)
     good[[3, 5, 5 + _LARGEST_GAP, 6 + 2 * _LARGEST_GAP, 350, 399]] = True
     runs = np.array([[7, 10, 380], [8, 0, 20]])
-    expected = [
-        [7, 13, 3 + _LARGEST_GAP],
-        [7, 16 + 2 * _LARGEST_GAP, 1],
-        [7, 360, 1],
-        [8, 19, 1],
-    ]
+    expected = [[7, 13, 3 + _LARGEST_GAP], [7, 16 + 2 * _LARGEST_GAP, 1], [7, 360, 1], [8, 19, 1]]
     assert _joined_runs(runs, good).tolist() == expected

@@ -15,7 +15,7 @@ from particle_filter.cluster_filter import (
     resampled,
 )
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.poses import between, compose
+from particle_filter.poses import compose
 from particle_filter.sensor_model import Beams
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
@@ -46,17 +46,6 @@ def test_resampled_particles_have_equal_weights() -> None:
     expected = cloud.weights @ cloud.map_from_robot
     # Even multinomial draws would move the mean by 0.05 / sqrt(400); three times that.
     np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.0075)
-
-
-def test_weights_are_carried_into_a_step_without_resampling() -> None:
-    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
-    kept = ClusterSettings(resample_below_ess=0.01)
-    beams = seen_from(HERE, plain_room())
-    rng = np.random.default_rng(0)
-    result = mcl_step(cloud, NO_WAY, beams, model, STILL, kept, rng, is_first=True)
-    by_hand = measurement_update(cloud, beams, model, model.settings.scan_likelihood_exponent)
-    assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
-    np.testing.assert_allclose(result.particles.log_weights, by_hand.particles.log_weights)
 
 
 @pytest.mark.parametrize(
@@ -127,17 +116,6 @@ def test_occlusion_is_averaged_by_weight() -> None:
     assert heavy != pytest.approx(light)
 
 
-def test_a_regularised_sample_is_drawn_by_weight() -> None:
-    sample = np.repeat(np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]), 50, axis=0)
-    sample = sample + np.random.default_rng(1).normal(0.0, 0.01, sample.shape)
-    log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
-    rng = np.random.default_rng(0)
-    drawn = regularised_resample(sample, log_weights, 4000, rng)
-    # The kernel is as wide as the weighted sample's 0.3 m; the mean distinguishes them.
-    # Systematic draws are exact to 1 in 4,000; the kernel's noise of 0.08 m has 0.0013 m in it.
-    assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
-
-
 def test_the_noise_has_half_of_silvermans_width() -> None:
     sigma = np.array([0.3, 0.1, 0.2])
     sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
@@ -200,18 +178,6 @@ def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
     result = measurement_update(cloud, nothing, model_of(plain_room()), exponent=0.2)
     assert result.particles is cloud
     assert result.log_weight_sum == pytest.approx(math.log(10))
-
-
-def test_a_step_follows_the_robot() -> None:
-    model = model_of(plain_room())
-    after = HERE + np.array([0.2, 0.05, 0.1])
-    result = mcl_step(
-        cloud_round(HERE, 500), between(HERE, after), seen_from(after, plain_room()), model,
-        MotionSettings(), ClusterSettings(), np.random.default_rng(1),
-    )  # fmt: skip
-    mean, covariance = result.particles.gaussian()
-    np.testing.assert_allclose(mean, after, atol=0.05)
-    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 
 def test_an_exactly_known_pose_stays_exactly_known() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Poses
 from particle_filter.gaussian import fit_gaussian, fit_gaussians
-from particle_filter.poses import compose, heading_distance
+from particle_filter.poses import heading_distance
 from tests.unit.particle_filter import naive
 
 SUMS = """
@@ -36,19 +36,6 @@ def test_it_agrees_with_the_written_out_sums(cloud: Poses, weight: NDArray[np.fl
         fit_gaussian(cloud, weight), naive.fit_gaussian(cloud, weight), strict=True
     ):
         np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@given(cloud=clouds, weight=weights, turn=st.floats(-10, 10))
-def test_turning_the_world_turns_the_gaussian(
-    cloud: Poses, weight: NDArray[np.float64], turn: float
-) -> None:
-    mean, covariance = fit_gaussian(cloud, weight)
-    world = np.array([5.0, -3.0, turn])
-    turned_mean, turned_covariance = fit_gaussian(compose(world, cloud), weight)
-    rotation = naive.matrix(np.array([0.0, 0.0, turn]))
-    np.testing.assert_allclose(turned_mean[:2], compose(world, mean)[:2], atol=1e-10)
-    assert heading_distance(turned_mean[2], mean[2] + turn) < 1e-10
-    np.testing.assert_allclose(turned_covariance, rotation @ covariance @ rotation.T, atol=1e-10)
 
 
 def test_the_mean_heading_across_the_seam_is_at_the_seam() -> None:

@@ -71,12 +71,6 @@ def test_it_finds_both_of_two_places_that_look_alike_in_ten_of_ten_runs() -> Non
         assert sum(shares) > 0.9, f"seed {seed}: {shares}"
 
 
-def test_it_keeps_fewer_poses_once_few_places_are_left() -> None:
-    first, later = searched(plain_room(), 1, seed=0), searched(plain_room(), 3, seed=0)
-    assert first.poses == 3_000
-    assert later.poses == 1_000
-
-
 def test_the_left_out_gap_shows_whether_leaves_were_sampled() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     for poses, gap in ((200_000, SETTINGS.search.margin), (20, 0.0)):

@@ -30,15 +30,9 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
     (motion._turn_drive_turn, lambda p: motion.move(p, AFTER, TWO_WHEELS, rng())),
     (motion._slipped, lambda p: motion.slipped(p, p, AFTER, rng())),
     (ray_casting._cast_all, lambda p: ray_casting.cast_rays_from_poses(JUMPS, 0.1, p, EVEN, 9.0)),
-    (
-        places._assign,
-        lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3),
-    ),
+    (places._assign, lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3)),
     (log_weights._weights_and_ess, lambda p: log_weights.weights_and_ess(p[:, 0])),
-    (
-        log_weights._multiplied,
-        lambda p: log_weights.multiplied(p[:, 0], p[:, 1], 0.5, p[:, 2]),
-    ),
+    (log_weights._multiplied, lambda p: log_weights.multiplied(p[:, 0], p[:, 1], 0.5, p[:, 2])),
 ]
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import log_sum, multiplied, normalised_weights, weights_and_ess
+from particle_filter.log_weights import multiplied, weights_and_ess
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)
@@ -33,30 +33,6 @@ def test_products_are_summed_and_scaled_to_their_number(
     after, total = multiplied(log_weights, fit, exponent, penalty)
     assert total == pytest.approx(np.log(products.sum()) + exponent * likelihood, abs=1e-9)
     np.testing.assert_allclose(np.exp(after), products / products.mean(), rtol=1e-9)
-
-
-@given(log_weights=finite, offset=st.floats(-1e5, 1e5))
-def test_the_sum_of_weights_is_that_of_their_exponentials(
-    log_weights: LogWeights, offset: float
-) -> None:
-    expected = float(np.log(np.exp(log_weights).sum())) + offset
-    assert log_sum(log_weights + offset) == pytest.approx(expected, abs=1e-8)
-    assert log_sum(NOTHING) == log_sum(NOTHING[:0]) == -np.inf
-
-
-def test_likelihoods_that_underflow_are_still_distinguished() -> None:
-    log_weights = np.log(1e-300) * np.array([3.0, 2.0, 2.0])
-    np.testing.assert_allclose(normalised_weights(log_weights), [0.0, 0.5, 0.5], atol=1e-300)
-    after, total = multiplied(np.zeros(3), log_weights, 1.0, np.zeros(3))
-    assert total == pytest.approx(np.log(2.0) + 2.0 * np.log(1e-300))
-    np.testing.assert_allclose(normalised_weights(after), [0.0, 0.5, 0.5], atol=1e-300)
-
-
-def test_a_zero_weight_takes_no_share() -> None:
-    log_weights = np.array([-np.inf, 0.0, 0.0])
-    weights, size = weights_and_ess(log_weights)
-    np.testing.assert_array_equal(weights, [0.0, 0.5, 0.5])
-    assert size == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("nothing", [NOTHING, np.empty(0)])

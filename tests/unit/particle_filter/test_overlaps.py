@@ -1,7 +1,6 @@
 """Which clusters are one."""
 
 import numpy as np
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -11,30 +10,10 @@ from tests.unit.particle_filter.naive import angle_between
 
 means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
 
-ROUNDING = 1e-12
-"""At the very edge the angle by unit vectors is one way or the other."""
-
 
 def near(a: Poses, b: Poses, slack: float = 0.0) -> bool:
     apart, turned = np.hypot(*(a - b)[:2]), angle_between(a[2], b[2])
     return bool(apart <= 0.5 + slack and turned <= 0.35 + slack)
-
-
-@given(means=means)
-def test_survivors_are_apart_and_the_absorbed_are_near_their_absorber(means: Poses) -> None:
-    absorber = merge_overlapping(means, 0.5, 0.35)
-    survivors = [k for k in range(len(means)) if absorber[k] == k]
-    for k in range(len(means)):
-        assert absorber[k] in survivors
-        assert absorber[k] == k or near(means[k], means[absorber[k]], ROUNDING)
-    for i in survivors:
-        assert not any(near(means[i], means[j], -ROUNDING) for j in survivors if j < i)
-
-
-def test_clusters_exactly_at_the_limits_merge() -> None:
-    two, wider = (np.array([[0.0, 0.0, 0.0], [0.5, 0.0, turn]]) for turn in (0.25, 0.26))
-    assert merge_overlapping(two, 0.5, 0.25).tolist() == [0, 0]
-    assert merge_overlapping(wider, 0.5, 0.25).tolist() == [0, 1]
 
 
 def test_hundreds_of_clusters_merge_as_one_by_one() -> None:

@@ -7,16 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
-from particle_filter.poses import (
-    between,
-    compose,
-    heading_distance,
-    inverse,
-    wrap_angle,
-)
+from particle_filter.poses import between, compose, heading_distance, inverse, wrap_angle
 from tests.unit.particle_filter import naive
 
 angles = st.floats(-1e4, 1e4)
@@ -44,11 +37,6 @@ def test_an_angle_in_range_is_left_exactly_as_it_is(angle: float) -> None:
     assert wrap_angle(angle) == angle
 
 
-@given(values=arrays(np.float64, 6, elements=angles))
-def test_an_array_wraps_like_its_elements(values: NDArray[np.float64]) -> None:
-    np.testing.assert_array_equal(wrap_angle(values), [wrap_angle(float(v)) for v in values])
-
-
 @pytest.mark.parametrize("turns", range(-3, 4))
 @pytest.mark.parametrize("ulps", [-1, 0, 1])
 def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
@@ -56,13 +44,6 @@ def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
     angle = float(np.nextafter(seam, seam + ulps)) if ulps else seam
     assert -pi <= wrap_angle(angle) < pi
     assert -pi <= wrap_angle(np.array([angle]))[0] < pi
-
-
-@given(a=pose)
-def test_a_pose_composed_with_its_inverse_is_the_identity(a: Pose) -> None:
-    assert_same_place(compose(a, inverse(a)), IDENTITY)
-    assert_same_place(compose(inverse(a), a), IDENTITY)
-    assert_same_place(compose(a, IDENTITY), a)
 
 
 @given(a=pose, b=pose)
@@ -87,15 +68,3 @@ def test_one_and_many_broadcast(many: Poses, one: Pose) -> None:
             combine(many, one), np.array([combine(other, one) for other in many])
         )
     np.testing.assert_array_equal(inverse(many), np.array([inverse(other) for other in many]))
-
-
-def test_composing_leaves_its_arguments_alone() -> None:
-    a, b = np.array([1.0, 2.0, 3.0]), np.array([[4.0, 5.0, 6.0]])
-    compose(a, b), inverse(b), between(a, b)
-    np.testing.assert_array_equal(a, [1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(b, [[4.0, 5.0, 6.0]])
-
-
-@given(a=angles, b=angles)
-def test_the_distance_of_headings_goes_the_short_way(a: float, b: float) -> None:
-    assert abs(float(heading_distance(a, b)) - naive.angle_between(a, b)) < 1e-7  # acos-like

@@ -40,31 +40,7 @@ def box() -> Cells:
     return cells
 
 
-UNKNOWN_AHEAD = np.array([[0, -1, -1, 1]], np.int8)
 EMPTY = np.zeros((4, 4), np.int8)
-HALF = np.pi / 2
-
-
-@pytest.mark.parametrize(
-    ("cells", "laser", "angles", "max_range_m", "expected"),
-    [
-        (box(), (1.5, 2.5, 0.0), (0.0, HALF, np.pi, -HALF), 10.0, (4.5, 1.5, 0.5, 1.5)),
-        pytest.param(box(), (0.5, 0.5, 0.3), (0.0,), 10.0, (0.0,), id="inside an obstacle"),
-        pytest.param(EMPTY, (2.0, 2.0, 0.3), (0.0,), 7.5, (7.5,), id="no obstacle"),
-        pytest.param(box(), (1.5, 2.5, 0.0), (0.0,), 4.0, (4.0,), id="obstacle out of range"),
-        pytest.param(UNKNOWN_AHEAD, (0.5, 0.5, 0.0), (0.0,), 9.0, (2.5,), id="unknown cells"),
-        pytest.param(box(), (-3.0, 2.5, 0.0), (0.0, np.pi), 9.0, (3.0, 9.0), id="from outside"),
-    ],
-)
-def test_a_ray_ends_at_the_boundary_of_the_first_occupied_cell(
-    cells: Cells,
-    laser: tuple[float, ...],
-    angles: tuple[float, ...],
-    max_range_m: float,
-    expected: tuple[float, ...],
-) -> None:
-    ranges = cast_rays(cells, 1.0, np.array(laser), np.array(angles), max_range_m)
-    np.testing.assert_allclose(ranges, expected)
 
 
 @relaxed

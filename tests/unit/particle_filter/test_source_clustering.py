@@ -33,12 +33,6 @@ def test_the_hash_grid_agrees_with_the_naive_search(
     assert count == expected_count
 
 
-def test_a_point_goes_to_the_nearest_source_not_to_the_first() -> None:
-    poses = np.array([[0.0, 0, 0], [1.5, 0, 0], [0.9, 0, 0]])
-    labels, _ = cluster_by_source_point(poses, np.zeros(3), 1.0, 0.5, 9)
-    assert labels.tolist() == [0, 1, 1]
-
-
 def test_points_stay_without_a_cluster_at_the_limit_of_clusters() -> None:
     poses = np.array([[0.0, 0, 0], [5, 0, 0], [9, 0, 0], [5.1, 0, 0]])
     labels, count = cluster_by_source_point(poses, np.zeros(4), 1.0, 0.5, 2)

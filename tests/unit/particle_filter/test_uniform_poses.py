@@ -50,24 +50,6 @@ def test_poses_are_uniform_within_cells_and_headings() -> None:
         assert chi_squared < chi2.ppf(1.0 - 1e-4, 19)  # a false alarm in ten thousand seeds
 
 
-def test_headings_are_even_within_any_part_of_the_map() -> None:
-    """Neighbours look in directions far apart: each cell of 80 poses has all eight directions."""
-    poses = drawn(room(), 4000)
-    rows, cols = cells_of(poses)
-    for row, col in np.argwhere(room() == FREE):
-        turns = poses[(rows == row) & (cols == col), 2]
-        counts, _ = np.histogram(turns, bins=8, range=(-np.pi, np.pi))
-        assert counts.min() >= 5
-
-
-def test_poses_depend_on_the_random_stream_alone() -> None:
-    np.testing.assert_array_equal(drawn(room(), 100, seed=3), drawn(room(), 100, seed=3))
-    assert not np.any(drawn(room(), 100, seed=3) == drawn(room(), 100, seed=4))
-    poses = UniformPoses(Grid(room(), 0.5, ORIGIN), np.random.default_rng(0))
-    first, second = (poses.draw(100, np.random.default_rng(step)) for step in (1, 2))
-    assert not np.any(first == second), "fresh ones at every step"
-
-
 def test_uniform_poses_are_in_the_map_frame() -> None:
     shifted = np.array([3.0, -2.0, 0.7])
     poses = UniformPoses(Grid(room(), 0.5, shifted), np.random.default_rng(0))

@@ -3,11 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from process_runtime.output_files import (
-    OutputError,
-    check_output_file,
-    write_output_file,
-)
+from process_runtime.output_files import OutputError, check_output_file, write_output_file
 
 
 def test_a_file_that_can_be_written_is_not_touched(tmp_path: Path) -> None:

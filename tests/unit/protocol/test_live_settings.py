@@ -30,9 +30,7 @@ def fits(value: object, kind: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", LiveSettings.__struct_fields__)
-def test_a_live_setting_accepts_the_finite_values_that_the_setting_accepts(
-    name: str,
-) -> None:
+def test_a_live_setting_accepts_the_finite_values_that_the_setting_accepts(name: str) -> None:
     for value in NUMBERS[:-1]:
         taken = fits({name: value}, LiveSettings)
         if isinstance(value, str) or not abs(value) <= 1e9:

@@ -91,9 +91,7 @@ def test_a_robotlaser_line_contains_mount_angles_and_range(tmp_path: Path) -> No
     assert scan.stamp_ns == seconds(3.5)
 
 
-def test_raw_scans_are_used_only_if_there_are_no_others(
-    tmp_path: Path,
-) -> None:
+def test_raw_scans_are_used_only_if_there_are_no_others(tmp_path: Path) -> None:
     parameter = "PARAM robot_frontlaser_offset 0.1 nohost 0"
     raw = recording_of(tmp_path, parameter, odom(1), raw_laser(1.1, RAMP), odom(2))
     [scan] = scans_of(raw)

@@ -7,10 +7,7 @@ COVARIANCE: Covariance = (0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.02)
 
 
 def belief(
-    stamp_ns: int,
-    *places: tuple[int, float, PoseTuple],
-    state: State = "ambiguous",
-    term: int = 1,
+    stamp_ns: int, *places: tuple[int, float, PoseTuple], state: State = "ambiguous", term: int = 1
 ) -> Belief:
     """Places are cluster, probability and pose, most probable first."""
     return Belief(

@@ -74,9 +74,7 @@ def test_an_unknown_field_is_refused() -> None:
 
 
 @given(
-    count=st.integers(0, 5),
-    frame=st.text(max_size=9),
-    stamp_ns=st.integers(0, 2**31 * 10**9 - 1),
+    count=st.integers(0, 5), frame=st.text(max_size=9), stamp_ns=st.integers(0, 2**31 * 10**9 - 1)
 )
 def test_the_fast_cloud_has_the_bytes_of_the_general_encoder(
     count: int, frame: str, stamp_ns: int

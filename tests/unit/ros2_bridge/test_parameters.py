@@ -410,9 +410,7 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 
 
 @pytest.mark.parametrize("name", NAV2_LIVE)
-def test_parameters_that_nav2_changes_while_driving_can_be_set(
-    name: str,
-) -> None:
+def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
     value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
     told = set_live(services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value))

@@ -145,8 +145,7 @@ def on_an_edge(points: NDArray[np.float64], mount: Rigid) -> int:
 
 
 @pytest.mark.parametrize(
-    "form",
-    [{"kind": "f8"}, {"big": True}, {"kind": "f8", "big": True, "padding": 0}, {"rows": 2}],
+    "form", [{"kind": "f8"}, {"big": True}, {"kind": "f8", "big": True, "padding": 0}, {"rows": 2}]
 )
 def test_points_in_any_valid_layout_are_read(form: dict[str, Any]) -> None:
     points = [(2.0, 0.5, 0.5), (-3.0, 1.5, 0.25)]

@@ -87,15 +87,6 @@ def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
     return [report for report in taken if isinstance(report, TrackReport)]
 
 
-def test_every_job_answers_every_scan_in_order(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
-    reports = reports_of(table, range(1, 4))
-    assert [(r.step, r.job_id) for r in reports] == [
-        (step, job) for step in (1, 2, 3) for job in ("c0", "c1")
-    ]
-
-
 def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     model: SensorModel,
 ) -> None:
@@ -127,28 +118,6 @@ def test_a_repeated_order_does_not_restart_a_job(model: SensorModel) -> None:
     reports_of(table, range(1, 3))
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     assert table.summary() == (("c0", 1, 2),)
-
-
-def test_a_job_that_begins_late_catches_up_with_what_the_worker_has_seen(
-    model: SensorModel,
-) -> None:
-    table = JobTable("w")
-    for step in range(1, 6):
-        table.on_scan(scan(step))
-    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
-    assert table.missing() is None
-    assert [report.step for report in table.catch_up()] == [3, 4, 5]
-
-
-def test_a_job_carried_on_from_a_snapshot_gives_the_same_numbers(model: SensorModel) -> None:
-    undisturbed = JobTable("w")
-    undisturbed.follow(order(track("c0", cloud()), snapshots=2), model, SETTINGS)
-    expected = reports_of(undisturbed, range(1, 8))
-    snapshot = next(r.snapshot for r in expected if r.step == 4)
-    assert snapshot is not None
-    heir = JobTable("w")
-    heir.follow(order(track("c0", snapshot, exact=True), snapshots=2), model, SETTINGS)
-    assert reports_of(heir, range(5, 8)) == expected[4:]
 
 
 def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
@@ -216,29 +185,7 @@ def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> N
     assert last.places.share.array().sum() <= 1.0 + 1e-9
 
 
-def test_a_gap_among_the_kept_scans_is_missing(model: SensorModel) -> None:
-    table = JobTable("w")
-    for step in (4, 5, 8, 9, 11):
-        table.on_scan(scan(step))
-    table.follow(order(track("c0", cloud(step=4))), model, SETTINGS)
-    missing = table.missing()
-    assert missing is not None
-    assert (missing.first, missing.last) == (6, 10)
-
-
-def test_a_single_scan_of_a_step_far_ahead_is_ignored(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
-    reports_of(table, range(1, 4))
-    forged = msgspec.structs.replace(scan(5), step=10**9)
-    assert table.lost_before(forged) is None
-    assert table.on_scan(forged) == []
-    assert [report.step for report in reports_of(table, range(4, 6))] == [4, 5]
-
-
-def test_several_scans_far_ahead_are_followed_and_so_is_the_return(
-    model: SensorModel,
-) -> None:
+def test_several_scans_far_ahead_are_followed_and_so_is_the_return(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     reports_of(table, range(1, 4))

@@ -7,12 +7,7 @@ from msgspec.structs import replace
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
-from particle_filter.settings import (
-    ClusterSettings,
-    FilterSettings,
-    SearchSettings,
-    SensorSettings,
-)
+from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import mirrored
@@ -187,9 +182,7 @@ def test_shards_begin_apart_and_share_the_poses(model: SensorModel) -> None:
     assert first[0].log_evidence != second[0].log_evidence  # type: ignore[union-attr]
 
 
-def test_a_mirrored_job_reports_as_a_plain_one_does_for_mirrored_scans(
-    model: SensorModel,
-) -> None:
+def test_a_mirrored_job_reports_as_a_plain_one_does_for_mirrored_scans(model: SensorModel) -> None:
     def made(*, is_mirrored: bool) -> RunningJob:
         plain = track("c0", cloud(), exact=True)
         job = replace(plain.job, mirrored=is_mirrored)

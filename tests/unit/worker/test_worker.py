@@ -138,24 +138,6 @@ def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Wor
     assert reported(told(tracking, on_scan(scan(7)))) == [("c0", 7)]
 
 
-def test_lost_scans_that_arrive_later_change_no_number(model: SensorModel) -> None:
-    reports: list[list[Instruction]] = []
-    for lossy in (False, True):
-        worker = Worker("w")
-        told(worker, asked(1, track("c0", cloud())))
-        on_map(grid())(worker)
-        on_model("map", model)(worker)
-        on_history(MissingScans(1, None), ())(worker)
-        events: list[Event] = [on_scan(scan(step)) for step in range(1, 8)]
-        if lossy:
-            events[2:4] = []
-            events.insert(4, on_history(MissingScans(3, 4), (scan(3), scan(4))))
-        done = [do for event in events for do in event(worker)]
-        reports.append([do for do in done if isinstance(do, PublishReport)])
-    assert len(reports[0]) == 7
-    assert reports[0] == reports[1]
-
-
 def test_scans_that_stay_lost_cost_only_their_steps(tracking: Worker) -> None:
     told(tracking, on_scan(scan(1)), on_scan(scan(3)))
     failed = told(tracking, on_no_history(MissingScans(2, 2), "no answer"))
@@ -169,13 +151,6 @@ def test_a_worker_that_falls_behind_skips_scans_and_requests_none(tracking: Work
     assert reported(told(tracking, on_scan(scan(5), dropped=3))) == [("c0", 5)]
     later = told(tracking, on_scan(scan(8), dropped=3))
     assert later == [FetchScans(MissingScans(6, 7), LOST_SCANS_TIMEOUT_S)], "lost on the way"
-
-
-def test_past_scans_of_another_map_are_left_out(tracking: Worker) -> None:
-    told(tracking, on_scan(scan(1)), on_scan(scan(4)))
-    other = msgspec.structs.replace(scan(2), map_digest="another")
-    caught_up = told(tracking, on_history(MissingScans(2, 3), (other, scan(3))))
-    assert reported(caught_up) == [("c0", 3), ("c0", 4)]
 
 
 # --- settings that are live
@@ -227,11 +202,7 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
 def test_a_new_job_uses_the_live_settings(tracking: Worker, model: SensorModel) -> None:
     values = {"max_beams": 9}
     fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
-    told(
-        tracking,
-        on_scan(live(1, **values)),
-        on_model("map", computed_model(model.grid, fewer)),
-    )
+    told(tracking, on_scan(live(1, **values)), on_model("map", computed_model(model.grid, fewer)))
     answered = told(tracking, asked(2, track("c1", cloud()), keep=(("c0", 1),)))
     assert not any(isinstance(one, BuildModel) for one in answered)
     assert answers(answered)[2].problem == ""
@@ -265,10 +236,7 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
     assert told(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
     done = told(fresh, on_model("map", model))
     expected = OrderAnswer(sender="w", order=1, term=1, jobs=(("c0", 1, 0),))
-    assert done == [
-        Answer(1, expected),
-        FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S),
-    ]
+    assert done == [Answer(1, expected), FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S)]
 
 
 def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
@@ -327,11 +295,6 @@ def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> N
     assert told(fresh, on_map(grid())) == [], "nobody wants it any more"
 
 
-def test_jobs_go_on_while_an_order_waits_for_the_map(tracking: Worker) -> None:
-    assert told(tracking, asked(2, track("c1", cloud()), digest="new")) == [FetchMap()]
-    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
-
-
 def test_a_map_that_never_comes_refuses_the_order_and_the_next_asks_again(fresh: Worker) -> None:
     told(fresh, asked(1, track("c0", cloud())))
     refused = told(fresh, on_map_failure(NOBODY))
@@ -364,14 +327,6 @@ def test_an_order_for_another_map_fetches_that_and_its_model(
     assert causes(told(tracking, on_scan(scan(1)))) == ["scan of another map"]
 
 
-def test_other_settings_of_the_sensor_build_another_model_of_the_same_map(
-    tracking: Worker,
-) -> None:
-    other = msgspec.structs.replace(SETTINGS.sensor, visibility_particles=0)
-    order = asked(2, track("c1", cloud()), sensor=msgspec.to_builtins(other))
-    assert told(tracking, order) == [BuildModel(grid(), other)]
-
-
 def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) -> None:
     told(tracking, asked(1, keep=(("c0", 1),), term=5))
     refused = told(tracking, asked(9, term=4))
@@ -393,15 +348,6 @@ def test_an_overtaken_order_is_ignored(tracking: Worker) -> None:
     left_out = told(tracking, asked(2))
     assert causes(left_out) == ["order overtaken"]
     assert (answers(left_out)[2].order, jobs(tracking)) == (3, ["c0"])
-
-
-def test_a_late_order_does_not_replace_a_later_waiting_one(
-    fresh: Worker, model: SensorModel
-) -> None:
-    told(fresh, asked(2, track("c1", cloud())))
-    assert causes(told(fresh, asked(1, track("c0", cloud())))) == ["order overtaken"]
-    told(fresh, on_map(grid()), on_model("map", model))
-    assert jobs(fresh) == ["c1"]
 
 
 def test_an_order_that_changes_nothing_repeats_the_last_reports(tracking: Worker) -> None:
@@ -436,9 +382,7 @@ def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) 
 # --- a job that begins behind
 
 
-def test_a_job_that_begins_behind_waits_for_history_while_others_continue(
-    tracking: Worker,
-) -> None:
+def test_a_job_that_begins_behind_waits_for_history_while_others_continue(tracking: Worker) -> None:
     for step in range(1, 71):  # more than are kept at hand
         on_scan(scan(step))(tracking)
     begun = told(tracking, asked(2, track("c1", cloud(step=3)), keep=(("c0", 1),)))
@@ -483,9 +427,7 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: Sens
 # --- a coordinator takes over
 
 
-def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(
-    tracking: Worker,
-) -> None:
+def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(tracking: Worker) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
     said = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
     assert told(tracking, on_checkpoint(checkpoint)) == []

@@ -41,10 +41,7 @@ def test_without_a_folder_the_simulated_experiments_remain(
     assert recorded_cases(None) == ()
     touched(tmp_path, "shop/log.clf", "shop/groundtruth.tum", "shop/map.yaml")
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
-    assert [case.name for case in all_cases()[len(simulated) :]] == [
-        "shop",
-        "shop-starts",
-    ]
+    assert [case.name for case in all_cases()[len(simulated) :]] == ["shop", "shop-starts"]
 
 
 def test_each_map_gives_a_test_with_a_simulated_robot(tmp_path: Path) -> None:

@@ -50,10 +50,7 @@ def test_the_first_seed_of_each_experiment_comes_first() -> None:
 
     tasks = tasks_of(cases, ["mcl"], None, settings_of)
     assert [(t.case.name, t.seed) for t in tasks] == [("a", 0), ("b", 0), ("a", 1), ("b", 1)]
-    assert [t.settings.belief.max_clusters for t in tasks[:2]] == [
-        9,
-        BeliefSettings().max_clusters,
-    ]
+    assert [t.settings.belief.max_clusters for t in tasks[:2]] == [9, BeliefSettings().max_clusters]
     assert [t.seed for t in tasks_of([case("b")], [], range(5, 7), settings_of)] == [5, 5, 6, 6]
 
 

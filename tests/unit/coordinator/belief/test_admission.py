@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.admission import (
-    MOST_LOG,
-    admission,
-    first_places,
-    log_weight_of_held,
-)
+from coordinator.belief.admission import MOST_LOG, admission, first_places, log_weight_of_held
 from coordinator.belief.given_places import cloud, diagonal
 from coordinator.belief.search_pool import Pool
 from particle_filter.settings import FilterSettings, SearchSettings

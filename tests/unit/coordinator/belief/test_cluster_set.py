@@ -16,7 +16,7 @@ from coordinator.belief.cluster_set import (
     ClusterSet,
     news_of,
 )
-from particle_filter.evidence_model import residual, through_beam_loss
+from particle_filter.evidence_model import residual
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
@@ -85,12 +85,6 @@ def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
     made = first(0.6, 0.3)
     assert made.weigh(told(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
-
-
-def test_a_step_without_reports_changes_nothing() -> None:
-    made = first(0.6, 0.3)
-    assert made.weigh({}, -2.0) == 0.0
-    assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
 def test_a_report_of_an_ended_cluster_is_ignored() -> None:
@@ -200,22 +194,6 @@ def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
     assert odds == pytest.approx([2.0, 1.0], abs=0.001)
 
 
-def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
-    """Three of ten beams end at people, at the true place as at another."""
-    made = first(
-        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_residual=0.25
-    )
-    hit = through_beam_loss(SensorSettings())
-    fits = (0.69 - 0.3 * hit, 0.2 - 0.3 * hit)
-    for _ in range(20):
-        reports = told(math.exp(1.0), 1.0)
-        for (job, report), fit in zip(reports.items(), fits, strict=True):
-            beams = (42, 0, 0, 18) if job == "c0" else (24, 8, 10, 18)
-            reports[job] = replace(report, beam_classes=beams, log_likelihood_per_beam=fit)
-        made.weigh(reports, -17.0, new_view=0.5)
-    assert made.all()[0].probability > 0.95
-
-
 def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
     made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
     made.weigh(told(0.1, 0.1), math.log(0.1))
@@ -245,10 +223,6 @@ def test_weights_of_candidates_are_relative_to_the_belief() -> None:
     assert made.room(9) == pytest.approx([0.24, 0.36, 0.4])
 
 
-def test_any_candidate_enters_while_there_are_free_places() -> None:
-    assert first(0.7, 0.3, max_clusters=4).room(0) == pytest.approx([0.0, 0.0, 0.3, 0.7])
-
-
 def test_the_event_of_a_replaced_cluster_names_its_successor() -> None:
     """Of three candidates the first takes the free place, the others the least probable ones'."""
     made = first(0.5, 0.2, 0.3, max_clusters=4)
@@ -270,12 +244,6 @@ def test_every_removed_cluster_has_an_event_if_protection_had_kept_too_many() ->
     left = [(event.job_id, event.by) for event in events if isinstance(event, Ended)]
     assert left == [("c2", ("c4",)), ("c1", ("c4",))]
     assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
-
-
-def test_a_cluster_that_is_removed_without_a_successor_has_an_event() -> None:
-    made = first(0.5, 0.3, 0.2, max_clusters=2)
-    _, events = made.admit([], 1)
-    assert [(event.job_id, event.cause) for event in events] == [("c2", "pushed out")]
 
 
 def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:

@@ -76,25 +76,6 @@ def test_probability_that_the_first_search_does_not_explain_is_elsewhere() -> No
     assert outcome.state == "ambiguous"
 
 
-def test_elsewhere_takes_part_in_the_update() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.39})
-    tracks: list[Report] = [tracked("c0", 1, 0.4, NORTH), tracked("c1", 1, 0.1, SOUTH)]
-    outcome = made.advance(1, [*tracks, elsewhere(1, math.log(0.05))])
-    parts = [0.6 * 0.99 * 0.4, 0.39 * 0.99 * 0.1, (0.01 * 0.99 + 0.01) * 0.05]
-    assert [*believed(outcome).values(), outcome.elsewhere_probability] == pytest.approx(
-        [part / math.fsum(parts) for part in parts]
-    )
-
-
-def test_a_standing_robot_gathers_no_evidence_without_a_motion_gate() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.39}, transition_probability=0.01, view_distance_m=0.8)
-    for step in range(1, 200):
-        reports = [tracked("c0", step, 0.9, NORTH), tracked("c1", step, 0.1, SOUTH)]
-        outcome = made.advance(step, [*reports, elsewhere(step, -9.0)], np.zeros(3))
-    assert believed(outcome) == pytest.approx({0: 0.6, 1: 0.39})
-    assert outcome.elsewhere_probability == pytest.approx(0.01)
-
-
 def at_north(step: int, log_fit: float, log_elsewhere: float) -> list[Report]:
     return [tracked("c0", step, math.exp(log_fit), NORTH), elsewhere(step, log_elsewhere)]
 

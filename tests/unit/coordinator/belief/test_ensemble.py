@@ -32,11 +32,6 @@ def probabilities(outcome: Outcome) -> dict[int, float]:
     return {h.cluster: h.probability for h in outcome.hypotheses}
 
 
-def test_the_first_search_sees_the_first_scan_itself() -> None:
-    jobs = ensemble().begin_at(7)
-    assert jobs == {f"s0.{n}": SearchJob(search=0, shard=n, first_step=7) for n in range(2)}
-
-
 def test_places_of_the_first_search_become_clusters_by_their_share_of_points() -> None:
     made = ensemble()
     made.begin_at(0)
@@ -98,30 +93,6 @@ def test_particles_stay_where_a_probability_only_wavers() -> None:
         assert made.advance(step, reports).resize == {}
 
 
-def test_elsewhere_takes_no_particles_from_clusters() -> None:
-    made = ensemble(particles=4_000, kidnapping_probability=0.001)
-    made.begin_at(0)
-    made.advance(0, [searched(f"s0.{n}", 0, {NORTH: 0.6, SOUTH: 0.4}) for n in range(2)])
-    for step in range(1, 21):
-        reports = [tracked("c0", step, 0.1, NORTH), tracked("c1", step, 0.1, SOUTH)]
-        outcome = made.advance(step, [*reports, elsewhere(step, math.log(0.9))])
-        assert outcome.resize == {}
-    assert outcome.elsewhere_probability > 0.9
-
-
-def test_shards_count_by_their_evidence() -> None:
-    made = ensemble()
-    made.begin_at(0)
-    outcome = made.advance(
-        0,
-        [
-            searched("s0.0", 0, {NORTH: 1.0}, log_evidence=math.log(3.0)),
-            searched("s0.1", 0, {SOUTH: 1.0}, log_evidence=math.log(1.0)),
-        ],
-    )
-    assert probabilities(outcome) == pytest.approx({0: 0.75, 1: 0.25})
-
-
 def test_a_search_goes_on_while_its_best_places_hold_too_little() -> None:
     made = ensemble()
     made.begin_at(0)
@@ -130,35 +101,6 @@ def test_a_search_goes_on_while_its_best_places_hold_too_little() -> None:
     assert outcome.searching
     assert probabilities(outcome) == pytest.approx({0: 1 / 3, 1: 1 / 3, 2: 1 / 3}), "so far"
     assert list(outcome.begin) == ["c0", "c1", "c2"]
-
-
-def test_probability_times_average_likelihood_normalised_is_the_new_probability() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.advance(1, [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 0.1, SOUTH)])
-    assert probabilities(outcome) == pytest.approx({0: 0.75, 1: 0.25})
-
-
-def test_a_missing_report_leaves_a_probability_where_it_was() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.3, EAST: 0.2})
-    reports: list[Report] = [tracked("c0", 1, 0.1, NORTH), tracked("c2", 1, 0.5, EAST)]
-    outcome = made.advance(1, reports)
-    assert outcome.missing == ("c1",)
-    assert probabilities(outcome)[1] == pytest.approx(0.3)
-    assert probabilities(outcome)[0] == pytest.approx(0.7 * 0.05 / 0.15)
-
-
-def test_clusters_that_come_together_merge_and_their_probabilities_add() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.3, EAST: 0.2}, merge_every_steps=1)
-    outcome = made.advance(
-        1,
-        [
-            tracked("c0", 1, 0.1, NORTH),
-            tracked("c1", 1, 0.1, NORTH),
-            tracked("c2", 1, 0.1, EAST),
-        ],
-    )
-    assert probabilities(outcome) == pytest.approx({0: 0.8, 2: 0.2})
-    assert outcome.events == (Ended("c1", "merged", ("c0",), pytest.approx(0.3)),)
 
 
 def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
@@ -181,17 +123,6 @@ def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leav
     )
     assert probabilities(outcome)[0] / probabilities(outcome)[1] == pytest.approx(2.0)
     assert sum(probabilities(outcome).values()) == pytest.approx(1.0)
-
-
-def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
-    tracks = {"c0": NORTH, "c1": SOUTH}
-    made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
-    reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in tracks.items()]
-    reports += [searched(f"s1.{n}", 2, {NORTH: 1.0}) for n in range(2)]
-    outcome = made.advance(2, reports)
-    assert not any(isinstance(job, TrackJob) for job in outcome.begin.values())
-    assert set(probabilities(outcome)) == {0, 1}
 
 
 @pytest.mark.parametrize("heard_of", [(), ("c0",), ("c0", "c1")])
@@ -245,13 +176,6 @@ def test_a_candidate_in_its_grace_is_not_replaced() -> None:
     assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
 
 
-def test_a_given_pose_takes_its_probability_from_the_others() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.set_pose(place(0.95, EAST, 0))
-    assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
-    assert outcome.events == (Began("c2", "given", pytest.approx(0.95)),)
-
-
 def test_a_given_pose_is_localized_when_a_scan_is_likelier_there_than_elsewhere() -> None:
     """A robot that stands is `searching` until then, and the bridge makes steps meanwhile."""
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.001)
@@ -290,35 +214,14 @@ def test_a_command_stops_the_search_that_runs() -> None:
     )
 
 
-def test_a_step_that_changes_no_cluster_has_no_events() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
-    assert outcome.events == ()
-
-
-def test_relocalize_forgets_everything_and_searches() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.relocalize(0)
-    assert outcome.hypotheses == ()
-    assert outcome.state == "searching"
-    assert outcome.events == tuple(Ended(job_id, "forgotten", (), 0.5) for job_id in ("c0", "c1"))
-    assert all(isinstance(job, SearchJob) for job in outcome.begin.values())
-
-
-def test_relocalize_near_a_place_searches_there_and_later_everywhere() -> None:
-    made, near = bootstrapped({NORTH: 0.5, SOUTH: 0.5}), (3.0, 4.0, 10.0)
-    first = made.relocalize(0, near=near).begin.values()
-    later = made.relocalize(1).begin.values()
-    assert [job.near for job in first if isinstance(job, SearchJob)] == [near, near]
-    assert [job.near for job in later if isinstance(job, SearchJob)] == [None, None]
-
-
-def test_relocalize_in_a_region_searches_there_and_later_everywhere() -> None:
-    made, corners = bootstrapped({NORTH: 0.5, SOUTH: 0.5}), ((0.0, 0.0), (4.0, 5.0))
-    first = made.relocalize(0, corners=corners).begin.values()
-    later = made.relocalize(1).begin.values()
-    assert [job.corners for job in first if isinstance(job, SearchJob)] == [corners, corners]
-    assert [job.corners for job in later if isinstance(job, SearchJob)] == [(), ()]
+def test_relocalize_near_a_place_or_in_a_region_searches_there_and_later_everywhere() -> None:
+    made, near, corners = bootstrapped({NORTH: 1.0}), (3.0, 4.0, 10.0), ((0.0, 0.0), (4.0, 5.0))
+    searches = [made.relocalize(0, near=near), made.relocalize(1, corners=corners)]
+    found = [
+        [(job.near, job.corners) for job in outcome.begin.values() if isinstance(job, SearchJob)]
+        for outcome in [*searches, made.relocalize(2)]
+    ]
+    assert found == [[(near, ())] * 2, [(None, corners)] * 2, [(None, ())] * 2]
 
 
 def test_a_split_cluster_becomes_two_that_share_its_probability() -> None:
@@ -344,32 +247,6 @@ def test_a_part_dropped_in_the_step_of_its_split_has_no_job() -> None:
     assert set(outcome.begin) == {"c2"}
 
 
-def test_clusters_below_a_configured_threshold_are_dropped() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.22, EAST: 0.18}, least_probability=0.15)
-    told: dict[str, tuple[float, PoseTuple]] = {
-        "c0": (0.1, NORTH), "c1": (0.1, SOUTH), "c2": (0.05, EAST),
-    }  # fmt: skip
-    outcome = made.advance(1, [tracked(job, 1, p, mean) for job, (p, mean) in told.items()])
-    assert probabilities(outcome) == pytest.approx({0: 60 / 82, 1: 22 / 82})
-    assert outcome.events == (Ended("c2", "improbable", (), pytest.approx(9 / 91)),)
-
-
-def test_later_places_of_a_search_take_the_weight_they_explain_from_elsewhere() -> None:
-    """In the end its own places, and elsewhere, are as probable as its shares say."""
-    made = ensemble(max_clusters=4, merge_every_steps=100, kidnapping_probability=1e-12)
-    made.begin_at(0)
-    first = {NORTH: 0.3, SOUTH: 0.1, EAST: 0.0}
-    outcome = made.advance(0, [searched(f"s0.{n}", 0, first) for n in range(2)])
-    assert probabilities(outcome) == pytest.approx({0: 0.3, 1: 0.1})
-    assert outcome.elsewhere_probability == pytest.approx(0.6)
-    tracks: list[Report] = [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)]
-    tracks.append(elsewhere(1, math.log(0.1)))
-    later = {NORTH: 0.45, SOUTH: 0.15, EAST: 0.2}
-    outcome = made.advance(1, [*tracks, *(searched(f"s0.{n}", 1, later) for n in range(2))])
-    assert probabilities(outcome) == pytest.approx({0: 0.45, 1: 0.15, 2: 0.2})
-    assert outcome.elsewhere_probability == pytest.approx(0.2)
-
-
 def test_places_of_the_search_that_found_the_clusters_continue_to_enter() -> None:
     """The clusters that it shares give its weight."""
     made = ensemble(max_clusters=4, merge_every_steps=100)
@@ -386,25 +263,6 @@ def test_places_of_the_search_that_found_the_clusters_continue_to_enter() -> Non
     assert probabilities(outcome) == pytest.approx({c: p / total for c, p in expected.items()})
     assert outcome.searching
     assert [event for event in outcome.events if isinstance(event, Ended)] == []
-
-
-def test_a_search_with_improbable_places_replaces_no_probable_cluster() -> None:
-    """Among people: what a search had brought was ruled out long since, and it went on to find."""
-    rules = {"search_every_steps": 1, "kidnapping_probability": 1e-5}
-    made = bootstrapped({NORTH: 1.0}, max_clusters=2, grace_steps=1, **rules)
-    made.advance(1, [tracked("c0", 1, 0.5, NORTH)])
-    far = (5.0, 5.0, 0.0)
-    brought = {NORTH: 0.5, SOUTH: 0.2, EAST: 0.15, far: 0.15}
-    reports: list[Report] = [searched(f"s1.{n}", 2, brought, log_evidence=8.0) for n in range(2)]
-    outcome = made.advance(2, [tracked("c0", 2, 0.5, NORTH), *reports])
-    assert set(probabilities(outcome)) == {0, 1}
-    outcome = made.advance(3, [tracked("c0", 3, 0.5, NORTH), tracked("c1", 3, 1e-30, SOUTH)])
-    assert probabilities(outcome)[0] > 0.999
-    # Now it finds others, and next to nothing where its own was.
-    later = {EAST: 0.6, far: 0.3, SOUTH: 1e-50}
-    tracks: list[Report] = [tracked("c0", 4, 0.5, NORTH), tracked("c1", 4, 0.5, SOUTH)]
-    outcome = made.advance(4, [*tracks, *(searched(f"s1.{n}", 4, later) for n in range(2))])
-    assert probabilities(outcome)[0] > 0.999
 
 
 def test_a_search_report_of_a_step_before_its_start_is_ignored() -> None:

@@ -14,11 +14,7 @@ from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, place, sear
 RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))
 ORIGIN = (0.0, 0.0, 0.0)
 OFFER = PriorPose(
-    step=4,
-    odom_from_robot=ORIGIN,
-    pose=(5.0, 5.0, 0.0),
-    covariance=NO_SPREAD,
-    probability=0.1,
+    step=4, odom_from_robot=ORIGIN, pose=(5.0, 5.0, 0.0), covariance=NO_SPREAD, probability=0.1
 )
 
 
