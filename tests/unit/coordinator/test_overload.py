@@ -1,10 +1,13 @@
 from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
-from coordinator.events import TimePassed
+from coordinator.events import TimePassed, WorkerLeft
 from coordinator.instructions import Instruction, SendOrder
-from coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
+from coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
+
+DEADLINE_S = 0.5
+"""The default of `coordinator.step_deadline_s`."""
 
 
 class StoryWithFrozen(Story):
@@ -101,3 +104,21 @@ def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -
     slow(story, 5 + STEPS + GIVEN_UP_AFTER, GIVEN_UP_LATER, south=None)
     story.follow(story.coordinator.handle(TimePassed(), 200 * SECOND))
     assert story.places["c1"] != slower
+
+
+def test_a_thawed_worker_gets_jobs_again_after_its_pause() -> None:
+    story = with_two_clusters()
+    frozen = story.places["c1"]
+    story.frozen.add(frozen)
+    for step in range(4, 4 + GIVEN_UP_AFTER):
+        story.tracks(step, at_s=20.0 + step, north=0.1, south=None)
+        story.tick(at_s=20.0 + step + DEADLINE_S)
+    given_up_s = 20.0 + 4 + GIVEN_UP_AFTER
+    story.frozen.clear()
+    story.tick(at_s=given_up_s + 1.0)  # its order is repeated, and answered
+    for worker in {"a", "b", "c"} - {frozen, story.places["c0"]}:
+        now_ns = int((given_up_s + 1.0) * SECOND)
+        story.follow(story.coordinator.handle(WorkerLeft(worker), now_ns))
+    assert story.places["c1"] == story.places["c0"], "in its pause it gets nothing"
+    story.tick(at_s=given_up_s + FIRST_PAUSE_NS / SECOND + 1.0)
+    assert frozen in {story.places["c0"], story.places["c1"]}
