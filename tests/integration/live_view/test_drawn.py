@@ -375,37 +375,6 @@ def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
     assert "25 %" in drawn.text("clusters")
 
 
-def test_every_freshness_is_shown(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_belief(belief(5, 1, 2))
-    shows(stage, lambda: shown_step(drawn) == 5)
-
-    def says(text: str, **changed: Any) -> None:
-        stage.picture.on_pose(pose(5, **changed))
-        shows(stage, lambda: drawn.text("freshness").startswith(text))
-
-    says("no scan yet", freshness="none")
-    says("dead reckoning: no worker is alive", freshness="dead_reckoning", workers=0)
-    assert is_red(drawn, "freshness")
-    assert is_red(drawn, "state")
-    says("dead reckoning: last scan 4", freshness="dead_reckoning", scan_age_s=4.0)
-    says("stale, 6", freshness="stale", age_s=6.0)
-    assert is_red(drawn, "freshness")
-    says("0.", freshness="fresh")
-    assert not is_red(drawn, "freshness")
-    stage.picture.on_belief(msgspec.structs.replace(belief(6, 1, 2), last=True))
-    shows(stage, lambda: drawn.text("freshness") == "the run has ended")
-
-
-def is_red(page: Page, element: str) -> bool:
-    red = "getComputedStyle(document.documentElement).getPropertyValue('--bad')"
-    is_so: bool = page.run(
-        f"const [r, g, b] = {red}.match(/[0-9a-f]{{2}}/gi).map((two) => parseInt(two, 16));"
-        f"return getComputedStyle(document.getElementById('{element}')).color"
-        "  === `rgb(${r}, ${g}, ${b})`"
-    )
-    return is_so
-
-
 @pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
 def test_nothing_covers_a_button(stage: Stage, drawn: Page, pictures: Path, width: int) -> None:
     play(stage, range(5))
@@ -459,39 +428,6 @@ def test_a_recorded_run_is_marked_as_recorded(stage: Stage, drawn: Page) -> None
     shows(stage, lambda: drawn.text("events") == "this recording holds no events")
     shows(stage, lambda: drawn.text("freshness") == "recorded")
     assert not drawn.is_visible("system")  # it does not know of workers
-
-
-def test_without_a_system_no_command_is_offered(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_status(status(processes=(simulator(),)))
-    shows(stage, lambda: drawn.is_visible("drive"))
-    press(drawn, "d")
-    shows(stage, lambda: stage.commands == [DriveRobot(0.0, 0.0)])
-    stage.picture.on_link("no system")
-    shows(
-        stage,
-        lambda: not drawn.run("return document.getElementById('drive').ariaPressed === 'true'"),
-    )
-    enabled = "return document.querySelectorAll('#actions button:not(:disabled)').length"
-    assert drawn.run(enabled) == 0
-    press(drawn, "pr")
-    assert not drawn.is_visible("confirm")
-    assert not drawn.is_visible("hint")
-
-
-def test_a_past_step_is_tinted_and_shows_its_age(stage: Stage, drawn: Page, pictures: Path) -> None:
-    play(stage, range(20))
-    has_steps(stage, drawn, 20)
-    tint = "return getComputedStyle(document.getElementById('stage'), '::after').content"
-    assert drawn.run(tint) == "none"
-    stage.picture.on_belief(msgspec.structs.replace(belief(20, 1, 2), stamp_ns=35_000_000_007))
-    shows(stage, lambda: shown_step(drawn) == 20)
-    drawn.run("liveView.travel.goTo(7)")
-    shows(stage, lambda: drawn.text("freshness") == "35 s before now")
-    assert drawn.run(tint) != "none"
-    assert drawn.snapshot().pixel_at(1.0, 2.0) == (0xE6, 0x9F, 0x00)  # places keep their colours
-    drawn.save(pictures / "past.png")
-    press(drawn, "n")
-    shows(stage, lambda: drawn.run(tint) == "none")
 
 
 def test_layers_are_switched(stage: Stage, drawn: Page) -> None:

@@ -4,7 +4,6 @@ import itertools
 import json
 import math
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -164,43 +163,6 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
 def truth(page: Page) -> list[float]:
     where: list[float] = page.snapshot().step["truth"]
     return where
-
-
-def test_the_kidnap_button_moves_the_simulated_robot(running: Page) -> None:
-    wait_until(lambda: truth(running))
-    before = truth(running)
-    press(running, "kk")
-    wait_until(lambda: math.dist(truth(running)[:2], before[:2]) > 3.0)
-
-
-def test_arrow_keys_drive_the_robot(running: Page) -> None:
-    press(running, "d")
-    wait_until(lambda: running.text("hint").startswith("Drive with"))
-    with running.holding("\ue014"):  # the right arrow: it turns on the spot, clockwise
-        wait_until(lambda: len(turns(running)) >= 4 and max(turns(running)[-4:]) < -0.05)
-    stood = still_step(running)
-    press(running, "u")  # it stands, so nothing else makes a step
-    wait_until(lambda: running.history()[-1][0] > stood)
-    stood = still_step(running)
-    running.click("update")
-    wait_until(lambda: running.history()[-1][0] > stood)
-    press(running, "d")
-    last = running.history()[-1][0]
-    wait_until(lambda: running.history()[-1][0] > last + 3)  # it goes on by itself
-
-
-def still_step(page: Page) -> int:
-    """The step after which none has come for a second: the robot stands."""
-    came: list[tuple[float, int]] = []
-
-    def stands() -> bool:
-        step = int(page.history()[-1][0])
-        if not came or came[-1][1] != step:
-            came.append((time.monotonic(), step))
-        return time.monotonic() - came[-1][0] > 1.0
-
-    wait_until(stands)
-    return came[-1][1]
 
 
 def turns(page: Page) -> list[float]:

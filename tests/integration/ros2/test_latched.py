@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from process_runtime.ros2_settings import Ros2Settings
 from recordings.rigid import IDENTITY, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
@@ -51,19 +50,6 @@ def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     wait_until(lambda: len(system.maps) >= 2)
     assert system.maps[-1][2] == (1.0, 0.0, 0.0)
     assert len(system.maps) == 2
-
-
-def test_with_first_map_only_the_bridge_keeps_the_first_map(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
-) -> None:
-    robot, system = open_robot(), open_system()
-    put_map(robot)
-    start_bridge(Ros2Settings(autostart=True, first_map_only=True))
-    wait_until(lambda: system.maps)
-    put_map(robot, width=200)
-    robot.put_mounts(("laser", IDENTITY))
-    robot.stand_until(lambda: system.lasers)
-    assert len(system.maps) == 1
 
 
 def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(

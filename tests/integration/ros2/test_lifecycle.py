@@ -152,24 +152,6 @@ def test_the_bond_continues_without_a_system_and_under_a_flood(
     assert all(bond.active for bond in manager.bonds)
 
 
-def test_a_pose_given_before_activation_is_used_then(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
-) -> None:
-    robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", IDENTITY))
-    start_bridge(Ros2Settings())
-    manager = Manager(robot)
-    robot.put_initial_pose((3.0, 1.0, 0.5))
-    assert manager.change(CONFIGURE)
-    assert manager.state() == "inactive"
-    assert system.commands == []
-    assert manager.change(ACTIVATE)
-    wait_until(lambda: system.commands)
-    key, command = system.commands[0]
-    assert key == "command/set_pose"
-    assert command["pose"] == pytest.approx([3.0, 1.0, 0.5])
-
-
 def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge, tmp_path: Path
 ) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.errors import AlreadyRunningError, SettingsError, UnreachableError
+from protocol.errors import AlreadyRunningError, SettingsError
 
 REPOSITORY = Path(__file__).parents[3]
 ABSTRACT = {"ClusterMclError", "ProtocolError"}
@@ -50,10 +50,6 @@ def facts(name: str, known: dict[str, ast.ClassDef]) -> set[str]:
 ERRORS = errors()
 
 
-def test_the_error_classes_are_found() -> None:
-    assert {"SettingsError", "MapFileError", "StalledError", "NoRoomError"} <= ERRORS.keys()
-
-
 @pytest.mark.parametrize("name", sorted(ERRORS.keys() - ABSTRACT))
 def test_every_error_has_its_facts_as_attributes(name: str) -> None:
     assert facts(name, ERRORS)
@@ -63,12 +59,6 @@ def test_a_refused_setting_names_its_key_and_where_it_was_set() -> None:
     error = SettingsError(key="seed", problem="seed = -1: expected >= 0", where="robot.toml")
     assert str(error) == "robot.toml: seed = -1: expected >= 0"
     assert (error.key, error.where) == ("seed", "robot.toml")
-
-
-def test_an_unreachable_error_has_its_facts_as_attributes() -> None:
-    error = UnreachableError(who="pose", problem="nobody answers on 'pose'", waited_s=2.0)
-    assert (str(error), error.who, error.waited_s) == ("nobody answers on 'pose'", "pose", 2.0)
-    assert error.endpoint is None
 
 
 def test_an_already_running_error_has_its_facts_as_attributes() -> None:

@@ -25,9 +25,3 @@ def test_an_invalid_name_in_a_key_is_malformed_and_counted_under_a_fixed_cause(n
         keys.worker_name(keys.worker_alive(name))
     assert caught.value.cause == "malformed worker name: impossible"
     assert str(caught.value).isprintable()
-
-
-@pytest.mark.parametrize("key", ["worker/a", "a/b/c", "worker/a/b/c"])
-def test_other_keys_have_no_workers_name(key: str) -> None:
-    with pytest.raises(MalformedMessageError, match="not a valid key"):
-        keys.worker_name(key)
