@@ -47,15 +47,6 @@ def run_check(
 
     The exit code is `EXIT_ANOTHER_MAP` if the recording is probably of another map.
 
-    Args:
-        map_file: the map.
-        recording: recording of a robot in the map; None: check the map only.
-        settings: settings of the filter, and of the recording's topics and frames.
-        laser_range_m: range of the laser for which places are compared.
-        places: number of random places to compare.
-        as_json: print one JSON object instead of text.
-        report_file: PNG file for a picture of the report; None: no picture.
-
     Raises:
         ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
             picture cannot be written.

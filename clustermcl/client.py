@@ -329,13 +329,6 @@ class Client(RobotCommands):
         """Repeat a query until it is answered, and return the answer.
 
         Just after connecting, the router may have no route yet to the process that answers.
-
-        Args:
-            key: key of the query.
-            answer: type of the answer.
-            message: the query's payload; None: none.
-            timeout_s: limit for each repetition [s]; None: `zenoh.query_timeout_s`, or the time
-                that is left.
         """
         settings = self._settings.zenoh
         asked_s = now_s = time.monotonic()

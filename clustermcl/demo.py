@@ -73,20 +73,15 @@ class DemoOptions:
     """Map file. None: for a recording, `bridge.map` of the settings or a map next to it; for a
     simulated robot, the map of its world."""
     reference: Path | None = None
-    """Ground truth of a recording (TUM format); None: unknown."""
     rate: float | None = None
     """Speed relative to real time; 0: as fast as possible. None: 1 if the robot is driven
     manually, otherwise 2 with a page and 0 without."""
     steps: int | None = None
     """Number of steps of a simulated robot; None: 300 at most, or 10,000 with a page."""
     view_at: str | None = None
-    """``HOST:PORT`` of the page; None: no page."""
     record: Path | None = None
-    """File for a recording of the run; None: no recording."""
     by_hand: bool = False
-    """Whether the simulated robot is driven manually, on the page."""
     as_json: bool = False
-    """Print one JSON object at the end instead of text."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +91,8 @@ class _Run:
     settings: Settings
     title: str
     steps: int
-    """Limit for the number of steps."""
     is_simulated: bool
     reference: Trajectory | None = None
-    """Ground truth of a recording; None: unknown."""
     ends_when_localized: bool = False
     """Whether the demo ends after `LOCALIZED_STEPS` localized steps."""
 
@@ -213,11 +206,7 @@ class _Audience:
         self._output.on_workers(count, count)
 
     def follow(self) -> Belief:
-        """Receive beliefs until the run ends, and return the last one.
-
-        Raises:
-            StalledError: no belief arrived for a minute, and the robot is not driven manually.
-        """
+        """Receive beliefs until the run ends, and return the last one."""
         received_s = time.monotonic()
         while True:
             if belief := self._receive():
@@ -272,11 +261,7 @@ class _Audience:
 
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Run:
-    """Check the inputs, before any process is started.
-
-    Raises:
-        ClusterMclError: an input cannot be used.
-    """
+    """Check the inputs, before any process is started."""
     source = options.recording or _WORLD
     if options.map_file and not options.recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(options.map_file).absolute()}"
@@ -295,7 +280,6 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
 
 
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
-    """Return the settings of all processes of the demo."""
     rate = usual_rate if options.rate is None else options.rate
     map_file = map_file_of(options.map_file or settings.bridge.map, source)
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
@@ -344,11 +328,7 @@ def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
 
 
 def _page_at(view_at: str) -> Address:
-    """Return the address of the page.
-
-    Raises:
-        SettingsError: other machines could reach the address, or its port is 0.
-    """
+    """Return the address of the page."""
     address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
         problem = "--listen: a demo is shown on this machine alone, at a port that is named"

@@ -117,7 +117,6 @@ class DemoSummary:
         self._ended: Counter[EndedCause] = Counter()
 
     def on_belief(self, belief: Belief) -> None:
-        """Add the next belief to the summary."""
         self._newest = belief.step
         self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
         if belief.state != "searching" and self._first_places_step is None:
@@ -134,7 +133,6 @@ class DemoSummary:
             self._ended[event.event.cause] += 1
 
     def lines(self) -> Iterator[str]:
-        """Yield the summary as text."""
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:

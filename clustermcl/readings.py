@@ -64,12 +64,7 @@ class Reading:
     def as_message(
         self, stamp_ns: int, robot_from_laser: PoseTuple
     ) -> LaserReading | OdometryReading:
-        """Convert the reading to a message.
-
-        Args:
-            stamp_ns: stamp if the reading has none.
-            robot_from_laser: mount of the laser if the reading has none.
-        """
+        """Convert the reading to a message."""
         odometry = None
         if self.odom_from_robot is not None:
             x, y, heading = map(float, self.odom_from_robot)
@@ -94,7 +89,6 @@ class Reading:
 
     @classmethod
     def of(cls, message: LaserReading | OdometryReading) -> "Reading":
-        """Convert a message to a reading."""
         if isinstance(message, OdometryReading):
             return cls(message.odom_from_robot, stamp_ns=message.stamp_ns)
         return cls(

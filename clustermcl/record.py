@@ -86,7 +86,6 @@ class Listener:
         self._inbox: Events = Inbox(_KEPT)
         self._last: Scan | None = None
         self.steps = 0
-        """Number of steps written."""
         for kind, key in (
             ("scan", keys.SCAN),
             ("odometry", keys.ODOMETRY),

@@ -81,11 +81,7 @@ def _take(survey: "LandmarkSurvey", received: Received) -> None:
 
 
 class LandmarkSurvey:
-    """Averages the positions of unknown landmarks. Each counts once a step, so it is a new view.
-
-    Args:
-        known: names of landmarks that are not averaged.
-    """
+    """Averages the positions of unknown landmarks. Each counts once a step, so it is a new view."""
 
     def __init__(self, known: set[str]) -> None:
         self._known = known

@@ -48,10 +48,6 @@ def save_snapshot(file: Path, settings: Settings) -> None:
 def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMessage]:
     """Return the frames of one robot's page by topic, and the map.
 
-    Args:
-        settings: the router's endpoint and the robot's name.
-        stop: flag that ends the wait for the frames.
-
     Raises:
         UnreachableError: no system of this robot is running, or it has no map or place yet.
         StoppedError: `stop` was set.

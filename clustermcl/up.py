@@ -26,11 +26,6 @@ _POLL_S = 0.1
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run all processes of a robot until Ctrl-C; restart a process that ends.
 
-    Args:
-        settings: settings of all processes.
-        view_at: ``HOST:PORT`` of the page; None: no page.
-        allow_commands: accept commands on the page from other machines too.
-
     Raises:
         ClusterMclError: the map, the recording, an address or the endpoint is unusable.
         ProcessEndedError: a process refused to start.
@@ -43,7 +38,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            _say(f"query it with: {command_for('pose', settings)}")
+            _say(f"query it with: {_query_command(settings)}")
             while not stop.wait(_POLL_S):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
@@ -54,9 +49,8 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
                     )
 
 
-def command_for(command: str, settings: Settings) -> str:
-    """Return the command line that runs a command for the robot of these settings."""
-    usual, words = Settings(), ["clustermcl", command]
+def _query_command(settings: Settings) -> str:
+    usual, words = Settings(), ["clustermcl", "pose"]
     if settings.robot.name != usual.robot.name:
         words += ["--robot", settings.robot.name]
     if settings.zenoh.router != usual.zenoh.router:

@@ -39,7 +39,6 @@ class MapChangeDetector(Part):
     """
 
     digest: str = ""
-    """Digest of the other map."""
     step: int = -1
     """Step of the last scan of the other map."""
     consecutive: int = 0

@@ -148,7 +148,6 @@ class CheckpointState(msgspec.Struct, frozen=True):
 
 
 def to_bytes(state: CheckpointState) -> bytes:
-    """Encode the state as MessagePack."""
     fields = {name: handed_on(getattr(state, name)) for name in state.__struct_fields__}
     return msgspec.msgpack.encode(fields)
 

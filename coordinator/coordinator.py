@@ -60,14 +60,11 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     """The arguments with which a coordinator is made."""
 
     sender: str
-    """Name of the process."""
     filter_settings: FilterSettings
-    """The filter's settings at the start."""
     settings: CoordinatorSettings
     bridge: BridgeSettings = BridgeSettings()
     """The gate in these settings defines a step."""
     version: str
-    """Version of the software."""
     now_ns: int
     """Start, by the clock of all events [ns]."""
     term: int = 0
@@ -108,7 +105,6 @@ class Coordinator(Part):
     last_place: LastPlace | None = None
     """The robot's pose when the system last ran; None: unknown."""
     published: Checkpoint | None = None
-    """The last published state."""
     published_ns: int = 0
     """When it was published last [ns]."""
     early_reports: list[tuple[Report, str]] = []
@@ -129,12 +125,7 @@ class Coordinator(Part):
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
     ) -> list[Instruction]:
-        """Process an event; return instructions to carry out in this order.
-
-        Args:
-            event: the event.
-            now_ns: its time, by a clock that never steps back.
-        """
+        """Process an event; return instructions to carry out in this order."""
         match event:
             case events.ScanArrived(scan):
                 return self._on_scan(scan, now_ns)
@@ -455,11 +446,7 @@ class Coordinator(Part):
         )
 
     def advice_question(self, radius_m: float) -> tuple[str, AdviceQuestion] | Advice:
-        """Return a worker and the question for it, or the advice where nothing is to ask.
-
-        Args:
-            radius_m: of the robot [m].
-        """
+        """Return a worker and the question for it, or the advice where nothing is to ask."""
         outcome, scan = self.state.outcome, self.state.collector.applied
         jobs = {name: jobs for name, jobs in self.state.placement.workers.items() if jobs}
         if outcome is None or scan is None or not jobs:

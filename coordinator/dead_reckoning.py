@@ -62,19 +62,16 @@ class DeadReckoning(Part):
     """
 
     motion: MotionSettings
-    """The noise of odometry."""
     bridge: BridgeSettings
     """Its gate defines a step."""
     covariance: Covariance = NO_NOISE
     """Covariance of `piece` in the frame of the step."""
     step: PoseTuple = ORIGIN
-    """Odometry at the step."""
     piece: PoseTuple = ORIGIN
     """Odometry at the end of the last whole piece."""
     now: PoseTuple = ORIGIN
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """Begin at the odometry of a step."""
         self.covariance = NO_NOISE
         self.step = self.piece = odom_from_robot
 
@@ -104,7 +101,6 @@ class DrivenGates(Part):
     gates: float = 0.0
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """Begin at the odometry of a scan."""
         self.counted, self.gates = odom_from_robot, 0.0
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:

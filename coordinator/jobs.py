@@ -87,7 +87,6 @@ class PlacedJob(Part):
     placed_ns: int = 0
     """When the job was given to the worker [ns]."""
     reported: bool = False
-    """Whether any worker has reported a step of the job."""
     in_step: bool = False
     """Whether the present worker has reported a step in time, so it has received the job."""
     term: int = 0
@@ -162,13 +161,7 @@ class Jobs(Part):
         return not isinstance(self.placed[job_id].job, SearchJob)
 
     def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
-        """Give jobs to workers; each gets an epoch above all epochs of earlier terms.
-
-        Args:
-            moves: worker of each job, by job id.
-            term: of this coordinator.
-            now_ns: by the clock of all events.
-        """
+        """Give jobs to workers; each gets an epoch above all epochs of earlier terms."""
         for job_id, worker in moves.items():
             job = self.placed[job_id]
             self.newest_epoch = max(self.newest_epoch, term) + 1

@@ -22,14 +22,11 @@ class LiveWorker(Part):
     """A worker whose token is present, and the last order to it."""
 
     order: int = 0
-    """Number of the order."""
     sent_ns: int = -RESEND_AFTER_NS
     ordered: dict[str, int] | None = None
     """Jobs and epochs of the order; None: another order is due in any case."""
     confirmed: dict[str, int] = {}
-    """Jobs and epochs that the worker has confirmed."""
     answered: bool = True
-    """Whether the worker has accepted the order."""
     silent_until_ns: int = 0
     """The worker gets no order before this time, because it is first asked for its state [ns]."""
 
@@ -92,11 +89,7 @@ class Placement(Part):
         self.live[worker].ordered = None
 
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Change numbers of particles.
-
-        Args:
-            sizes: by job id, the new number and the first step that uses it.
-        """
+        """Change numbers of particles."""
         for job_id, (particles, first_step) in sizes.items():
             worker = self.jobs.resize(job_id, particles, first_step)
             if worker is not None and worker in self.live:

@@ -38,12 +38,7 @@ class LatencyEstimator(Part):
         return None if self.begun_ns is None else min(self.least_ns, self.least_before_ns)
 
     def on_arrival(self, stamp_ns: int, now_ns: int) -> int:
-        """Record an arrival; return by how much it is later than usual, never negative [ns].
-
-        Args:
-            stamp_ns: by the robot's clock.
-            now_ns: time of arrival, by this process's clock.
-        """
+        """Record an arrival; return by how much it is later than usual, never negative [ns]."""
         delay_ns, usual_ns = now_ns - stamp_ns, self.usual_ns
         if self.begun_ns is None or usual_ns is None or delay_ns - usual_ns > MOST_NS:
             self.begun_ns = now_ns
@@ -72,7 +67,6 @@ class PoseTracker(Part):
     """The robot's present pose, and the age of the data behind it."""
 
     sender: str
-    """Name of the process."""
     settings: CoordinatorSettings
     """Limits after which a pose is stale or dead reckoning."""
     since_step: DeadReckoning

@@ -30,7 +30,6 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    """Run the coordinator."""
     process_main(
         "coordinator",
         run_coordinator,
@@ -92,13 +91,7 @@ def follow_and_lead(
 
 
 def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
-    """Lead until the process is stopped or deposed.
-
-    Args:
-        invocation: settings and options of the process.
-        loop: event loop at an open node.
-        known: the newest state that other coordinators have published.
-    """
+    """Lead until the process is stopped or deposed."""
     settings = invocation.settings
     folder, robot = state_folder(settings.coordinator.state_folder), settings.robot.name
     started = Started(

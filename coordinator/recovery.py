@@ -258,13 +258,7 @@ class StateRecovery(Part):
             self.asked_ns[worker] = None
 
     def questions(self, term: int, applied: int, now_ns: int) -> list[AskState]:
-        """Return the queries that are due now.
-
-        Args:
-            term: of this coordinator.
-            applied: its last applied step, after which reports are needed.
-            now_ns: by the clock of all events.
-        """
+        """Return the queries that are due now."""
         due = [
             worker
             for worker, asked_ns in sorted(self.asked_ns.items())

@@ -64,7 +64,6 @@ class Replica:
         self._detector = FailureDetector(self._take_over_after_s, now_ns)
 
     def is_leader_dead(self, now_ns: int) -> bool:
-        """Return whether a follower has to lead."""
         return self.coordinator is None and self._detector.is_over(now_ns)
 
     def lead(
@@ -251,7 +250,6 @@ class Membership:
         self._trust_from_ns = 0
 
     def link(self, up: bool, now_ns: int) -> None:
-        """Record whether the own link is up."""
         if up and not self.linked:
             self._trust_from_ns = now_ns + GRACE_NS
         self.linked = up

@@ -51,7 +51,6 @@ class StragglerPolicy(Part):
     records: dict[str, Punctuality] = {}
     """By name for workers that have reported, by origin for the others."""
     proven: set[str] = set()
-    """Workers that have reported."""
 
     def on_report(self, worker: str, *, in_time: bool) -> None:
         """Process a worker's report; a late one only shows that the worker is alive."""
@@ -160,9 +159,7 @@ class ShardReports(Part):
     """The reports of a shard, and the silence of its present worker."""
 
     reports: int = 0
-    """Number of the shard's reports."""
     step: int = -1
-    """Newest step that it has reported."""
     took_ns: int | None = None
     """Duration of its first step [ns]; None: it has reported none."""
     times_given_up: int = 0

@@ -43,17 +43,10 @@ class EventLog(Part):
 
     kept: list[NumberedEvent] = []
     count: int = 0
-    """Number of all events, kept or not."""
     unpublished: list[NumberedEvent] = []
 
     def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
-        """Number and keep the events of a step or a command.
-
-        Args:
-            events: in the order in which they were decided.
-            step: step after which the events hold.
-            stamp_ns: of the step's scan, by the robot's clock.
-        """
+        """Number and keep the events of a step or a command."""
         for event in events:
             numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
             self.count += 1
@@ -76,10 +69,8 @@ class CoordinatorState(Part):
     """The belief, the jobs, the open steps and the commands of one robot."""
 
     filter_settings: FilterSettings
-    """The filter's settings at the start."""
     settings: CoordinatorSettings
     bridge: BridgeSettings
-    """The bridge's settings at the start."""
     ensemble: Ensemble
     placement: Placement
     collector: StepCollector
@@ -91,7 +82,6 @@ class CoordinatorState(Part):
     outcome: Outcome | None = None
     """Result of the last step or command."""
     counters: dict[str, int] = {}
-    """Number of events by cause."""
     steps_applied: int = 0
     reports_missing: int = 0
     overload: OverloadDetector = field(default_factory=OverloadDetector)
@@ -144,7 +134,6 @@ class CoordinatorState(Part):
 
     @property
     def newest_settings(self) -> LiveSettings:
-        """The settings of the newest scan that has arrived."""
         newest = self.collector.newest_scan
         return newest.settings if newest is not None else self.live
 

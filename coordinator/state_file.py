@@ -32,13 +32,11 @@ _log = logging.getLogger(__name__)
 
 class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sha256: bytes
-    """Digest of the checkpoint."""
     checkpoint: bytes
     """The encoded message, as it is published."""
 
 
 def file_of(folder: Path, robot: str) -> Path:
-    """Return the path of a robot's state file."""
     return folder / f"state-{quote(robot, safe='')}.msgpack"
 
 

@@ -89,7 +89,6 @@ class ReadyStep:
 
     scan: Scan
     before: Scan | None
-    """The scan of the step that was applied before."""
     reports: tuple[Report, ...]
     arrived_ns: int = 0
     """When the scan arrived, by the clock of all events."""

@@ -118,7 +118,6 @@ class Follower:
             self._outcomes = None
 
     def advance(self) -> Iterator[tuple[Scan, Outcome]]:
-        """Yield the outcomes of all waiting scans."""
         while self._waiting and self._model is not None:
             if self._outcomes is None:
                 follow = ALGORITHMS["amcl"]

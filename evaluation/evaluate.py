@@ -71,11 +71,6 @@ def executed(
 ) -> RunMeasures:
     """Execute a run, and write its files.
 
-    Args:
-        options: name the files.
-        run: the run.
-        on_update: called after each step.
-
     Raises:
         ClusterMclError: an input cannot be used.
     """
@@ -197,11 +192,6 @@ def case_of(options: EvaluateOptions) -> tuple[Case, int]:
 def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
     """Return start steps of runs, evenly from 0 to the last from which a full run fits.
 
-    Args:
-        steps: steps of the recording.
-        starts: number of runs.
-        steps_each: steps of a run.
-
     Raises:
         SettingsError: the recording is too short for this number of starts.
     """
@@ -233,11 +223,7 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
 
 
 def _steps_count(run: Run) -> int:
-    """Return the number of steps of the robot; opens all inputs, which checks them.
-
-    Raises:
-        ClusterMclError: an input cannot be used.
-    """
+    """Return the number of steps of the robot; opens all inputs, which checks them."""
     if isinstance(run.case.robot, SimulatedRobot):
         next(run.begun()[0].steps)
         return run.case.updates or DEFAULT_STEPS

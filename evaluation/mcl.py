@@ -77,7 +77,6 @@ class Recovery:
 
 
 def start_particles(grid: Grid) -> int:
-    """Return the number of particles for a uniform start in a map."""
     free_area_m2 = np.count_nonzero(grid.cells == FREE) * grid.cell_m**2
     wanted = round(free_area_m2 * START_PARTICLES_PER_M2)
     return min(max(wanted, LEAST_START_PARTICLES), MOST_START_PARTICLES)
@@ -91,11 +90,6 @@ def kept_particles(settings: FilterSettings) -> int:
 
 def uniform_over_free_space(grid: Grid, count: int, rng: np.random.Generator) -> Poses:
     """Return (count, 3) poses stratified over free cells and headings.
-
-    Args:
-        grid: the map.
-        count: number of poses.
-        rng: chooses the pose within each stratum.
 
     Raises:
         ValueError: the map has no free cell.

@@ -115,7 +115,6 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     """The measures of one run. None: the event did not occur, or there are no data."""
 
     steps: int
-    """Steps of the run."""
     localized: bool
     """Whether the estimates of the last 10 judged steps, or of all if fewer, were right."""
     final_error_m: float | None
@@ -222,7 +221,6 @@ def brier(facts: StepFacts) -> float:
 
 
 def after_first_search(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """Return the steps from the end of the first search."""
     first = next((i for i, each in enumerate(facts) if each.state != "searching"), len(facts))
     return facts[first:]
 

@@ -17,11 +17,6 @@ Columns = dict[str, tuple[str, str]]
 def write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
     """Write a CSV file with one row for each run.
 
-    Args:
-        file: replaced if it exists.
-        common: columns with the same value in all rows.
-        runs: the other columns.
-
     Raises:
         OutputError: the file cannot be written.
     """

@@ -49,9 +49,7 @@ class Run:
     """One run of an algorithm; it can be sent to another process."""
 
     case: Case
-    """The robot."""
     follow: Outcomes
-    """The algorithm."""
     seed: int
     """Seed of the filter, in place of that of the settings, and of a simulated robot."""
     settings: Settings

@@ -108,7 +108,6 @@ _MESSAGES: dict[type[Command], tuple[str, type[Message]]] = {
 
 
 def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Message]:
-    """Return the key and the message of a command."""
     key, kind = _MESSAGES[type(command)]
     fields = msgspec.structs.asdict(command)
     if not isinstance(command, DriveRobot):  # a repeated drive command does no harm

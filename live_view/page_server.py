@@ -68,7 +68,6 @@ class PageOptions:
     allow_commands: bool = False
     """Accept commands from browsers on other machines too."""
     open_browser: bool = False
-    """Open the page in a browser of this machine."""
     certificate: Path | None = None
     """PEM file of the certificate for HTTPS; None: plain HTTP."""
     private_key: Path | None = None
@@ -89,10 +88,6 @@ def say_link(link: str) -> None:
 @contextmanager
 def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
     """Serve the page within the ``with`` block, and print its link.
-
-    Args:
-        options: address and features of the page.
-        rooms: a room for each robot.
 
     Raises:
         SettingsError: the address or the certificate cannot be used.

@@ -95,12 +95,10 @@ class Room:
         self.map = (digest, zlib_cells)
 
     def publish(self, frames: Mapping[str, Any]) -> None:
-        """Send frames to all pages."""
         if self.browsers:
             self._call_soon(self._offer_all, encoded(frames))
 
     def send(self, browser: Browser, frames: Mapping[str, Any]) -> None:
-        """Send frames to one page."""
         self._call_soon(browser.offer, encoded(frames))
 
     def _call_soon(

@@ -28,12 +28,7 @@ class _Pack(NamedTuple):
 
 
 class StepArchive:
-    """The frames of past steps, compressed; the oldest are dropped.
-
-    Args:
-        max_steps: limit for the number of steps.
-        max_bytes: limit for the compressed frames.
-    """
+    """The frames of past steps, compressed; the oldest are dropped."""
 
     def __init__(self, max_steps: int = MAX_STEPS, max_bytes: int = MAX_BYTES) -> None:
         self.max_steps, self._max_bytes = max_steps, max_bytes

@@ -38,10 +38,6 @@ def scan_exponent(beams: int, settings: SensorSettings) -> float:
     A scan of `max_beams` beams counts as `scan_likelihood_exponent * max_beams` independent beams.
     A scan of fewer beams counts as much, because they are farther apart, but never as more beams
     than it has.
-
-    Args:
-        beams: number of scored beams of the scan.
-        settings: of the sensor model.
     """
     exponent = settings.scan_likelihood_exponent
     if not 0 < beams < settings.max_beams or exponent >= 1.0:

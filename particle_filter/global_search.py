@@ -149,7 +149,6 @@ class GlobalSearch:
 
     @property
     def poses(self) -> int:
-        """Number of poses kept."""
         return 0 if self._kept is None else len(self._kept.poses)
 
     def advance(

@@ -69,7 +69,6 @@ class LikelihoodField:
     codes: Codes
     """(rows + 2, cols + 2); the rim around the map has code 0."""
     grid: Grid
-    """The map."""
     log_floor: float
     """Log-likelihood of code 0: a beam that ends far from all obstacles."""
     log_step: float
@@ -82,10 +81,6 @@ class LikelihoodField:
         log(hit_weight * N(d; 0, hit_sigma_m) + random_weight / max_range_m) [1/m], where d is the
         distance to the nearest occupied cell, capped at `max_obstacle_distance_m`. It is a
         density, so logarithms of beams add. Unknown cells are treated as free.
-
-        Args:
-            grid: the map.
-            settings: the sensor model's numbers.
 
         Raises:
             ValueError: no cell is occupied; every pose would fit equally well.

@@ -43,7 +43,6 @@ class Beams:
 
     @property
     def count(self) -> int:
-        """Number of beams of all lasers."""
         return sum(len(laser.ranges) for laser in self.lasers)
 
     @cached_property

@@ -63,12 +63,6 @@ def load_settings(
 def with_setting(settings: Settings, name: str, value: object, where: str) -> Settings:
     """Return the settings with one value replaced.
 
-    Args:
-        settings: the present settings.
-        name: dotted name.
-        value: the new value.
-        where: its origin, for the error.
-
     Raises:
         SettingsError: the setting is unknown, of the wrong type or out of its range.
     """

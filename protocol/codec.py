@@ -44,10 +44,6 @@ def encode(message: Message) -> bytes:
 def decode(data: bytes, expected: type[M]) -> M:
     """Decode a message; check its fields, then the plausibility of its numbers.
 
-    Args:
-        data: bytes from the wire.
-        expected: a message class, or a union of message classes.
-
     Raises:
         MalformedMessageError: the data is too large, not MessagePack, or not a valid `expected`.
     """

@@ -90,11 +90,7 @@ def found_places_problem(found: FoundPlaces) -> str | None:
 
 
 def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArray[Any]:
-    """Return the array, of shape (P, width), or (P,) without a width.
-
-    Raises:
-        MalformedMessageError: its type or shape differs.
-    """
+    """Return the array, of shape (P, width), or (P,) without a width."""
     array = blob.array()
     shape = (len(array) if array.ndim else 0, *([] if width is None else [width]))
     if blob.dtype != dtype or array.shape != shape:

@@ -38,12 +38,7 @@ class StepResetDetector(msgspec.Struct):
         self.last, self.in_a_row, self.newer_in_a_row = None, 0, 0
 
     def on_other_scan(self, scan: Scan, newest: Scan | None) -> bool:
-        """Handle a scan that does not continue the count; return whether a new one has begun.
-
-        Args:
-            scan: such a scan.
-            newest: the last scan of the current count.
-        """
+        """Handle a scan that does not continue the count; return whether a new one has begun."""
         if newest is None or newest.step <= scan.step <= newest.step + HUGE_JUMP:
             self.reset()
             return False

@@ -79,9 +79,6 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
     Args:
         path: the bag.
         topic: name of a topic; empty: the only topic called ``map``, in any namespace.
-
-    Raises:
-        MapFileError: the bag cannot be read, or has no such map or several.
     """
     with BagFile(path, MapFileError) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)

@@ -38,7 +38,6 @@ _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
 """Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
 SENDER = "recording"
-"""Sender of the readings."""
 
 _FORMAT_LINES = 1000
 _BETWEEN_READINGS_NS = 1_000_000_000

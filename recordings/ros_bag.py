@@ -82,11 +82,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 
 
 def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
-    """Return the named topic, or if the name is empty the only topic of a type.
-
-    Raises:
-        ValueError: there is no such topic, or several.
-    """
+    """Return the named topic, or if the name is empty the only topic of a type."""
     topics = bag.of_type(message_type)
     held = ", ".join(f"{topic} ({bag.counts[topic]} messages)" for topic in topics) or "none"
     if named in topics:
@@ -264,11 +260,7 @@ def _laser_entries(
 def _is_mount_known(
     content: _Content, tree: TransformTree, base: str, frame: str, settings: BridgeSettings
 ) -> bool:
-    """Return whether the mount of a laser is in tf; False: it is in the settings.
-
-    Raises:
-        ValueError: it is in neither.
-    """
+    """Return whether the mount of a laser is in tf; False: it is in the settings."""
     mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if frame == base or tree.knows(frame):
         _refuse_two_parents(content, tree.way_up(frame, to=base))
@@ -307,11 +299,6 @@ def _odometry_entry(message: BagMessage) -> OdometryEntry:
 
 
 def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:
-    """Convert one transform of a tf message.
-
-    Raises:
-        ValueError: its numbers are not a transform.
-    """
     parent, child = frame_name(link.header.frame_id), frame_name(link.child_frame_id)
     try:
         there = rigid_of(link.transform.translation, link.transform.rotation)

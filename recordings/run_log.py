@@ -202,9 +202,6 @@ T = TypeVar("T")
 class LogFile:
     """Reader of one run log.
 
-    Args:
-        path: the file.
-
     Attributes:
         cut: after all messages are read: why reading ended early; empty: the file is whole.
     """

@@ -113,11 +113,7 @@ class TransformTree:
         return of_outer.inverse().of(of_inner) if outer_way else of_inner
 
     def _ways(self, outer: str, inner: str) -> tuple[list[str], list[str]]:
-        """Return the frames from `outer`, and those from `inner`, below the common ancestor.
-
-        Raises:
-            TransformMissingError: the frames have no common ancestor.
-        """
+        """Return the frames from `outer`, and those from `inner`, below the common ancestor."""
         inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
         common = next((frame for frame in inner_way if frame in outer_way), None)
         if common is None:

@@ -82,9 +82,6 @@ def _costs(
 class FreeSpace:
     """The largest connected part of the free space in which a robot can drive.
 
-    Args:
-        ground: the world's true map.
-
     Raises:
         NoRoomError: the robot fits nowhere.
     """

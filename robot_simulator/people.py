@@ -14,13 +14,7 @@ _TRIES = 20
 
 
 class People:
-    """People near the robot; each walks straight ahead until blocked.
-
-    Args:
-        count: number of people.
-        free_space: the free space of the world.
-        rng: random numbers for places and headings.
-    """
+    """People near the robot; each walks straight ahead until blocked."""
 
     def __init__(self, count: int, free_space: FreeSpace, rng: np.random.Generator) -> None:
         self._free_space, self._rng = free_space, rng

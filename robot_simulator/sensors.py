@@ -97,13 +97,7 @@ class LidarModel:
 
 
 class Lidar:
-    """A simulated laser scanner.
-
-    Args:
-        model: parameters of the scanner.
-        ground: the world's true map.
-        rng: random numbers for noise and drop-outs.
-    """
+    """A simulated laser scanner."""
 
     def __init__(self, model: LidarModel, ground: GridMap, rng: np.random.Generator) -> None:
         self.model = model

@@ -123,11 +123,6 @@ class OutlierFilter:
 
     Only odometry and one laser, the first, can confirm that. A scan of another laser that does
     not fit is dropped. When the first laser falls silent, another replaces it.
-
-    Args:
-        clock: knows the newest stamp of the readings used.
-        lasers: the known ones.
-        dropped: counts dropped readings by cause.
     """
 
     def __init__(self, clock: Clock, lasers: Lasers, dropped: Counter[str]) -> None:
@@ -254,10 +249,6 @@ class Synchroniser:
     """Yields scans with the odometry pose at their time.
 
     A scan without an odometry pose waits for the first odometry after it.
-
-    Args:
-        lasers: the waiting scans of each laser.
-        dropped: counts dropped readings by cause.
     """
 
     def __init__(self, lasers: Lasers, dropped: Counter[str]) -> None:

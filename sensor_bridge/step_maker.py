@@ -202,12 +202,7 @@ class StepMaker:
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
-        """Continue after the last step of an earlier process.
-
-        Args:
-            last: that step.
-            odometry: value of the property `odometry` in the earlier process.
-        """
+        """Continue after the last step of an earlier process."""
         self._next_step = last.step + 1
         self._gate.resume(last.odom_from_robot)
         for stamp_ns, pose in ((last.stamp_ns, last.odom_from_robot), odometry):

@@ -45,9 +45,6 @@ def receiving_threads(runtime: str) -> Iterator[None]:
     The first session of a process decides for all, because Zenoh reads the environment variable
     only then. The variable is removed again because child processes inherit it: a router started by
     a client would have one thread. A value that the environment already has is kept.
-
-    Args:
-        runtime: `ONE_LINK` or `MANY_LINKS`.
     """
     global _read  # noqa: PLW0603 - Zenoh reads once for the whole process, too
     if _read or VARIABLE in os.environ:

@@ -97,7 +97,6 @@ class Publisher:
             self.declare(session)
 
     def declare(self, session: zenoh.Session) -> None:
-        """Publish through this session from now on."""
         wait, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         self._publisher = session.declare_publisher(
             self._key,
@@ -114,15 +113,7 @@ class Publisher:
 def subscribe(
     session: zenoh.Session, key: str, inbox: Inbox[Any], kind: str, *, own: bool = True
 ) -> None:
-    """Put messages published on `key` into the inbox, as states of one kind.
-
-    Args:
-        session: the process's session.
-        key: key expression.
-        inbox: woken by each message.
-        kind: one of the inbox's kinds of states.
-        own: also receive what this session publishes.
-    """
+    """Put messages published on `key` into the inbox, as states of one kind."""
 
     def on_sample(sample: zenoh.Sample) -> None:
         name = str(sample.key_expr)

@@ -135,14 +135,12 @@ def _with_options_of(command: Callable[..., None], run: Callable[..., None]) -> 
 
 
 def connected(settings: Settings) -> "Client":
-    """Return a client that is not connected yet."""
     from clustermcl.client import Client  # noqa: PLC0415 - slower than importing all commands
 
     return Client(settings)
 
 
 def print_answer(answer: JsonObject | Iterable[str]) -> None:
-    """Print an object as JSON, or lines of text."""
     text = dumped(answer) if isinstance(answer, dict) else "\n".join(answer)
     print(text, flush=True)  # noqa: T201 - the command's answer
 

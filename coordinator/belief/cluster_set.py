@@ -83,12 +83,10 @@ class Cluster(msgspec.Struct, frozen=True):
 
     @property
     def job_id(self) -> str:
-        """Id of the job that tracks this cluster."""
         return f"{'d' if self.mirrored else 'c'}{self.cluster}"
 
     @property
     def probability(self) -> float:
-        """Probability that the robot is there."""
         return math.exp(self.log_probability)
 
 
@@ -106,15 +104,12 @@ class ClusterSet(Part):
     clusters: Annotated[dict[Number, Cluster], FEW] = {}
     """By number, in the order in which they are summed."""
     next_cluster: Count = 0
-    """The number that the next candidate gets."""
     quality: MapQuality = MapQuality()
     """Quality of the map, learned during the run."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
     log_elsewhere: LogProbability = math.nan
-    """Log of the probability that the robot is elsewhere on the map."""
     log_off_map: LogProbability = math.nan
-    """Log of the probability that the robot is not on the map."""
 
     def __post_init__(self) -> None:
         if math.isnan(self.log_elsewhere):  # a new set
@@ -125,12 +120,10 @@ class ClusterSet(Part):
 
     @property
     def elsewhere(self) -> float:
-        """The probability that the robot is elsewhere on the map."""
         return math.exp(self.log_elsewhere)
 
     @property
     def off_map(self) -> float:
-        """The probability that the robot is not on the map."""
         return math.exp(self.log_off_map)
 
     @property
@@ -144,7 +137,6 @@ class ClusterSet(Part):
 
     @property
     def job_ids(self) -> tuple[str, ...]:
-        """The jobs that track the clusters."""
         return tuple(cluster.job_id for cluster in self.clusters.values())
 
     def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
@@ -485,10 +477,6 @@ class ClusterSet(Part):
 
         Free places come first, as clusters of probability 0. Clusters within their minimum
         lifetime yield only to later finds of their own search.
-
-        Args:
-            step: the last one.
-            first_step: of the search that has found the candidates.
         """
         free = self.rules.max_clusters - len(self.clusters)
         return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
@@ -564,16 +552,7 @@ class ClusterSet(Part):
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Replace a cluster by its parts, which share its probability.
-
-        Args:
-            job_id: the cluster's.
-            parts: two or more.
-            step: the step after which they are tracked.
-
-        Returns:
-            As `admit`.
-        """
+        """Replace a cluster by its parts, which share its probability."""
         whole = self.clusters.pop(int(job_id.removeprefix("c")))
         total = math.fsum(part.share for part in parts)
         candidates: list[Candidate] = [

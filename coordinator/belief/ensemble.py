@@ -68,13 +68,10 @@ class Ensemble(Part, kw_only=True):
     found: bool = False
     """Whether the robot was found since it was last searched for from nothing."""
     begin: dict[str, Job] = {}
-    """Jobs that begin with the next outcome."""
     events: list[JobEvent] = []
-    """Events of the next outcome."""
 
     @classmethod
     def of(cls, settings: FilterSettings) -> "Ensemble":
-        """Return an ensemble without clusters."""
         return cls(
             settings=settings,
             clusters=ClusterSet(settings.belief, settings.sensor),
@@ -83,7 +80,6 @@ class Ensemble(Part, kw_only=True):
         )
 
     def use(self, settings: FilterSettings) -> None:
-        """Continue with these settings."""
         self.settings = settings
         self.clusters.rules, self.clusters.sensor = settings.belief, settings.sensor
         self.search.use(settings, mirrored=False)
@@ -91,7 +87,6 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def searches(self) -> int:
-        """Number of searches begun."""
         return self.search.begun
 
     @property
@@ -107,10 +102,6 @@ class Ensemble(Part, kw_only=True):
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """Start the first search; call this once, before the first step.
-
-        Args:
-            step: the first step.
-            prior_pose: a place that is possible from earlier knowledge.
 
         Returns:
             The jobs that must process the scan of `step` itself.
@@ -217,13 +208,7 @@ class Ensemble(Part, kw_only=True):
         return self._outcome(step, ())
 
     def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
-        """Replace all clusters by these places, whose shares sum to one.
-
-        Args:
-            places: as they were after `step`.
-            step: after which they are tracked.
-            cause: why the clusters end.
-        """
+        """Replace all clusters by these places, whose shares sum to one."""
         self._forget(step, cause)
         self.seen = ViewMemory()
         self.clusters.take_from_elsewhere(1.0)

@@ -62,7 +62,6 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
 
 
 def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
-    """Return a cluster as a hypothesis of the belief message."""
     return Hypothesis(
         cluster=cluster.cluster,
         probability=cluster.probability,

@@ -33,27 +33,23 @@ class SearchCourse(Part):
     local: ClassVar = frozenset({"settings", "mirrored", "means"})
     settings: FilterSettings = FilterSettings()
     mirrored: bool = False
-    """Whether it searches for a decoy."""
     pool: SearchPool | None = None
     """The places that the current search has found; None: no search is running."""
     evidence: SearchEvidence = field(default_factory=SearchEvidence)
     """Log-likelihoods of the clusters since the search began."""
     begun: Count = 0
-    """Number of searches begun."""
     next_step: int = 0
     """The step after which the next search is due."""
     means: dict[int, dict[str, PoseTuple]] = {}
     """Mean of each cluster at the last steps; by odometry where a report is missing."""
 
     def use(self, settings: FilterSettings, *, mirrored: bool) -> None:
-        """Continue with these settings."""
         self.settings, self.mirrored = settings, mirrored
         if self.pool is not None:
             self.pool.settings, self.pool.mirrored = settings.search, mirrored
 
     @property
     def runs(self) -> bool:
-        """Whether a search is running."""
         return self.pool is not None
 
     @property
@@ -124,7 +120,6 @@ class SearchCourse(Part):
         return ended
 
     def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
-        """Record the means of the clusters after this step."""
         self.means[step] = {cluster.job_id: cluster.pose for cluster in clusters}
         while len(self.means) > KEPT_STEPS:
             del self.means[next(iter(self.means))]
@@ -174,7 +169,6 @@ class Decoy(Part):
 
     search: SearchCourse
     places: Annotated[tuple[Cluster, ...], FEW] = ()
-    """The tracked places of the decoy."""
 
     @property
     def is_awaited(self) -> bool:
@@ -183,7 +177,6 @@ class Decoy(Part):
 
     @property
     def track_ids(self) -> tuple[str, ...]:
-        """Ids of the jobs that track the decoys."""
         return tuple(place.job_id for place in self.places)
 
     def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
@@ -230,7 +223,6 @@ class Decoy(Part):
         return begin, ended
 
     def stop(self, step: int) -> list[Ended]:
-        """End all its jobs."""
         return self._end_tracking() + self.search.stop(step, "search stopped")
 
     def _end_tracking(self) -> list[Ended]:

@@ -90,20 +90,16 @@ class SearchPool(Part):
 
     local: ClassVar = frozenset({"settings", "mirrored", "reports"})
     search: Count
-    """Number of the search."""
     first_step: NumberOrNone
     """The first step whose scan it uses."""
     settings: SearchSettings = SearchSettings()
     mirrored: bool = False
-    """Whether it searches for a decoy."""
     progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
-    """Reports by step and job."""
 
     @property
     def job_ids(self) -> tuple[str, ...]:
-        """The jobs of this search, one per shard."""
         kind = "m" if self.mirrored else "s"
         return tuple(f"{kind}{self.search}.{shard}" for shard in range(self.settings.shards))
 

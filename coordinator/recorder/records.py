@@ -171,7 +171,6 @@ def _looked_at(kind: type[msgspec.Struct]) -> tuple[str, ...]:
 
 
 def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return the values that changed, by name."""
     lighter = ((name, value, _without_bulk(value)) for name, value in values.items())
     return {name: light for name, value, light in lighter if light is not value}
 

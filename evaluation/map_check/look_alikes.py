@@ -111,11 +111,6 @@ class LookAlikeSearch:
 
     All poses on a lattice are scored with a blurred map; the best are refined, and their expected
     ranges compared with the view.
-
-    Args:
-        grid_map: the map.
-        viewer: computes views of the same map.
-        rng: source of the random trials.
     """
 
     def __init__(self, grid_map: GridMap, viewer: Viewer, rng: np.random.Generator) -> None:

@@ -20,10 +20,6 @@ def office(wings: int = 5, rooms: int = 18) -> World:
 
     Rooms, doors and corridors repeat exactly. Only furniture and the ends of the corridors
     distinguish places. The furniture is the same in each call.
-
-    Args:
-        wings: number of parallel corridors.
-        rooms: number of rooms on each side of a corridor.
     """
     rng = np.random.default_rng(20)
     half_m = rooms * _PITCH_M / 2
