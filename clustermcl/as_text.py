@@ -190,3 +190,8 @@ def _process_lines(process: Health) -> Iterator[str]:
         yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
     for cause, count in sorted(process.dropped.items()):
         yield f"  dropped or refused: {cause}: {count}"
+    for source in process.sources:
+        yield (
+            f"  source {source.name}: {source.recent_nat:.1f} nat in 20 steps, "
+            f"broken with {source.broken_probability:.0%}"
+        )

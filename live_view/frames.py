@@ -172,6 +172,15 @@ def status_frame(status: Status) -> Frame:
             for name, jobs in status.workers.items()
         ],
         "simulated": any(health.sender == SIMULATOR for health in status.processes),
+        "sources": [
+            {
+                "name": source.name,
+                "nat": round(source.recent_nat, 1),
+                "broken": round(source.broken_probability, 3),
+            }
+            for health in status.processes
+            for source in health.sources
+        ],
         "dropped": {cause: count for cause, count in status.counters.items() if count},
     }
 

@@ -10,9 +10,26 @@ from protocol.message import MAX_ID_CHARACTERS, Finite, Message
 MAX_WORDS = 500
 """Entries of one table; processes have about twenty."""
 
+MAX_SOURCES = 100
+"""Sources of observations that are judged; further ones are not."""
+
 _Word: TypeAlias = Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
 _Counts: TypeAlias = Annotated[dict[_Word, int], Meta(max_length=MAX_WORDS)]
 _Values: TypeAlias = Annotated[dict[_Word, Finite], Meta(max_length=MAX_WORDS)]
+
+
+class SourceHealth(msgspec.Struct, frozen=True, kw_only=True):
+    """What the bridge knows of one source of observations."""
+
+    name: _Word
+    """The sender and the landmark, or the sender alone: its poses of the robot."""
+    recent_nat: Finite
+    """Sum over the last 20 steps: by how much its observations are more likely at the most
+    probable pose than if they were false, as far as they counted [nat]."""
+    outlier_rate: Finite
+    """Expected share of false observations."""
+    broken_probability: Finite
+    """Probability that more than half of its observations are false."""
 
 
 class Health(Message, frozen=True, kw_only=True, tag="health/1"):
@@ -38,5 +55,7 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     """Time since each of them last increased [s]."""
     dropped: _Counts = msgspec.field(default_factory=dict)
     """Counts of dropped and refused things since its start, by cause."""
+    sources: Annotated[tuple[SourceHealth, ...], Meta(max_length=MAX_SOURCES)] = ()
+    """The bridge's sources of observations."""
     age_s: float = 0.0
     """In a status: time since this message arrived [s]."""

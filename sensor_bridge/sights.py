@@ -64,7 +64,7 @@ class Sights:
         self._waiting: list[Observation] = []
         self._placed: list[tuple[Source, Placed, Pose, float]] = []
         self._sources = Sources(landmarks)
-        self.judge = self._sources.judge
+        self.judge, self.health = self._sources.judge, self._sources.health
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def see(self, observation: Observation) -> None:
@@ -108,8 +108,9 @@ class Sights:
             if observation_problem(seen) is not None:
                 self._dropped[TOO_FAR] += 1
                 continue
-            self._sources.saw(step, source, here)
-            if self._sources.is_broken(source):
+            is_broken = self._sources.is_broken(source)
+            self._sources.saw(step, source, here, 0.0 if is_broken else seen.share)
+            if is_broken:
                 self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
             else:
                 usable.append(seen)

@@ -10,8 +10,9 @@ import numpy as np
 
 from particle_filter.grid import Grid
 from particle_filter.observations import Landmarks, Observation, outlier_probability
-from protocol.answers import Belief
+from protocol.answers import Belief, Hypothesis
 from protocol.errors import printable
+from protocol.health import MAX_SOURCES, SourceHealth
 from protocol.pose_arrays import covariance_matrix
 from protocol.steps import Landmark
 
@@ -24,8 +25,8 @@ MOST_SIGHTS = 10.0
 """Weight of all past sights together, so that a mended source is found right again [sights]."""
 BROKEN = 0.5
 """A source that is wrong more often than this does not count."""
-MAX_SOURCES = 100
-"""Further sources are not judged."""
+RECENT_STEPS = 20
+"""Steps over which the contribution of a source is summed."""
 _FIXES = Grid(np.zeros((1, 1), np.int8), 100.0, np.zeros(3))
 """Area over which wrong positions are spread."""
 
@@ -41,41 +42,78 @@ class Sources:
         self._landmarks = landmarks
         self._rates: dict[Source, tuple[float, float]] = {}
         """Numbers of wrong and right sights."""
-        self._seen: deque[tuple[int, Source, Observation]] = deque(maxlen=256)
+        self._seen: deque[tuple[int, Source, Observation, float]] = deque(maxlen=256)
+        self._gains: deque[tuple[int, Source, float]] = deque(maxlen=1024)
+        """Step, source and log-likelihood ratio of what counted in the last steps."""
 
     def is_broken(self, source: Source) -> bool:
         wrong, right = self._rates.get(source, (0.0, 1.0))
         return wrong > BROKEN * (wrong + right)
 
-    def saw(self, step: int, source: Source, seen: Observation) -> None:
-        """Remember an observation until the belief after its step has come."""
-        self._seen.append((step, source, seen))
+    def health(self) -> tuple[SourceHealth, ...]:
+        """Return what is known of each source that was judged."""
+        recent = dict.fromkeys(self._rates, 0.0)
+        for _, source, nat in self._gains:
+            recent[source] += nat
+        return tuple(
+            SourceHealth(
+                name=source_name(source),
+                recent_nat=recent[source],
+                outlier_rate=wrong / (wrong + right),
+                broken_probability=1.0 - beta_below_half(wrong, right),
+            )
+            for source, (wrong, right) in self._rates.items()
+        )
+
+    def saw(self, step: int, source: Source, seen: Observation, weight: float) -> None:
+        """Remember an observation, and its weight in the belief, until its step's belief comes."""
+        self._seen.append((step, source, seen, weight))
 
     def judge(self, belief: Belief) -> None:
         """Judge the observations of a step by the belief after it."""
-        seen = [(source, each) for step, source, each in self._seen if step == belief.step]
+        seen = [each[1:] for each in self._seen if each[0] == belief.step]
         later = [each for each in self._seen if each[0] > belief.step]
         self._seen = deque(later, self._seen.maxlen)
+        while self._gains and self._gains[0][0] <= belief.step - RECENT_STEPS:
+            self._gains.popleft()
         if belief.state != "localized" or not belief.hypotheses:
             return
-        for source, each in seen:
+        for source, each, weight in seen:
             if source in self._rates or len(self._rates) < MAX_SOURCES:
-                self._learn(source, each, belief)
+                outlier = self._outlier_probability(each, belief.hypotheses[0])
+                self._learn(source, each, outlier)
+                self._gains.append((belief.step, source, -weight * math.log(outlier)))
 
-    def _learn(self, source: Source, seen: Observation, belief: Belief) -> None:
-        best = belief.hypotheses[0]
+    def _outlier_probability(self, seen: Observation, best: Hypothesis) -> float:
+        """Return the probability that an observation is false of a robot at a place."""
         variances = np.maximum(np.diag(covariance_matrix(best.covariance)), 0.0)
         by_m, by_rad = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
         whole = replace(seen.blurred(by_m, by_rad), share=1.0)
         named = (each for each in self._landmarks if each.name == seen.landmark)
         landmarks = Landmarks.of((each.name, each.x, each.y, each.sigma) for each in named)
-        outlier = outlier_probability(np.array(best.pose), whole, landmarks, _FIXES)
+        return outlier_probability(np.array(best.pose), whole, landmarks, _FIXES)
+
+    def _learn(self, source: Source, seen: Observation, outlier: float) -> None:
         stated = seen.outlier_probability
         prior = PRIOR_SIGHTS * stated, PRIOR_SIGHTS * (1.0 - stated)
         wrong, right = self._rates.get(source, prior)
         wrong, right = wrong + seen.share * outlier, right + seen.share * (1.0 - outlier)
         kept = min(MOST_SIGHTS / (wrong + right), 1.0)
         self._rates[source] = kept * wrong, kept * right
+
+
+def beta_below_half(a: float, b: float) -> float:
+    """Return the probability that a Beta(a, b) variable is below one half.
+
+    References:
+        NIST Digital Library of Mathematical Functions, 8.17.8, in the form of a power series.
+    """
+    term = total = 1.0
+    for n in range(200):  # each term is about half of the one before
+        term *= 0.5 * (a + b + n) / (a + 1.0 + n)
+        total += term
+    scale = math.lgamma(a + b) - math.lgamma(a + 1.0) - math.lgamma(b) - (a + b) * math.log(2.0)
+    return min(total * math.exp(scale), 1.0)
 
 
 def source_name(source: Source) -> str:

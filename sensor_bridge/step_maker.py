@@ -14,6 +14,7 @@ from particle_filter.settings import section_with
 from process_runtime.settings import BridgeSettings
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
+from protocol.health import SourceHealth
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
@@ -151,6 +152,11 @@ class StepMaker:
     def judge(self, belief: Belief) -> None:
         """Compare the observations of a step with the belief after it."""
         self._sights.judge(belief)
+
+    @property
+    def sources(self) -> tuple[SourceHealth, ...]:
+        """What is known of each source of observations."""
+        return self._sights.health()
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._sights.moved(stamp_ns, odom_from_robot):

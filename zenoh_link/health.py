@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from process_runtime.logs import CauseCounter
-from protocol.health import Health
+from protocol.health import Health, SourceHealth
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Publisher
 
@@ -42,6 +42,7 @@ class HealthReporter:
         self._name, self._role, self._version = name, role, version("clustermcl")
         self._causes, self._inbox, self._clock = causes, inbox, clock
         self._started_s, self._published_s = clock(), -_EVERY_S
+        self.sources: tuple[SourceHealth, ...] = ()
         self._done: Counter[str] = Counter()
         self._last_s: dict[str, float] = {}
         self._past: deque[tuple[float, Counter[str]]] = deque([(self._started_s, Counter())])
@@ -68,6 +69,7 @@ class HealthReporter:
             rates_per_s={w: (times - before[w]) / elapsed_s for w, times in self._done.items()},
             ages_s={what: now_s - last_s for what, last_s in self._last_s.items()},
             dropped=self.dropped(),
+            sources=self.sources,
         )
 
     def dropped(self) -> dict[str, int]:

@@ -172,6 +172,13 @@ export function showWorkers(status) {
     if (rates.length) row.append(element("span", rates.join(" · "), "rates"));
     return row;
   }));
+  $("sources-box").hidden = !status.sources?.length;
+  $("sources").replaceChildren(...(status.sources ?? []).map((source) => {
+    const row = element("li"), said = element("span", `${source.nat} nat · broken ${Math.round(100 * source.broken)} %`);
+    row.classList.toggle("broken", source.broken > 0.5);
+    row.append(element("span", source.name), said);
+    return row;
+  }));
   const { last, median, most, steps } = status.latency ?? {};
   $("latency").textContent = status.latency
     ? `scan to belief ${last} ms; of the last ${steps} steps, half within ${median} ms, all within ${most} ms` : "";

@@ -15,6 +15,7 @@ from process_runtime.settings import BridgeSettings
 from protocol import keys
 from protocol.answers import Status
 from protocol.codec import encode
+from protocol.health import Health
 from protocol.steps import Observation, OdometryReading
 from robot_simulator.simulation import Simulation
 from tests.integration.faults.live_robot import BRIDGE, PACE
@@ -66,6 +67,9 @@ def test_a_tag_tells_equal_arms_apart() -> None:
                     "malformed Observation: not MessagePack",
                 }
                 wait_until(lambda: refused <= set(dropped(client.status())))
+                sources = bridge_of(client.status()).sources
+                assert [source.name for source in sources] == ["eye north"]  # it sees no other
+                assert sources[0].broken_probability < 0.1
 
 
 def observation(seen: tuple[str, np.ndarray], stamp_ns: int) -> Observation:
@@ -81,5 +85,10 @@ def observation(seen: tuple[str, np.ndarray], stamp_ns: int) -> Observation:
 
 def dropped(status: Status) -> dict[str, int]:
     """The bridge's counters of dropped messages, by cause."""
+    return dict(bridge_of(status).dropped)
+
+
+def bridge_of(status: Status) -> Health:
+    """The health of the bridge."""
     (health,) = (health for health in status.processes if health.sender == BRIDGE)
-    return dict(health.dropped)
+    return health

@@ -12,6 +12,7 @@ from clustermcl.as_text import (
     status_lines,
 )
 from protocol.answers import Hypotheses
+from protocol.health import SourceHealth
 from tests.unit.clustermcl.test_as_json import ANSWER
 from tests.unit.evaluation.places import STATUS, belief, place
 
@@ -85,6 +86,15 @@ def test_a_belief_is_one_line_however_many_places_there_are() -> None:
     assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"
     halfway = belief(0, "searching", searching=True, search_progress=0.5)
     assert belief_line(halfway) == "step 0: searching 50 %"
+
+
+def test_a_status_lists_the_sources_of_observations() -> None:
+    source = SourceHealth(
+        name="eye exit", recent_nat=9.4, outlier_rate=0.1, broken_probability=0.04
+    )
+    bridge = msgspec.structs.replace(STATUS.processes[0], sources=(source,))
+    lines = list(status_lines(msgspec.structs.replace(STATUS, processes=(bridge,))))
+    assert lines[-1] == "    source eye exit: 9.4 nat in 20 steps, broken with 4%"
 
 
 def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.arrays import ArrayBlob
-from protocol.health import Health
+from protocol.health import Health, SourceHealth
 from protocol.job_events import Began, JobEvents, NumberedEvent
 from protocol.steps import MapMessage, Scan
 from protocol.work import Particles, TrackReport
@@ -130,9 +130,14 @@ def _status(digest: str) -> Status:
     )
 
 
+EYE = SourceHealth(name="eye exit", recent_nat=9.44, outlier_rate=0.7, broken_probability=0.8)
+
+
 def simulator() -> Health:
     """As the simulator publishes it: there is a robot that can be lifted."""
-    return Health(sender="robot_simulator", role="bridge", version="1", uptime_s=1.0)
+    return Health(
+        sender="robot_simulator", role="bridge", version="1", uptime_s=1.0, sources=(EYE,)
+    )
 
 
 def map_message(digest: str = "d1") -> MapMessage:

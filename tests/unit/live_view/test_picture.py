@@ -8,7 +8,16 @@ import pytest
 
 from live_view.picture import NEWEST_ROWS, Picture
 from protocol.steps import TruePose
-from tests.unit.live_view.messages import belief, events, map_message, pose, report, scan, status
+from tests.unit.live_view.messages import (
+    belief,
+    events,
+    map_message,
+    pose,
+    report,
+    scan,
+    simulator,
+    status,
+)
 
 
 @pytest.fixture
@@ -192,7 +201,10 @@ def test_a_status_shows_each_workers_jobs_and_the_dropped_messages(picture: Pict
     assert [(w["name"], w["jobs"]) for w in shown["workers"]] == [
         ("w-0", ("c1", "c2")), ("w-1", ()),
     ]  # fmt: skip
-    assert shown["dropped"] == {"late": 2}
+    assert (shown["dropped"], shown["sources"]) == ({"late": 2}, [])
+    picture.on_status(status(processes=(simulator(),)))
+    eye = {"name": "eye exit", "nat": 9.4, "broken": 0.8}
+    assert picture.changes()["status"]["sources"] == [eye]
 
 
 def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> None:

@@ -8,8 +8,9 @@ from msgspec.structs import replace
 
 from particle_filter.observations import Observation
 from protocol.answers import Belief, Hypothesis
+from protocol.health import MAX_SOURCES
 from protocol.steps import Landmark
-from sensor_bridge.sources import MAX_SOURCES, Source, Sources, source_name
+from sensor_bridge.sources import RECENT_STEPS, Source, Sources, beta_below_half, source_name
 
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
 EYE: Source = ("eye", "tag")
@@ -32,7 +33,7 @@ def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> O
 
 def judged(sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE) -> bool:
     """Whether the source is broken after one more observation."""
-    sources.saw(belief.step, of, seen)
+    sources.saw(belief.step, of, seen, seen.share)
     sources.judge(belief)
     return sources.is_broken(of)
 
@@ -66,7 +67,7 @@ def test_an_uncertain_belief_judges_nothing() -> None:
     sources = Sources(TAGS)
     for belief in (replace(SURE, state="ambiguous"), replace(SURE, hypotheses=())):
         assert not any(judged(sources, sight(WRONG), belief) for _ in range(5))
-    sources.saw(7, EYE, sight(WRONG))
+    sources.saw(7, EYE, sight(WRONG), 1.0)
     sources.judge(SURE)  # of an earlier step
     assert not sources.is_broken(EYE)
 
@@ -84,3 +85,34 @@ def test_a_flood_of_senders_is_bounded() -> None:
     broken = [[judged(sources, sight(WRONG), of=name) for _ in range(2)][-1] for name in names]
     assert broken == [True] * MAX_SOURCES + [False] * 5
     assert len(source_name(("e\n" * 200, "tag"))) < 70
+
+
+def test_health_shows_what_each_source_contributed_and_whether_it_is_broken() -> None:
+    sources = Sources(TAGS)
+    for step in range(3):
+        for mean, of in ((RIGHT, EYE), (WRONG, ("bad", "tag"))):
+            sources.saw(step, of, sight(mean), 0.5)
+        sources.judge(replace(SURE, step=step))
+    good, bad = sources.health()
+    assert (good.name, bad.name) == ("eye tag", "bad tag")
+    # Right with 0.95; the rest are half of this name and half of none, within 314 m^2. Tag, sight,
+    # place and its heading at 1 m have a variance of 0.01 m^2 each.
+    ratio = (19.0 * 2.0 + 1.0) * 314.16 / (2.0 * np.pi * 0.04)
+    assert good.recent_nat == pytest.approx(3 * 0.5 * np.log1p(ratio), rel=1e-4)
+    assert bad.recent_nat == pytest.approx(0.0, abs=1e-6)
+    assert good.outlier_rate < 0.05
+    assert bad.outlier_rate > 0.5
+    assert good.broken_probability < 0.01
+    assert bad.broken_probability > 0.6
+    sources.judge(replace(SURE, step=2 + RECENT_STEPS))
+    assert [each.recent_nat for each in sources.health()] == [0.0, 0.0]
+
+
+def test_the_distribution_of_the_outlier_rate_is_beta() -> None:
+    assert beta_below_half(1.0, 1.0) == pytest.approx(0.5)
+    assert beta_below_half(1.0, 3.0) == pytest.approx(1.0 - 0.5**3)
+    assert beta_below_half(3.0, 1.0) == pytest.approx(0.5**3)
+    rng = np.random.default_rng(1)
+    for a, b in ((0.1, 1.9), (2.5, 1.2), (9.9, 0.1)):
+        drawn = rng.beta(a, b, 40_000) < 0.5
+        assert beta_below_half(a, b) == pytest.approx(drawn.mean(), abs=0.012)  # 4.8 sigma
