@@ -44,8 +44,8 @@ def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTup
         seed: of the positions.
     """
     rng, jumps = np.random.default_rng(seed), jump_field(grid_map.cells)
-    told = scan.ranges.array().astype(np.float64)
-    ranges = np.minimum(np.nan_to_num(told, posinf=scan.range_max_m), scan.range_max_m)
+    measured = scan.ranges.array().astype(np.float64)
+    ranges = np.minimum(np.nan_to_num(measured, posinf=scan.range_max_m), scan.range_max_m)
     angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges), dtype=np.float64)
 
     def cast(lasers: Poses, directions: NDArray[np.float64]) -> NDArray[np.float64]:

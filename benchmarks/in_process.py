@@ -46,8 +46,8 @@ def steps(
         reports = [job.advance(scan) for job in jobs]
         evidence = np.array([report.log_weight_sum - np.log(particles) for report in reports])
         contends = contenders(log_belief)
-        told = tempered(evidence, contends, 0.2, settings.belief.evidence_noise)
-        log_belief = belief.mixed(belief.updated(log_belief, told), 0.0001)
+        log_ratios = tempered(evidence, contends, 0.2, settings.belief.evidence_noise)
+        log_belief = belief.mixed(belief.updated(log_belief, log_ratios), 0.0001)
         yield log_belief
         step += 1
 

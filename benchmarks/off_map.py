@@ -1,10 +1,10 @@
 """How often is a robot called localized that is not on the map, and how often one that is?
 
 Robots that are nowhere on their map: mirror images of recordings, recordings in foreign maps, and
-robots in parts of a building that were not mapped. Beside them, as controls, the same robots in
+robots in parts of a building that were not mapped. As controls, the same robots in
 their own maps, among people, and with short-sighted lasers.
 
-    python -m benchmarks.off_map [NAME...] [--cache FOLDER] [--beside KEY=VALUE]
+    python -m benchmarks.off_map [NAME...] [--cache FOLDER] [--baseline KEY=VALUE]
 
 A NAME is part of a condition's or a group's name. The folder of recordings is that of
 CLUSTERMCL_DATA. With a cache, the steps of every run are written there, so that models of
@@ -29,7 +29,7 @@ import typer
 
 from benchmarks.experiments.case import Case, RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
-from benchmarks.same_views import Told, told
+from benchmarks.same_views import Answer, answer_of
 from coordinator.belief.outcome import Outcome
 from evaluation.course import TrueStep, course_of
 from evaluation.in_process import InProcess
@@ -130,8 +130,8 @@ class Result(msgspec.Struct, frozen=True):
     name: str
     event_at: int | None
     rows: list[Row]
-    beside_cpu_s: float
-    """CPU time of the same steps with the settings that it was run beside, after the warm-up."""
+    baseline_cpu_s: float
+    """CPU time of the same steps with the baseline's settings, after the warm-up."""
 
 
 # --- conditions
@@ -380,20 +380,20 @@ class _Timed(InProcess):
         return reports
 
 
-def run(condition: Condition, settings: Settings, beside: Settings | None = None) -> Result:
+def run(condition: Condition, settings: Settings, baseline: Settings | None = None) -> Result:
     """Localize.
 
     Args:
         condition: the robot and the map.
         settings: of the filter.
-        beside: the settings of a second filter, which has the same steps in turn; None: none.
+        baseline: the settings of a second filter, which has the same steps in turn; None: none.
     """
     grid_map, steps = condition.begin()
     model = sensor_model(grid_map, settings.sensor, default_cache_folder())
     process = _Timed(model, settings)
-    other = _Timed(model, beside) if beside else None
+    other = _Timed(model, baseline) if baseline else None
     rows: list[Row] = []
-    before, beside_cpu_s = None, 0.0
+    before, baseline_cpu_s = None, 0.0
     for scan, truth, on_map in itertools.islice(steps, condition.steps):
         if other is not None and len(rows) % 2:
             other.timed(scan)
@@ -401,7 +401,7 @@ def run(condition: Condition, settings: Settings, beside: Settings | None = None
         if other is not None:
             if not len(rows) % 2:
                 other.timed(scan)
-            beside_cpu_s += other.cpu_s if len(rows) >= WARM_UP_STEPS else 0.0
+            baseline_cpu_s += other.cpu_s if len(rows) >= WARM_UP_STEPS else 0.0
         beams = scan_beams(scan, model)
         moved = (0.0, 0.0)
         if before is not None:
@@ -420,7 +420,7 @@ def run(condition: Condition, settings: Settings, beside: Settings | None = None
                 max_range_m=beams.max_range_m,
             )
         )
-    return Result(condition.group, condition.name, condition.event_at, rows, beside_cpu_s)
+    return Result(condition.group, condition.name, condition.event_at, rows, baseline_cpu_s)
 
 
 def _row(
@@ -435,10 +435,10 @@ def _row(
     max_range_m: float,
 ) -> Row:
     places = outcome.hypotheses
-    nowhere = Told(
+    nowhere = Answer(
         0.0, places[0].probability if places else 0.0, False, math.nan, math.nan, outcome.state
     )
-    answer = nowhere if truth is None else told(outcome, truth)
+    answer = nowhere if truth is None else answer_of(outcome, truth)
     return Row(
         state=outcome.state,
         probability=answer.best,
@@ -468,7 +468,7 @@ def _percent(flags: Sequence[bool]) -> str:
 
 HEADER = (
     f"{'':40}  called  lost  none   off  sure+wrong  sure at  score  steps off the map: "
-    "called  lost at  beyond 5 sd of the told error"
+    "called  lost at  beyond 5 sd of the reported error"
 )
 
 
@@ -498,7 +498,7 @@ def line(result: Result) -> str:
         f"{_percent([r.state == 'lost' for r in rows])} {np.mean([r.none for r in rows]):5.2f} "
         f"{np.mean([r.off_map for r in rows]):5.2f} {_percent(wrong):>10} "
         f"{sure[0] if sure else '-':>8} {score:7.2f} {'':18}{_percent([r.localized for r in off])}"
-        f"  {lost[0] if lost and off else '-':>6}  {_told_error([result])}{extra}"
+        f"  {lost[0] if lost and off else '-':>6}  {_reported_error([result])}{extra}"
         f"  {_cost([result])}"
     )
 
@@ -515,11 +515,11 @@ def summary(group: str, results: Sequence[Result]) -> str:
         f"({100 * min(called):.0f} to {100 * max(called):.0f})  sure and wrong "
         f"{100 * np.mean(wrong):5.1f} ({100 * max(wrong):.0f})  off the map, localized "
         + (f"{100 * np.mean(off):5.1f} ({100 * max(off):.0f})" if off else "    -")
-        + f"  score {score}  {_told_error(results)}  {_cost(results)}"
+        + f"  score {score}  {_reported_error(results)}  {_cost(results)}"
     )
 
 
-def _told_error(results: Sequence[Result]) -> str:
+def _reported_error(results: Sequence[Result]) -> str:
     """Return how many estimates of a right place are farther off than they say, and the RMSE."""
     right = [row for one in results for row in one.rows if row.right]
     if not right:
@@ -529,11 +529,11 @@ def _told_error(results: Sequence[Result]) -> str:
 
 
 def _cost(results: Sequence[Result]) -> str:
-    """Return the CPU time of a step; its ratio to that of steps beside it; that of decoys."""
+    """Return the CPU time of a step; its ratio to that of the baseline; that of decoys."""
     rows = [row for one in results for row in one.rows[WARM_UP_STEPS:]]
     text = f"{1000 * np.mean([row.cpu_s for row in rows]):.0f} ms a step"
-    if beside_s := math.fsum(one.beside_cpu_s for one in results):
-        text += f", {math.fsum(row.cpu_s for row in rows) / beside_s:.2f} of beside"
+    if baseline_s := math.fsum(one.baseline_cpu_s for one in results):
+        text += f", {math.fsum(row.cpu_s for row in rows) / baseline_s:.2f} of the baseline"
     if decoys := [row for row in rows if row.decoy_cpu_s]:
         whole, part = (math.fsum(getattr(r, name) for r in decoys) for name in _CPU)
         text += f", {whole / (whole - part):.2f} with a decoy ({len(decoys)} steps)"
@@ -544,7 +544,7 @@ def main(
     names: Annotated[list[str] | None, typer.Argument()] = None,
     cache: Annotated[Path | None, typer.Option()] = None,
     jobs: int = 2,
-    beside: Annotated[
+    baseline: Annotated[
         list[str] | None,
         typer.Option(metavar="KEY=VALUE", help="Compare CPU time with that of these settings."),
     ] = None,
@@ -559,7 +559,9 @@ def main(
     results: list[Result] = []
     print(HEADER)
     with ProcessPoolExecutor(jobs) as pool:
-        waiting = [pool.submit(run_numbered, named, i.group, i.name, beside or ()) for i in chosen]
+        waiting = [
+            pool.submit(run_numbered, named, i.group, i.name, baseline or ()) for i in chosen
+        ]
         for future in waiting:
             result = future.result()
             print(line(result), flush=True)
@@ -573,11 +575,11 @@ def main(
         print(summary(group, [result for result in results if result.group == group]))
 
 
-def run_numbered(data: str | None, group: str, name: str, beside: Sequence[str]) -> Result:
+def run_numbered(data: str | None, group: str, name: str, baseline: Sequence[str]) -> Result:
     """One condition, in a process of its own."""
     known = conditions(Path(data) if data else None)
     condition = next(one for one in known if (one.group, one.name) == (group, name))
-    return run(condition, Settings(), load_settings(None, beside) if beside else None)
+    return run(condition, Settings(), load_settings(None, baseline) if baseline else None)
 
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ def _kind(pid: int, thread: int, name: str) -> str:
 
 def in_between(before: ByThread, after: ByThread) -> ByThread:
     """CPU time spent in between by threads that existed before."""
-    return {who: spent - before[who] for who, spent in after.items() if who in before}
+    return {thread: spent - before[thread] for thread, spent in after.items() if thread in before}
 
 
 def processes_table(spent: ByThread, steps: float) -> str:

@@ -81,7 +81,7 @@ def main() -> None:
         results.append(measured(case, options.rounds))
         print(table(results[-1:]).splitlines()[-1], flush=True)
     options.file.write_text(
-        f"# Kernels beside C and numpy, {options.file.stem}\n\n"
+        f"# Kernels compared with C and numpy, {options.file.stem}\n\n"
         f"{platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}; "
         f"one thread, CPU time, {options.rounds} rounds in which all ways ran in turn. "
         f"C: `{' '.join(COMMAND)} floor.c`, the same work on the same numbers. A ratio under 1 "

@@ -127,7 +127,7 @@ def steps_of(case: Case, seed: int, settings: Settings) -> Iterator[tuple[Scan, 
 
 
 @dataclass(frozen=True)
-class Told:
+class Answer:
     """One step's answer."""
 
     truth: float
@@ -140,10 +140,10 @@ class Told:
     state: str
 
 
-def told(outcome: Outcome, truth: PoseTuple) -> Told:
+def answer_of(outcome: Outcome, truth: PoseTuple) -> Answer:
     """Accuracy of a belief with known ground truth."""
     if not outcome.hypotheses:
-        return Told(0.0, 0.0, False, math.nan, math.nan, outcome.state)
+        return Answer(0.0, 0.0, False, math.nan, math.nan, outcome.state)
     right = [pose_error(each.pose, truth).right for each in outcome.hypotheses]
     first = outcome.hypotheses[0]
     off = np.array(first.pose) - np.array(truth)
@@ -152,7 +152,7 @@ def told(outcome: Outcome, truth: PoseTuple) -> Told:
     sds = math.sqrt(off[:2] @ np.linalg.solve(covariance, off[:2]))
     probabilities = [each.probability for each in outcome.hypotheses]
     held = math.fsum(p for p, is_right in zip(probabilities, right, strict=True) if is_right)
-    return Told(held, first.probability, right[0], math.hypot(*off[:2]), sds, outcome.state)
+    return Answer(held, first.probability, right[0], math.hypot(*off[:2]), sds, outcome.state)
 
 
 def given_place(sigma_m: float, truth: PoseTuple, scan: Scan, seed: int) -> Place:
@@ -170,7 +170,7 @@ def given_place(sigma_m: float, truth: PoseTuple, scan: Scan, seed: int) -> Plac
     )
 
 
-def run(case: Case, seed: int, settings: Settings) -> list[Told]:
+def run(case: Case, seed: int, settings: Settings) -> list[Answer]:
     """Reported values of each step."""
     model = sensor_model(case.world().map, settings.sensor, cache_folder=None)
     process = InProcess(model, msgspec.structs.replace(settings, seed=seed))
@@ -180,7 +180,7 @@ def run(case: Case, seed: int, settings: Settings) -> list[Told]:
         if case.given_m and not answers:
             place = given_place(case.given_m, truth, scan, seed)
             process.carry_out(process.ensemble.go_on_from([place], scan.step, "forgotten"))
-        answers.append(told(outcome, truth))
+        answers.append(answer_of(outcome, truth))
         if len(answers) == case.steps:
             return answers
     return answers

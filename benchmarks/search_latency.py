@@ -54,12 +54,12 @@ def main() -> None:
     ]
     _, _, seen = run_stack(options.seconds, 0.0, settings, 0)
     found = latencies(seen, options.skip)
-    told: dict[str, object] = {"load": round(os.getloadavg()[0], 1)}
+    result: dict[str, object] = {"load": round(os.getloadavg()[0], 1)}
     for which, values in found.items():
         if values:
             p50, p99 = np.percentile(values, (50, 99)).round(2).tolist()
-            told[which] = {"steps": len(values), "p50_ms": p50, "p99_ms": p99}
-    print(json.dumps(told))
+            result[which] = {"steps": len(values), "p50_ms": p50, "p99_ms": p99}
+    print(json.dumps(result))
 
 
 if __name__ == "__main__":

@@ -136,9 +136,9 @@ def _judged(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -
         outcome = process.advance(scan)
         took_s += time.process_time() - start_s
         best = outcome.hypotheses[0] if outcome.hypotheses else None
-        told = best is not None and outcome.state not in ("searching", "lost")
-        right.append(told and pose_error(best.pose, truth).right)
-        sure.append(told and best.probability >= CONFIDENT_PROBABILITY)
+        answered = best is not None and outcome.state not in ("searching", "lost")
+        right.append(answered and pose_error(best.pose, truth).right)
+        sure.append(answered and best.probability >= CONFIDENT_PROBABILITY)
     return {
         "right_before": right[after - 1] if after else None,
         "right_after": _first_of_some(right[after:]),

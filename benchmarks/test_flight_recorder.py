@@ -69,9 +69,9 @@ class Run:
         self._step, self._now_ns = 0, 0
         self.beliefs = 0
         for number in range(WORKERS):
-            self._tell(WorkerJoined(f"worker-{number}"))
-        self._tell(ScanArrived(self._scan()))
-        self._tell(ReportArrived(self._places["s0.0"], self._found()))
+            self._apply(WorkerJoined(f"worker-{number}"))
+        self._apply(ScanArrived(self._scan()))
+        self._apply(ReportArrived(self._places["s0.0"], self._found()))
         assert len(self._epochs) == CLUSTERS + 1
 
     def events(self) -> list[Event]:
@@ -90,12 +90,12 @@ class Run:
         arrived = [ReportArrived(self._places[r.job_id], r) for r in reports]
         return [*odometry, *ticks, ScanArrived(self._scan()), *arrived]
 
-    def tell(self, events: list[Event]) -> None:
+    def apply(self, events: list[Event]) -> None:
         """A step as the loop passes it on."""
         for event in events:
-            self._tell(event)
+            self._apply(event)
 
-    def _tell(self, event: Event) -> None:
+    def _apply(self, event: Event) -> None:
         self._now_ns += STEP_NS // 21
         self._follow(self.recorder.handle(event, self._now_ns))
 
@@ -105,7 +105,7 @@ class Run:
                 case PublishBelief():
                     self.beliefs += 1
                 case AskState(worker=worker):
-                    self._tell(
+                    self._apply(
                         WorkerStateArrived(worker, WorkerSnapshot(term=0, holds=(), reports=()))
                     )
                 case SendOrder(worker=worker, order=order):
@@ -117,7 +117,7 @@ class Run:
                         sender=worker, order=order.order,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
                     )  # fmt: skip
-                    self._tell(OrderAnswered(worker, answer))
+                    self._apply(OrderAnswered(worker, answer))
 
     def _stamp_ns(self) -> int:
         return 10**18 + self._step * STEP_NS
@@ -183,11 +183,11 @@ def test_handing_on_a_step(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     recorder._begin_file = False  # a stub has no snapshot
     recorder._recording = True
 
-    def tell() -> None:
+    def apply() -> None:
         for event in events:
             recorder.handle(event, 0)
 
-    benchmark.pedantic(tell, setup=recorder._queue.clear, rounds=2_000)
+    benchmark.pedantic(apply, setup=recorder._queue.clear, rounds=2_000)
 
 
 @pytest.mark.parametrize("recorded", [False, True], ids=["not recorded", "recorded"])
@@ -202,7 +202,7 @@ def test_a_step_of_the_coordinator(
         return (run.events(),), {}
 
     with run.recorder.running():
-        benchmark.pedantic(run.tell, setup=setup, rounds=300)
+        benchmark.pedantic(run.apply, setup=setup, rounds=300)
     assert run.beliefs >= (300 if benchmark.enabled else 1)
     assert run.recorder.lost == {}
 
@@ -211,11 +211,11 @@ def test_writing_a_step_down(benchmark: BenchmarkFixture, tmp_path: Path) -> Non
     """The work of the recorder's own thread for a step."""
     run = Run(tmp_path)
     benchmark.pedantic(
-        run.recorder.flush, setup=lambda: run.tell(run.events()), rounds=500, iterations=1
+        run.recorder.flush, setup=lambda: run.apply(run.events()), rounds=500, iterations=1
     )
     before = _bytes_in(tmp_path)
     for _ in range(1_000):
-        run.tell(run.events())
+        run.apply(run.events())
         run.recorder.flush()
     written = _bytes_in(tmp_path) - before
     benchmark.extra_info["bytes a step"] = written / 1_000
@@ -227,7 +227,7 @@ def test_a_snapshot(benchmark: BenchmarkFixture) -> None:
     """Once a file, in the loop's thread."""
     run = Run(None)
     for _ in range(20):
-        run.tell(run.events())
+        run.apply(run.events())
     data = benchmark(freeze, run.coordinator)
     benchmark.extra_info["bytes"] = len(data)
 

@@ -32,13 +32,13 @@ def test_a_particle_cloud_of_all_places(benchmark: BenchmarkFixture) -> None:
     """From the workers' particle reports to the bytes on the wire: under 1 ms."""
     rng, clouds = np.random.default_rng(1), ClusterParticles()
     for number in range(PLACES):
-        told = Particles(
+        message = Particles(
             step=1,
             odom_from_robot=(0.0, 0.0, 0.0),
             map_from_robot=ArrayBlob.of(rng.normal(size=(2_000, 3)), "float64"),
             log_weights=ArrayBlob.of(rng.normal(size=2_000), "float64"),
         )
-        clouds.on_particles(number, told)
+        clouds.on_particles(number, message)
     believed = belief()
 
     def cloud() -> bytes:

@@ -16,7 +16,7 @@ from evaluation.map_check.look_alikes import WAY_M
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
 from grid_maps.grid_map import GridMap
-from grid_maps.landmarks import landmarks_beside
+from grid_maps.landmarks import landmarks_of_map
 from particle_filter.poses import between
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
@@ -60,8 +60,8 @@ def run_check(
     if grid_map.cells.size > MOST_CELLS:
         rows, cols = grid_map.cells.shape
         problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
-        raise MapFileError(map_file, f"{problem}: cut the map or use larger cells")
-    landmarks = landmarks_beside(map_file)
+        raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
+    landmarks = landmarks_of_map(map_file)
     agreement = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)
@@ -153,10 +153,11 @@ def _group(place: Place) -> Iterator[str]:
 
 def _agreement(agreement: Agreement) -> Iterator[str]:
     yield (
-        f"recording: localized at {agreement.localized_share:.0%} of the first "
-        f"{agreement.steps} steps; not on this map with {agreement.off_map_probability:.0%}"
+        f"recording: localized on {agreement.localized_share:.0%} of the first "
+        f"{agreement.steps} steps; probability off the map {agreement.off_map_probability:.0%}"
     )
-    yield f"  its mirror image, a robot that is not there: {agreement.decoy_localized_share:.0%}"
+    mirrored = f"localized on {agreement.decoy_localized_share:.0%}"
+    yield f"  its mirror image (a robot off the map): {mirrored}"
     if agreement.fitting_share is not None:
         yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
     if agreement.mount is None:

@@ -298,7 +298,7 @@ class Client(RobotCommands):
             yield None
             if timeout_s is not None and time.monotonic() - received_s > timeout_s:
                 raise UnreachableError(
-                    who="coordinator",
+                    peer="coordinator",
                     endpoint=self._settings.zenoh.router,
                     waited_s=timeout_s,
                     problem=f"robot {self._settings.robot.name!r} published nothing on {key!r} "
@@ -349,14 +349,14 @@ class Client(RobotCommands):
 
     def _unreachable(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
         bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
-        who = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
+        peer = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
         router = self._settings.zenoh.router
         denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(
-            who=who,
+            peer=peer,
             endpoint=router,
             waited_s=waited_s,
-            problem=f"no {who} of robot {self._settings.robot.name!r} answers at "
+            problem=f"no {peer} of robot {self._settings.robot.name!r} answers at "
             f"{router} ({error}): start one with 'clustermcl up', or name another robot or router"
             f"{denied if router.startswith('tls/') else ''}",
         )

@@ -17,10 +17,10 @@ from clustermcl.demo_output import DemoOutput, DemoSummary, result_lines, result
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.verbosity import is_verbose
-from evaluation.beside import beside_name
+from evaluation.amcl_process import amcl_name
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
-from live_view.page_server import say_link
+from live_view.page_server import print_link
 from particle_filter.trajectory import Trajectory
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
@@ -109,7 +109,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         check_output_file(options.record)
     page = None if options.view_at is None else _page_at(options.view_at)
     if page is None and options.by_hand:
-        problem = "--drive: the robot is driven on the page: give --view, too"
+        problem = "--drive needs --view: the robot is driven on the page"
         raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
     run = _prepared(options, settings)
@@ -124,7 +124,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             logs_in_folder=not is_verbose(),
             simulator_arguments=simulator,
             page_arguments=_page_arguments(page, run, by_hand) if page else None,
-            beside=page is not None,
+            with_amcl=page is not None,
         )
         with running(stack):
             text = _followed(stack, meeting, run, options, page, stop, started_s)
@@ -149,7 +149,7 @@ def _followed(
     try:
         if page is not None:
             _wait_for_page(page, 0, stop, stack)
-            say_link(f"http://{page.netloc}/")
+            print_link(f"http://{page.netloc}/")
         with open_session(meeting.zenoh, meeting.robot, stop, wait_s=wait_s) as session:
             output = DemoOutput(run.title, as_json=options.as_json)
             pause = functools.partial(_pause, stop, stack, 0.0)
@@ -322,16 +322,16 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
 
 
 def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
-    beside = beside_name(run.settings.robot.name)
+    with_amcl = amcl_name(run.settings.robot.name)
     story = run.settings.bridge.source.removeprefix(SIMULATED) if run.is_simulated else "recording"
-    return ["--listen", page.netloc, "--story", story, "--beside", beside, *by_hand]
+    return ["--listen", page.netloc, "--story", story, "--comparison", with_amcl, *by_hand]
 
 
 def _page_at(view_at: str) -> Address:
     """Return the address of the page."""
     address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
-        problem = "--listen: a demo is shown on this machine alone, at a port that is named"
+        problem = "--listen: a demo needs a loopback address and a port"
         raise SettingsError(key="--listen", problem=problem)
     return address
 

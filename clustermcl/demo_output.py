@@ -137,15 +137,15 @@ class DemoSummary:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:
             yield (
-                f"For {self._ambiguous_steps} steps up to {self._most_places} places were held, "
+                f"For {self._ambiguous_steps} steps up to {self._most_places} places were tracked, "
                 f"with probabilities from {self._lowest:.2f} to {self._highest:.2f}."
             )
         if self._ended:
             causes = ", ".join(f"{count} {cause}" for cause, count in self._ended.most_common())
-            yield f"Places that were given up: {causes}."
+            yield f"Dropped places: {causes}."
         if self.localized_steps:
             since = self._newest - self.localized_steps + 1
-            yield f"From step {since} on one of them was the pose."
+            yield f"From step {since} on the robot was localized."
 
 
 def result_object(
@@ -171,12 +171,12 @@ def result_lines(
     if belief.hypotheses:
         best = belief.hypotheses[0]
         where = f"{pose_text(best.pose)}  {spread_text(best.covariance)}"
-        yield f"In the end {belief.state} with probability {best.probability:.2f}: {where}"
+        yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
         if truth is not None:
             error = pose_error(best.pose, truth)
             yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
     else:
-        yield f"In the end {belief.state}, no place is held possible."
+        yield f"At the end {belief.state}; no place is known."
     yield (
         f"{status.steps_applied} steps, {status.steps_lost} lost, "
         f"{len(status.workers)} workers, {wall_s:.1f} s."

@@ -139,7 +139,7 @@ class LandmarkSurvey:
             positions, covariances = map(np.array, zip(*sights, strict=True))
             scatter_m = float(np.sqrt(positions.var(axis=0).max()))
             if len(sights) < LEAST_SIGHTS or scatter_m > MOST_SCATTER_M:
-                what = f"{len(sights)} sights, which scatter by {scatter_m:.2f} m"
+                what = f"{len(sights)} observations, which scatter by {scatter_m:.2f} m"
                 _log.warning("landmark %s is left out: %s", name, what)
                 continue
             weights = np.linalg.inv(covariances)

@@ -10,7 +10,7 @@ from clustermcl.as_json import JsonObject, belief_object, dumped
 from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
-from grid_maps.landmarks import landmarks_beside
+from grid_maps.landmarks import landmarks_of_map
 from protocol.errors import printable
 from recordings.map_file import load_map
 
@@ -36,12 +36,12 @@ class Comparison:
                 self.not_recorded += same is None
 
     def text(self) -> str:
-        of = f"{self.beliefs} beliefs, {self.coordinators} coordinators that began"
+        of = f"{self.beliefs} beliefs, {self.coordinators} coordinators"
         if self.different:
-            return f"{of}: {self.different} beliefs are NOT the recorded ones"
+            return f"{of}: {self.different} beliefs differ from the recorded ones"
         if self.beliefs == self.not_recorded:
             return f"{of}: no belief was recorded"
-        return f"{of}: all are the recorded ones, bit for bit"
+        return f"{of}: all as recorded, bit for bit"
 
 
 def print_replay(
@@ -73,7 +73,7 @@ def print_replay(
     last = math.inf if last_step is None else last_step
     digest = None
     if map_file:
-        digest = load_map(map_file).with_landmarks(landmarks_beside(map_file)).digest
+        digest = load_map(map_file).with_landmarks(landmarks_of_map(map_file)).digest
     comparison, step = Comparison(), -1
     for wall_ns, happening in replayed(folder, version("clustermcl"), digest):
         comparison.add(happening)
@@ -101,7 +101,11 @@ def _as_text(happening: Happening) -> str:
             how = "begins empty" if after_step is None else f"takes over after step {after_step}"
             return f"coordinator {sender}, term {term}: {how}"
         case Believed(belief, same):
-            remark = {True: "", False: "; NOT the recorded belief", None: "; not recorded"}[same]
+            remark = {
+                True: "",
+                False: "; differs from the recorded belief",
+                None: "; not recorded",
+            }[same]
             return belief_line(belief) + remark
 
 
@@ -115,8 +119,8 @@ def _as_object(step: int, happening: Happening) -> JsonObject:
                 "took_over_after_step": after_step,
             }  # fmt: skip
         case Believed(belief, same):
-            told = belief_object(belief)
-            return {"kind": "belief", **told, "term": belief.term, "as_recorded": same}
+            fields = belief_object(belief)
+            return {"kind": "belief", **fields, "term": belief.term, "as_recorded": same}
 
 
 def _print(text: str) -> None:

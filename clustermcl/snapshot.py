@@ -80,4 +80,4 @@ def _unreachable(settings: Settings, link: str, waited_s: float) -> UnreachableE
         "no router": f"no router at {router}: start one with 'clustermcl up', or set zenoh.router",
         "no system": f"no coordinator for robot {robot!r} at {router}: set robot.name",
     }.get(link, f"robot {robot!r} at {router} has no map or no place yet: try again")
-    return UnreachableError(who="system", endpoint=router, waited_s=waited_s, problem=problem)
+    return UnreachableError(peer="system", endpoint=router, waited_s=waited_s, problem=problem)

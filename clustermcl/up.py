@@ -37,13 +37,13 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
         with running(stack):
             stack.start_all()
-            _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            _say(f"query it with: {_query_command(settings)}")
+            _print(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
+            _print(f"query it with: {_query_command(settings)}")
             while not stop.wait(_POLL_S):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
                         raise ProcessEndedError(ended)
-                    _say(
+                    _print(
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
@@ -70,7 +70,7 @@ def _recorded(settings: Settings) -> Settings:
     try:
         folder = str(default_state_folder() / "flight-recorder")
     except RuntimeError as error:  # the user has no home directory
-        _say(f"nothing is recorded: {error}; set recorder.folder")
+        _print(f"nothing is recorded: {error}; set recorder.folder")
         return settings
     recorder = msgspec.structs.replace(settings.recorder, folder=folder)
     return msgspec.structs.replace(settings, recorder=recorder)
@@ -101,7 +101,7 @@ def _check_map(map_file: str) -> None:
     load_map_with_obstacles(map_file)
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     if is_quiet():
         return
     sys.stderr.write(f"clustermcl: {text}\n")

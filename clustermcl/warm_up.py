@@ -22,21 +22,21 @@ def run_warm_up(settings: Settings) -> None:
         ClusterMclError: the map cannot be used, or the kernels cannot be written to disk.
     """
     begun_s = time.monotonic()
-    compile_kernels(settings.sensor, lambda name: _say(f"compiling {name}"))
+    compile_kernels(settings.sensor, lambda name: _print(f"compiling {name}"))
     if kernels.cache_problems:
         folder = Path(os.environ.get("NUMBA_CACHE_DIR", "the folder of compiled kernels"))
         raise OutputError(path=folder, problem=kernels.cache_problems[0])
-    _say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
+    _print(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
     bridge = settings.bridge
     file = map_file_of(bridge.map, bridge.source)
     if not file or is_published(file, bridge.source, ros2=settings.ros2.enabled):
         return
     grid_map, begun_s = load_map_with_obstacles(file), time.monotonic()
     sensor_model(grid_map, settings.sensor, chosen_cache_folder(settings.worker.cache_folder))
-    _say(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")
+    _print(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     if not is_quiet():
         sys.stderr.write(f"clustermcl: {text}\n")
         sys.stderr.flush()

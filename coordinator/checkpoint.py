@@ -37,7 +37,7 @@ def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
         return "no cluster can be tracked before the first step"
     for number, cluster in clusters.clusters.items():
         if not number == cluster.cluster < clusters.next_cluster:
-            return "a cluster whose number was never given"
+            return "a cluster whose number was never assigned"
     if any(cluster.mirrored for cluster in clusters.all()):
         return "a decoy among the clusters"
     if not all(place.mirrored for place in decoy.places):

@@ -159,7 +159,7 @@ def _with_odometry(
         ago_s = (oldest_ns - stamp_ns) / 1e9
         problem = f"the pose is of {ago_s:.1f} s before the oldest odometry that is known; "
         if ago_s < 0.0:
-            problem = "the robot moved then without odometry; "
+            problem = "odometry is missing for that time; "
         return Commanded(command), problem + "give a newer one, or one without a stamp"
     return Commanded(command, stamp_ns, odom_from_robot), ""
 

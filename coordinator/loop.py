@@ -210,7 +210,7 @@ class Loop:
         if key != keys.BRIDGE_HEALTH:
             health = msgspec.structs.replace(health, sender=keys.worker_name(key))
         if not self._processes.on_health(key, health, time.monotonic_ns()):
-            self._warn("too many processes", f"{key}, besides {MAX_PROCESSES} others")
+            self._warn("too many processes", f"{key}, more than {MAX_PROCESSES} processes")
 
     def _warn(self, cause: str, detail: object) -> None:
         self._node.causes.warn(_log, cause, detail, time.monotonic())

@@ -111,7 +111,8 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
     loop.lead(coordinator, StateKeeper(folder, robot, started.kept), recorder)
     if coordinator.term.outranked_by is not None:
         _log.warning(
-            "another coordinator acts since term %d: stepping down", coordinator.term.outranked_by
+            "another coordinator has acted since term %d: stepping down",
+            coordinator.term.outranked_by,
         )
 
 

@@ -207,18 +207,18 @@ class SilentShards(Part):
     ) -> bool:
         placed, record = shards[job_id], self.records[job_id]
         others = [self.records[one] for one, job in shards.items() if job.worker != placed.worker]
-        heard, watched = sum(other.reports for other in others), (placed.epoch, record.reports)
+        reported, watched = sum(other.reports for other in others), (placed.epoch, record.reports)
         first = placed.job.first_step if isinstance(placed.job, SearchJob) else 0
         owes = newest_step >= max(first, record.step + 1)
         if record.watched != watched or not owes or placed.worker is None:
             is_same_worker = record.watched is not None and record.watched[0] == placed.epoch
             if is_same_worker and record.reports and record.took_ns is None:
                 record.took_ns = now_ns - record.since_ns
-            record.watched, record.others, record.since_ns = watched, heard, now_ns
+            record.watched, record.others, record.since_ns = watched, reported, now_ns
             return False
         silent_ns = now_ns - record.since_ns
         took_ns = max((other.took_ns or 0 for other in others), default=0)
-        is_overtaken = bool(others) and heard - record.others >= STEPS * len(others)
+        is_overtaken = bool(others) and reported - record.others >= STEPS * len(others)
         is_silent = silent_ns >= LONGEST_NS << record.times_given_up or (
             is_overtaken and silent_ns >= max(SHORTEST_NS, TIMES_THE_OTHERS * took_ns)
         )

@@ -81,12 +81,12 @@ def draw_reliability() -> None:
         rows, COLUMNS, figsize=(7.5, 1.45 * rows), sharex=True, sharey=True, layout="constrained"
     )
     for axes, (building, tenths) in zip(grid.flat, buildings, strict=False):
-        told = tenths[tenths["estimates"] > 0]
+        filled = tenths[tenths["estimates"] > 0]
         axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
         axes.scatter(
-            told["probability_sum"] / told["estimates"],
-            told["right"] / told["estimates"],
-            s=4 + 46 * told["estimates"] / told["estimates"].sum(),
+            filled["probability_sum"] / filled["estimates"],
+            filled["right"] / filled["estimates"],
+            s=4 + 46 * filled["estimates"] / filled["estimates"].sum(),
             color="#0072b2",
         )
         axes.set_title(f"{building}: {tenths['calibration_error'].iloc[0]:.3f}", fontsize=7)

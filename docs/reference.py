@@ -57,10 +57,10 @@ def commands_page() -> str:
     lines = ["# Commands", "", "What `--help` says.", ""]
     for name in ("", *sorted(command_names())):
         words = [name] if name else []
-        told = CliRunner().invoke(
+        result = CliRunner().invoke(
             app, [*words, "--help"], prog_name="clustermcl", terminal_width=96
         )
-        lines += [f"## clustermcl {name}".rstrip(), "", "```text", told.output.strip(), "```", ""]
+        lines += [f"## clustermcl {name}".rstrip(), "", "```text", result.output.strip(), "```", ""]
     return "\n".join(lines)
 
 
@@ -100,7 +100,8 @@ def messages_page() -> str:
             lines += ["", f"### {name}{tag}", "", *_docstring(inspect.getdoc(kind) or "")]
             lines += ["", "| field | type | what it is |", "| --- | --- | --- |"]
             lines += [
-                f"| `{field}` | `{type_}` | {told} |" for field, type_, told in fields(loaded, name)
+                f"| `{field}` | `{type_}` | {meaning} |"
+                for field, type_, meaning in fields(loaded, name)
             ]
     return "\n".join(lines) + "\n"
 
@@ -120,13 +121,13 @@ def fields(module: ModuleType, name: str) -> Iterator[tuple[str, str, str]]:
     for index, node in enumerate(body):
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             after = body[index + 1] if index + 1 < len(body) else None
-            told = ""
+            meaning = ""
             if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
-                told = " ".join(str(after.value.value).split())
+                meaning = " ".join(str(after.value.value).split())
             type_ = ast.unparse(node.annotation)
             if type_.startswith("ClassVar"):
                 continue
-            yield node.target.id, type_.replace("|", "\\|"), told.replace("|", "\\|")
+            yield node.target.id, type_.replace("|", "\\|"), meaning.replace("|", "\\|")
 
 
 def decisions_page() -> str:

@@ -110,7 +110,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     case, seeds = case_of(options)
     if options.output is not None:
         if options.output.suffix.lower() != ".csv":
-            problem = f"--output {options.output}: has to end in .csv; for JSON, print it by --json"
+            problem = f"--output {options.output}: must end in .csv; --json prints JSON"
             raise SettingsError(key="--output", problem=problem)
         check_output_file(options.output)
     if isinstance(case.robot, RecordedRobot):
@@ -126,7 +126,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         runs = [replace(run, start_step=start) for start in starts for run in runs]
     for option, file in {"--record": options.record, "--tum": options.tum}.items():
         if file is not None and len(runs) > 1:
-            problem = f"{option}: of one run; leave out --seeds and --starts"
+            problem = f"{option} needs a single run: leave out --seeds and --starts"
             raise SettingsError(key=option, problem=problem)
         if file is not None:
             check_output_file(file)
@@ -164,7 +164,7 @@ def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
 def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
     of = f"{options.algorithm} on {options.recording}"
     if options.mirrored:
-        return f"{of}, mirrored: a robot that is nowhere in the map"
+        return f"{of}, mirrored: a robot that is not on the map"
     if all(run["log_score_mean"] is None for run in runs):
         return f"{of}: errors unknown without true poses (--reference)"
     return f"{of}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"

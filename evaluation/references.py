@@ -14,7 +14,7 @@ from particle_filter.trajectory import Trajectory
 from process_runtime.output_files import write_output_file
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
-from recordings.log_file import LogFile, numbers_of, stamp_ns_of
+from recordings.log_file import TextLog, numbers_of, stamp_ns_of
 
 MAX_OUTSIDE_NS = 1_000_000_000
 """Time for which the first pose holds before it, and the last after it [ns]."""
@@ -34,7 +34,7 @@ def load_reference(path: Path | str) -> Trajectory:
             has another format. No line is skipped, because a gap would distort the measures.
     """
     path = Path(path)
-    log = LogFile(path, ReferenceFileError)
+    log = TextLog(path, ReferenceFileError)
     poses: list[tuple[int, PoseTuple]] = []
     for number, line in log.lines():
         words = line.split()
@@ -83,7 +83,7 @@ def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
         raise ValueError(f"{len(words)} numbers, a TUM line has {_WORDS}: t x y z qx qy qz qw")
     x, y, z, *quaternion = numbers_of(words[1:])
     if not max(abs(x), abs(y), abs(z)) < MAX_POSE_M:
-        raise ValueError(f"({' '.join(words[1:4])}) is no place")
+        raise ValueError(f"({' '.join(words[1:4])}) is not a position")
     return stamp_ns_of(words[0]), (x, y, _heading(*quaternion))
 
 
@@ -91,5 +91,5 @@ def _heading(qx: float, qy: float, qz: float, qw: float) -> float:
     """Return the direction of the robot's x axis seen from above [rad], of a unit quaternion."""
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if not abs(norm - 1.0) <= _MAX_NORM_ERROR:
-        raise ValueError(f"the orientation is no unit quaternion: its length is {norm:.3g}")
+        raise ValueError(f"the orientation is not a unit quaternion: its length is {norm:.3g}")
     return math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)

@@ -1,4 +1,4 @@
-"""Landmarks beside a map: a YAML file with names and positions."""
+"""Landmarks of a map: a YAML file next to it, with names and positions."""
 
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
     return _landmarks(path, entries)
 
 
-def landmarks_beside(map_file: Path | str) -> tuple[Landmark, ...]:
+def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:
     """Return the landmarks of the file in a map's folder; none if there is no file.
 
     Raises:

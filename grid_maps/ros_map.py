@@ -81,7 +81,7 @@ def load_ros_map(content: bytes, path: Path) -> GridMap:
     for image in (named, Path(f"{named}.gz"), Path(f"{named}.xz")):
         if image.is_file():
             return _grid_map(read_decompressed(image, MapFileError), image, header)
-    raise MapFileError(path, f"its image {named} does not exist; put it there or mend 'image:'")
+    raise MapFileError(path, f"its image {named} does not exist; put it there or correct 'image:'")
 
 
 def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
@@ -127,7 +127,7 @@ def _header(content: bytes, path: Path) -> _Header:
 def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
     """Parse the YAML file; return its values and line numbers by key."""
     if len(content) > MAX_HEADER_BYTES:
-        raise MapFileError(path, f"{len(content)} bytes: a map_server file has some hundred")
+        raise MapFileError(path, f"{len(content)} bytes: a map_server file has a few hundred")
     try:
         refuse_aliases(content, path, MapFileError)
         loader = yaml.SafeLoader(content)
@@ -175,7 +175,7 @@ def _open(content: bytes, path: Path) -> Image.Image:
         Image.MAX_IMAGE_PIXELS = pillow_limit
     if image.width * image.height > MAX_CELLS:  # a PNG of a megabyte may have more
         problem = f"{image.width} x {image.height} pixels; at most {MAX_CELLS} are read"
-        raise MapFileError(path, f"{problem}: cut the map or use larger cells")
+        raise MapFileError(path, f"{problem}: crop the map or use larger cells")
     return image
 
 

@@ -79,7 +79,7 @@ class PageOptions:
         return self.allow_commands or self.address.is_loopback
 
 
-def say_link(link: str) -> None:
+def print_link(link: str) -> None:
     """Print the link of the page to standard error."""
     sys.stderr.write(f"clustermcl: look at {link}\n")
     sys.stderr.flush()
@@ -96,7 +96,7 @@ def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
     tls = _tls_context(options)
     commands = options.obeys_commands
     with PageServer(options.address, token, rooms, commands=commands, tls=tls) as server:
-        say_link(server.link)
+        print_link(server.link)
         if options.open_browser:
             webbrowser.open(server.link)
         yield

@@ -47,7 +47,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="show the captions of this world (default: none)",
     )
     parser.add_argument(
-        "--beside",
+        "--comparison",
         default="",
         metavar="NAME",
         help="robot's name in the system of AMCL's filter, for a second map (default: none)",
@@ -85,10 +85,10 @@ def run_live_view(invocation: Invocation) -> None:
         "by_hand": arguments.by_hand,
         "radius_m": settings.robot.radius_m,
         "story": arguments.story,
-        "beside": arguments.beside,
+        "comparison": arguments.comparison,
         "robots": names if len(names) > 1 else [],
     }
-    shown = [*names, arguments.beside] if arguments.beside else names
+    shown = [*names, arguments.comparison] if arguments.comparison else names
     loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in shown]
     with opened_page(options, [loop.room for loop in loops]):
         _run_all(loops, invocation.stop)
@@ -109,7 +109,7 @@ def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
 
 def _of_robot(settings: Settings, name: str) -> Settings:
     if not is_name(name):
-        problem = f"--robot: {name!r} is no name: use {name_rule()}"
+        problem = f"--robot: {name!r} is not a name: use {name_rule()}"
         raise SettingsError(key="--robot", problem=problem)
     robot = msgspec.structs.replace(settings.robot, name=name)
     return msgspec.structs.replace(settings, robot=robot)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from grid_maps.landmarks import landmarks_beside
+from grid_maps.landmarks import landmarks_of_map
 from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
@@ -29,8 +29,8 @@ from recordings.run_log import (
     GRID,
     JOB_EVENTS,
     SCAN,
-    LogFile,
     LogMessage,
+    RunLogReader,
     decoded,
     is_run_log,
     log_files,
@@ -65,12 +65,12 @@ def view_recording(
     """
     stop = stop_on_signals()
     if not is_run_log(recording):
-        problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
-        remedy = f"localize in it by: clustermcl demo --view --recording {recording}"
+        problem = "is not a recorded run: neither clustermcl record nor a coordinator wrote it"
+        remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")
     named = None
     if map_file:
-        grid_map = load_map(map_file).with_landmarks(landmarks_beside(map_file))
+        grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
         named = to_message(grid_map, "recording")
     run = RecordedRun(recording, named)
     if save_file is None:
@@ -144,7 +144,7 @@ class RecordedRun:
 
     def _read(self, files: list[Path]) -> Iterator[None]:
         for path in files:
-            log = LogFile(path)
+            log = RunLogReader(path)
             for message in log.messages():
                 self._on_message(message, path)
                 yield

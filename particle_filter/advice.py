@@ -408,21 +408,21 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
     worth = evidence_weight(1.0, question.residual, rules)
     poses = np.array([views.pose_of(view) for view in views.seen])
     new = dict(zip(views.seen, question.seen.new_share(poses, rules), strict=True))
-    told = {}
+    informs = {}
     for view, seen in views.seen.items():
         size = seen.evidence + rules.evidence_noise
-        told[view] = worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0)
+        informs[view] = worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0)
     ways = []
     for poses, driven in views.ways:
-        total = np.zeros_like(next(iter(told.values())))
+        total = np.zeros_like(next(iter(informs.values())))
         for view, (metres, radians) in driven.items():
-            total += (metres * per_metre + radians * per_radian) * new[view] * told[view]
+            total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
         turn = float(np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi).sum())
         information, sure = information_of(
             question.probabilities, total, rules.localized_probability
         )
-        last = max(driven, key=lambda view: float(told[view].sum()))
+        last = max(driven, key=lambda view: float(informs[view].sum()))
         ways.append(Way(poses, length, turn, information, sure, _sight(views, last, question)))
     return ways
 

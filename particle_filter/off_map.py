@@ -140,8 +140,8 @@ def log_odds_of_here(
     relative = _relative(quality, classes)
     with np.errstate(divide="ignore"):
         log_probabilities = np.log(probabilities)[:, None]
-    told = new_view * np.logaddexp.reduce(log_probabilities + relative, axis=0)
-    clear, crude, resembling, foreign = told.tolist()
+    log_kinds = new_view * np.logaddexp.reduce(log_probabilities + relative, axis=0)
+    clear, crude, resembling, foreign = log_kinds.tolist()
     here, crude_now = _mixture(quality.crude, crude, clear)
     nowhere, resembling_now = _mixture(quality.resembling, resembling, foreign)
     forgotten = _FORGOTTEN * new_view

@@ -100,16 +100,16 @@ class UnreachableError(ClusterMclError):
     """The router, or a process behind it, did not answer in time.
 
     Args:
-        who: the router, a process, or the key of the query.
+        peer: the router, a process, or the key of the query.
         problem: a sentence that names it.
         waited_s: how long the caller waited for an answer [s].
         endpoint: the router's; None: unknown.
     """
 
     def __init__(
-        self, *, who: str, problem: str, waited_s: float, endpoint: str | None = None
+        self, *, peer: str, problem: str, waited_s: float, endpoint: str | None = None
     ) -> None:
-        self.who, self.problem, self.waited_s, self.endpoint = who, problem, waited_s, endpoint
+        self.peer, self.problem, self.waited_s, self.endpoint = peer, problem, waited_s, endpoint
         super().__init__(problem)
 
 

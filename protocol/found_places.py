@@ -76,7 +76,7 @@ def found_places_problem(found: FoundPlaces) -> str | None:
     held = {
         "columns of different lengths": len(share) == len(mean) == len(covariance) == len(count),
         "a share outside 0 to 1": np.all((share >= 0.0) & (share <= _MAX_SHARE)),
-        "a place that is not on Earth": np.all(np.isfinite(mean))
+        "a place out of range": np.all(np.isfinite(mean))
         and np.all(np.abs(mean[:, :2]) < MAX_POSE_M),
         "a covariance with a negative variance, or an entry that is not finite": np.all(
             np.isfinite(covariance)

@@ -73,7 +73,7 @@ def observation_problem(seen: Observation | Seen) -> str | None:
     if size > (2 if seen.landmark else 3) or len(seen.covariance) != size**2:
         return f"{size} numbers with a covariance of {len(seen.covariance)}"
     if max(map(abs, seen.mean)) > MAX_POSE_M:
-        return "an observation that is not on Earth"
+        return "an observation out of range"
     covariance = np.reshape(seen.covariance, (size, size))
     largest = float(np.max(np.abs(covariance)))
     if largest > MAX_POSE_M**2 or not np.allclose(covariance, covariance.T, atol=1e-6 * largest):

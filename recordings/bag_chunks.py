@@ -52,7 +52,7 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
         case "zstd":
             content = zstandard.ZstdDecompressor().stream_reader(packed).read(most + 1)
         case other:
-            raise ValueError(f"chunks are packed by {other!r:.20}")
+            raise ValueError(f"chunks are compressed by {other!r:.20}")
     if len(content) > most:
         raise ValueError(f"a chunk of {len(packed)} bytes unpacks to more than {most}")
     return content
@@ -104,7 +104,7 @@ def check_overlaps(chunks: Iterable[Any]) -> None:
     for _, _, change in sorted(changes):
         held += change
         if held > MOST_OVERLAPPING_BYTES:
-            raise ValueError(f"chunks of {held} bytes, unpacked, hold messages of one moment")
+            raise ValueError(f"chunks of {held} bytes, unpacked, overlap in time")
 
 
 def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:

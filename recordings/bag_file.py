@@ -170,8 +170,8 @@ class BagFile:
             raise self._error(self._path, os_problem(failed)) from failed
         except Exception as broken:
             problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
-            remedy = "if it is cut off or damaged, copy it again or mend it: a ROS 1 bag by"
-            remedy += " 'rosbag reindex', one of sqlite by 'sqlite3 FILE .recover'"
+            remedy = "if it is cut off or damaged, copy it again or repair it: a ROS 1 bag with"
+            remedy += " 'rosbag reindex', one of sqlite with 'sqlite3 FILE .recover'"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
 
     def _recovered(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
@@ -202,7 +202,7 @@ class BagFile:
         self._unpack(path, unpacked)
         suffix = _suffix_of(unpacked)
         if suffix is None:
-            raise self._error(self._path, "what is packed in it is no ROS bag")
+            raise self._error(self._path, "its unpacked content is not a ROS bag")
         return unpacked.rename(unpacked.with_suffix(suffix))
 
     def _unpack(self, path: Path, unpacked: Path) -> None:

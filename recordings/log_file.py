@@ -75,7 +75,7 @@ class LogParser(Protocol):
         """Correct the entries by what only all lines together show; return them."""
 
 
-class LogFile:
+class TextLog:
     """Numbered lines of a text file that may be compressed or truncated.
 
     Args:
@@ -121,7 +121,7 @@ def stamp_ns_of(text: str) -> int:
     except InvalidOperation:
         raise ValueError(f"the time {text!r} is not a number") from None
     if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
-        raise ValueError(f"the time {text!r} is no time in seconds")
+        raise ValueError(f"the time {text!r} is not a time in seconds")
     return int((seconds * 1_000_000_000).to_integral_value())
 
 
@@ -159,5 +159,5 @@ def pose_of(words: Sequence[str], m_per_unit: float = 1.0) -> PoseTuple:
     x, y, heading = numbers_of(words)
     x, y = x * m_per_unit, y * m_per_unit
     if not (abs(x) < MAX_POSE_M and abs(y) < MAX_POSE_M and math.isfinite(heading)):
-        raise ValueError(f"({' '.join(words)}) is no pose")
+        raise ValueError(f"({' '.join(words)}) is not a pose")
     return x, y, math.remainder(heading, math.tau)

@@ -18,10 +18,10 @@ from recordings.bag_file import is_bag
 from recordings.log_file import (
     Entry,
     LaserEntry,
-    LogFile,
     LogParser,
     OdometryEntry,
     SkippedLine,
+    TextLog,
 )
 from recordings.log_formats import CarmenParser, WeanParser, is_carmen_line, is_wean_line
 from recordings.run_log import is_run_log, playback
@@ -132,7 +132,7 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     """Return the entries of a text recording in the order of its lines, and the skipped lines."""
-    log, parser = LogFile(path), None
+    log, parser = TextLog(path), None
     entries: list[Entry] = []
     skipped: list[SkippedLine] = []
     for number, line in log.lines():
@@ -141,7 +141,7 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
             continue
         parser = parser or _parser_for(words)
         try:
-            entry = parser.parse(number, words) if parser else _stranger(words)
+            entry = parser.parse(number, words) if parser else _unknown_line(words)
         except ValueError as problem:
             skipped.append(SkippedLine(number, str(problem)))
             if parser is None and len(skipped) >= _FORMAT_LINES:
@@ -160,7 +160,7 @@ def _parser_for(words: Sequence[str]) -> LogParser | None:
     return WeanParser() if is_wean_line(words) else None
 
 
-def _stranger(words: Sequence[str]) -> Entry | None:
+def _unknown_line(words: Sequence[str]) -> Entry | None:
     raise ValueError(f"unknown kind of line {words[0]!r:.20}")
 
 
@@ -218,7 +218,7 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
             continue
         if latest is not None and entry.stamp_ns < latest - MAX_DISORDER_NS:
             back_s = (latest - entry.stamp_ns) / 1e9
-            problem = f"time steps back by {back_s:.0f} s; from here on the recording is left out"
+            problem = f"time steps back by {back_s:.0f} s; the rest of the recording is left out"
             skipped.append(SkippedLine(entry.line_number, problem))
             break
         latest = entry.stamp_ns if latest is None else max(latest, entry.stamp_ns)

@@ -199,7 +199,7 @@ class LogMessage(NamedTuple):
 T = TypeVar("T")
 
 
-class LogFile:
+class RunLogReader:
     """Reader of one run log.
 
     Attributes:
@@ -219,7 +219,7 @@ class LogFile:
         try:
             with self.path.open("rb") as file:
                 if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
-                    raise RecordingError(self.path, "is no MCAP file")
+                    raise RecordingError(self.path, "is not an MCAP file")
                 file.seek(0)
                 records = mcap_records(file)
                 if not _is_ours(next(records)):
@@ -256,7 +256,7 @@ def _has_our_header(path: Path) -> bool:
     try:
         with path.open("rb") as file:
             return _is_ours(next(mcap_records(file)))
-    except Exception:  # noqa: BLE001 - as in `LogFile.messages`
+    except Exception:  # noqa: BLE001 - as in `RunLogReader.messages`
         return False
 
 
@@ -288,7 +288,7 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     """
     entries, skipped, size = list[Entry](), list[SkippedLine](), 0
     for file in log_files(path):
-        log, number = LogFile(file), 0
+        log, number = RunLogReader(file), 0
         for number, message in enumerate(log.messages(), start=1):
             size += len(message.data)
             if size > MAX_PLAYBACK_BYTES:
@@ -327,7 +327,7 @@ def last_map(path: Path) -> GridMap:
         RecordingError: the run has no map, or the map is malformed.
     """
     for file in reversed(log_files(path)):
-        grids = deque((one for one in LogFile(file).messages() if one.topic == GRID), maxlen=1)
+        grids = deque((one for one in RunLogReader(file).messages() if one.topic == GRID), maxlen=1)
         if grids:
             return map_in(grids[0], file)
     raise RecordingError(path, "no map in it; name one by --map")

@@ -203,7 +203,7 @@ class _Link:
             late_s = (stamp_ns - known[-1][0]) / 1e9
             raise TransformMissingError(
                 f"ends {late_s:.3f} s before that time",
-                cause="transform does not come",
+                cause="transform does not arrive",
                 may_come=True,
             )
         end_ns, end = known[after]

@@ -264,7 +264,7 @@ class Amcl:
         except TransformMissingError:  # one of several links begins later
             return
         if pose_problem(pose):
-            yield Refused("odometry refused", f"{pose} is not a pose on Earth")
+            yield Refused("odometry refused", f"{pose} is out of range")
             return
         if self._place.on_odometry(stamp_ns, pose):
             self._frames.keep_newest()  # do not interpolate across the jump

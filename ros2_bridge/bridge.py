@@ -153,7 +153,7 @@ class BridgeLoop:
 
     def _resume(self, before: Doing) -> None:
         """Continue in the state of a killed bridge; the coordinator still knows the pose."""
-        _log.info("%s again, the state of the bridge that was killed", before.state.label)
+        _log.info("%s again: continuing the state of the killed bridge", before.state.label)
         self.services.lifecycle.state = before.state
         if before.state is State.ACTIVE:
             self._amcl.resume(before.held)

@@ -11,7 +11,7 @@ from typing import TypeAlias, assert_never
 from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
-from grid_maps.landmarks import landmarks_beside
+from grid_maps.landmarks import landmarks_of_map
 from grid_maps.map_message import from_reading, to_message
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
@@ -82,7 +82,7 @@ def run_bridge(invocation: Invocation) -> None:
     Raises:
         SettingsError: no map is set, or the source is a simulation.
         MapFileError: the map cannot be used.
-        LandmarksFileError: the landmarks file beside the map cannot be used.
+        LandmarksFileError: the landmarks file next to the map cannot be used.
         RecordingError: the recording cannot be used.
     """
     settings, arguments = invocation.settings.bridge, invocation.arguments
@@ -94,7 +94,7 @@ def run_bridge(invocation: Invocation) -> None:
         return
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
-    grid_map = load_map(map_file).with_landmarks(landmarks_beside(map_file))
+    grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
     serve_robot(invocation, grid_map, source_of(source, settings))
 
 
@@ -381,7 +381,7 @@ class Bridge:
 
     def _on_map_query(self, asked: Asked) -> None:
         if self._map is None:
-            asked.refuse("no map has come yet")
+            asked.refuse("no map has arrived yet")
         else:
             asked.answer(self._map)
 

@@ -332,7 +332,7 @@ class Elsewhere(RunningJob):
     def _observed(
         self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
     ) -> tuple[float, FoundPlaces | None]:
-        """Return the log evidence of the observations beside the scan's, and the places where both
+        """Return the log evidence of the observations without the scan's, and the places where both
         fit."""
         observations, landmarks = _observed(scan)
         log_average = log_average_ratio(observations, landmarks, self._model.grid)

@@ -290,7 +290,7 @@ class WorkerLoop:
     def _fetch_map(self) -> None:
         def on_failure(refused: str) -> None:
             problem = f"no answer on {keys.MAP!r}: {refused or 'there is no bridge'}"
-            error = UnreachableError(who=keys.MAP, problem=problem, waited_s=MAP_TIMEOUT_S)
+            error = UnreachableError(peer=keys.MAP, problem=problem, waited_s=MAP_TIMEOUT_S)
             self._carry_out(self._worker.on_map_failure(error))
 
         self._node.ask(

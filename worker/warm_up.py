@@ -47,7 +47,7 @@ def compile_kernels(
     if kernels.cache_problems:
         _log.warning(
             "compiled kernels cannot be kept on disk: %s; every start compiles for some "
-            "seconds, unless NUMBA_CACHE_DIR names a folder that can be written",
+            "seconds, unless NUMBA_CACHE_DIR names a writable folder",
             kernels.cache_problems[0],
         )
 

@@ -197,7 +197,9 @@ class Worker:
         """Begin an advice; it takes the place of one that is not finished."""
         before, self._advising = self._advising, None
         model, settings = self._model, self._in_force or self._ordered
-        replaced = [Answer(before[0], self._no_advice("a newer question came"))] if before else []
+        replaced = (
+            [Answer(before[0], self._no_advice("a newer question arrived"))] if before else []
+        )
         scan = self._table.scan_of(asked.step)
         if model is None or settings is None or asked.map_digest != self._model_digest:
             problem = "the worker has no map yet"

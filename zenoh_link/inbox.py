@@ -136,7 +136,7 @@ class Inbox(Generic[EventT]):
         """Accept no more messages and wake the loop; may be called again."""
         with self._lock:
             self._closed = True
-            self._tell()
+            self._wake()
 
     def dropped(self) -> dict[str, int]:
         """Return counts of lost messages by kind of state; refused events count as ``event``."""
@@ -146,9 +146,9 @@ class Inbox(Generic[EventT]):
     def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
         waiting.append(self._arrived, event)
         self._arrived += 1
-        self._tell()
+        self._wake()
 
-    def _tell(self) -> None:
+    def _wake(self) -> None:
         """Wake the loop; the caller holds the lock."""
         if self._news.locked():
             self._news.release()

@@ -72,14 +72,14 @@ def _serve(
     registry = CollectorRegistry()
     registry.register(StatusCollector(status))
     where = f"http://{settings.host}:{settings.port}/metrics"
-    said = False
+    is_logged = False
     while not stop.is_set():
         try:
             server, _ = start_http_server(settings.port, settings.host, registry)
         except (OSError, UnicodeError) as error:  # UnicodeError: not a host name
-            if not said:
-                _log.error("no metrics at %s: %s; tried again", where, error)
-            said = True
+            if not is_logged:
+                _log.error("no metrics at %s: %s; trying again", where, error)
+            is_logged = True
             stop.wait(RETRY_S)
             continue
         _log.info("metrics at %s", where)

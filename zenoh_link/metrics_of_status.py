@@ -53,7 +53,7 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     yield _gauge("step", "Number of the newest step.", status.step)
     yield _counter("steps_applied", "Steps that changed the belief.", status.steps_applied)
     yield _counter("steps_lost", "Steps without a scan or a report.", status.steps_lost)
-    yield _counter("reports_missing", "Reports that came too late.", status.reports_missing)
+    yield _counter("reports_missing", "Reports that arrived too late.", status.reports_missing)
     yield _gauge("clusters", "Places that are tracked.", status.clusters)
     yield _gauge("searching", "Whether a global search is under way.", float(status.searching))
     yield _gauge("overloaded", "Whether steps wait to be decided.", float(status.overloaded))
@@ -68,7 +68,7 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
     info = InfoMetricFamily(
         "clustermcl_process", "Version of a process.", labels=[*_PROCESS, "version"]
     )
-    heard = _family("heard_age_seconds", "Time since a process published its health.")
+    health_age = _family("health_age_seconds", "Time since a process published its health.")
     uptime = _family("uptime_seconds", "Time since a process started.")
     memory = _family("memory_bytes", "Resident memory of a process.")
     idle = _family("idle_seconds", "Time since a process last did this.", "what")
@@ -81,7 +81,7 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
     for process in processes:
         labels = [process.sender, process.role]
         info.add_metric([*labels, process.version], {})
-        heard.add_metric(labels, process.age_s)
+        health_age.add_metric(labels, process.age_s)
         uptime.add_metric(labels, process.uptime_s)
         memory.add_metric(labels, process.memory_bytes)
         for what, age_s in process.ages_s.items():
@@ -90,7 +90,7 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
             done.add_metric([*labels, what], times)
         for cause, times in process.dropped.items():
             dropped.add_metric([*labels, cause], times)
-    yield from (info, heard, uptime, memory, idle, done, dropped)
+    yield from (info, health_age, uptime, memory, idle, done, dropped)
 
 
 def _gauge(name: str, meaning: str, value: float) -> Metric:

@@ -73,7 +73,7 @@ def as_commented_json5(configuration: Configuration, arguments: Sequence[str]) -
     return (
         "// Mutual TLS and access control, deny by default. Written by\n"
         f"//   {command}\n"
-        "// docs/security.md says who may do what; write it again rather than change it by hand.\n"
+        "// docs/security.md explains the roles. Do not edit: run the command again.\n"
         f"{_laid_out(configuration)}\n"
     )
 

@@ -102,7 +102,7 @@ def _connect(
 ) -> zenoh.Session:
     started_s = time.monotonic()
     deadline_s = started_s + wait_s if wait_s is not None else float("inf")
-    said = ""
+    logged = ""
     while True:
         stop.check()
         left_ms = (deadline_s - time.monotonic()) * 1000.0
@@ -115,14 +115,14 @@ def _connect(
             refusal = _refusal(settings)
             if time.monotonic() >= deadline_s:
                 raise UnreachableError(
-                    who="router",
+                    peer="router",
                     endpoint=settings.router,
                     waited_s=time.monotonic() - started_s,
                     problem=refusal
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'clustermcl router', or set zenoh.router",
                 ) from error
-            said = _log_once(refusal or f"waiting for a router at {settings.router}", said)
+            logged = _log_once(refusal or f"waiting for a router at {settings.router}", logged)
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
 
 
@@ -136,7 +136,7 @@ def _refusal(settings: ZenohSettings) -> str | None:
     return f"{settings.router}: {refused}" if refused else None
 
 
-def _log_once(words: str, said: str) -> str:
-    if words != said:
+def _log_once(words: str, logged: str) -> str:
+    if words != logged:
         _log.info("%s", words)
     return words

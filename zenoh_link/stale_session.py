@@ -4,7 +4,7 @@ from zenoh_link.wire import Link, Token
 
 STALE_NS = 10_000_000_000
 """A session with peers receives something within this time [ns]."""
-STALE = "the link came back and nothing comes through it: opening another"
+STALE = "nothing has arrived since the link returned: opening a new session"
 
 
 class StaleSessionDetector:

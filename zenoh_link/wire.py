@@ -227,7 +227,7 @@ def ask(
             return decode(reply.ok.payload.to_bytes(), answer)
         if refusal := _refusal(reply):
             error, problem = RefusedError, f"no answer on {key!r}: {refusal}"
-    raise error(who=key, problem=problem, waited_s=timeout_s)
+    raise error(peer=key, problem=problem, waited_s=timeout_s)
 
 
 def ask_later(

@@ -70,7 +70,9 @@ def figures_of(stack: Stack, rules: Rules) -> Figures:
 
 
 def best_of(
-    stacks: Mapping[str, Stack], models: Sequence[Sloped | Tempered], told: Callable[[str], None]
+    stacks: Mapping[str, Stack],
+    models: Sequence[Sloped | Tempered],
+    write_line: Callable[[str], None],
 ) -> Sloped | Tempered:
     """The model with the best mean log score of those that do not break the two limits."""
     scores = {}
@@ -82,7 +84,7 @@ def best_of(
         score = float(np.nanmean([each.log_score for figures in groups for each in figures]))
         wrong = max(float(np.mean([each.sure_wrong for each in figures])) for figures in groups)
         entropy = min(float(stacks[name].replayed(rules).entropy.min()) for name in ALIKE)
-        told(f"| {model} | {score:.3f} | {wrong:.3f} | {entropy:.3f} |")
+        write_line(f"| {model} | {score:.3f} | {wrong:.3f} | {entropy:.3f} |")
         if wrong <= MOST_SURE_WRONG and entropy >= LEAST_ENTROPY:
             scores[model] = score
     return max(scores, key=scores.__getitem__)

@@ -113,7 +113,7 @@ class Stack:
         log_places, log_odds = self._begin(rules)
         copies = max(int(self.copy.max()), 0) + 1
         everywhere = np.ones(len(self.share), np.bool_)
-        told = [self._told(log_places, log_odds, self.copy[0], everywhere, copies)]
+        rows = [self._row(log_places, log_odds, self.copy[0], everywhere, copies)]
         for t, evidence in enumerate(self.evidence):
             reported = np.isfinite(evidence)
             running = reported.any(axis=1)
@@ -128,9 +128,9 @@ class Stack:
             against = rules.counted(worse, self.fit[t][:, None], *moved)
             fresh = np.where(reported, _spread(log_places, rules) - against, -np.inf)
             log_places = np.where(running[:, None], _normalised(fresh), log_places)
-            told.append(self._told(log_places, log_odds, self.copy[t], self.judged[t], copies))
+            rows.append(self._row(log_places, log_odds, self.copy[t], self.judged[t], copies))
             self._merge(log_places, self.into[t])
-        columns = zip(*told, strict=True)
+        columns = zip(*rows, strict=True)
         return Replayed(*(np.stack(column, axis=1) for column in columns))
 
     def _begin(self, rules: Rules) -> tuple[Floats, Floats]:
@@ -155,7 +155,7 @@ class Stack:
         return np.asarray(lifted + new * (of_uniform - predicted))
 
     @staticmethod
-    def _told(
+    def _row(
         log_places: Floats,
         log_odds: Floats,
         copy: NDArray[np.int8],

@@ -80,10 +80,10 @@ def relocalize(
     settings: Settings,
     near: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y RADIUS", help="Search in this circle only [m]."),
+        typer.Option(metavar="X Y RADIUS", help="Search only in this circle [m]."),
     ] = None,
     region: Annotated[
-        str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
+        str, typer.Option(metavar="NAME", help="Search only in this region of search.regions.")
     ] = "",
 ) -> None:
     """Drop all places, and search everywhere or in a region."""

@@ -64,7 +64,7 @@ HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", metavar="FILE.csv", help="Write the results, one row each run."),
+    typer.Option("--output", metavar="FILE.csv", help="Write the results, one row for each run."),
 ]
 
 

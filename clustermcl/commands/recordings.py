@@ -55,7 +55,9 @@ def evaluate(
     ] = "cluster-mcl",
     seeds: Annotated[
         int,
-        typer.Option(min=1, max=MOST_RUNS, help="Runs; the first has the settings' seed."),
+        typer.Option(
+            min=1, max=MOST_RUNS, help="Number of runs; the first has the seed of the settings."
+        ),
     ] = 1,
     starts: Annotated[
         int | None,
@@ -131,7 +133,8 @@ def check(
     ] = 12.0,
     places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
     report_file: Annotated[
-        Path | None, typer.Option("--report", metavar="FILE.png", help="Draw it on the map.")
+        Path | None,
+        typer.Option("--report", metavar="FILE.png", help="Draw the report on the map."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -61,7 +61,7 @@ def demo(
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
     view: Annotated[
-        bool, typer.Option("--view", help="Serve a page that shows it, until Ctrl-C.")
+        bool, typer.Option("--view", help="Serve the live page, until Ctrl-C.")
     ] = False,
     drive: Annotated[
         bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
@@ -99,7 +99,7 @@ def up(
         Path | None,
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Also serve a page that shows it.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
     one_process: Annotated[
         bool,
         typer.Option("--one-process", help="For the smallest computers; without fault tolerance."),

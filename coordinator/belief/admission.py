@@ -78,14 +78,14 @@ def admission(
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
     reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
     is_held = is_near(pool.mean, held, reach_m, reach_rad)
-    is_beside = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
+    is_tracked = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
     on_trial = (
         max(earned, rules.candidate_probability, trial) if is_over and not holds_own else earned
     )
-    weight = share * np.where(is_beside, earned, on_trial)
+    weight = share * np.where(is_tracked, earned, on_trial)
     asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
     asking = asking[np.argsort(-weight[asking], kind="stable")]
     total = math.fsum(weight[asking])

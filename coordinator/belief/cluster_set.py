@@ -206,15 +206,15 @@ class ClusterSet(Part):
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         contends = contenders(np.where(reported, among, -np.inf))
         share = self._evidence_weight(reports, contends, new_view)
-        told = tempered(evidence, contends, share, self.rules.evidence_noise)
-        among = belief.updated(among, told)
+        log_ratios = tempered(evidence, contends, share, self.rules.evidence_noise)
+        among = belief.updated(among, log_ratios)
         among = belief.mixed(among, self.rules.transition_probability * news)
         cut_short, through = self._explained(among, reports)
         log_scan += cut_short
         self._follow_fit(log_scan - through, float(among.max()) + log_here, news)
         odds = self._log_odds_of_here(among, reports, new_view)
         if decoy is not None:
-            odds = self._beside_decoy(odds, among, reports, decoy, new_view)
+            odds = self._compared_with_decoy(odds, among, reports, decoy, new_view)
         elif awaits_decoy:
             odds = 0.0
         if not math.isnan(elsewhere):
@@ -225,13 +225,13 @@ class ClusterSet(Part):
         if self.fit.has_fallen:
             log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
         here = np.append(among + log_here, (log_there, log_off))
-        told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
+        weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
         seen = self._observed(reports, observed_elsewhere)
-        self._set(belief.normalised_logs(told + seen))
+        self._set(belief.normalised_logs(weighed + seen))
         if seen.any():
             log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
         # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
-        return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
+        return log_scan + min(float(np.logaddexp.reduce(weighed) - np.logaddexp.reduce(here)), 0.0)
 
     def _observed(
         self, reports: Mapping[str, TrackReport], elsewhere: float
@@ -240,9 +240,9 @@ class ClusterSet(Part):
 
         A cluster without a report gets the best evidence of any: a loss must not end it.
         """
-        told = {job_id: report.log_observed for job_id, report in reports.items()}
-        best = max(told.values())
-        return np.array([*(told.get(job_id, best) for job_id in self.job_ids), elsewhere, 0.0])
+        observed = {job_id: report.log_observed for job_id, report in reports.items()}
+        best = max(observed.values())
+        return np.array([*(observed.get(job_id, best) for job_id in self.job_ids), elsewhere, 0.0])
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
         if self.rules.kidnapping_probability == 0.0:  # elsewhere is not weighed
@@ -255,20 +255,20 @@ class ClusterSet(Part):
         """Return by how much beam classes raise the log odds of the clusters; update `quality`."""
         if 0.0 in (self.rules.kidnapping_probability, self.rules.off_map_probability):
             return 0.0
-        told = [reports.get(job_id) for job_id in self.job_ids]
-        seeing = [i for i, report in enumerate(told) if report and any(report.beam_classes)]
+        ordered = [reports.get(job_id) for job_id in self.job_ids]
+        seeing = [i for i, report in enumerate(ordered) if report and any(report.beam_classes)]
         if not seeing:
             return 0.0
-        heard = [report for report in told if report and any(report.beam_classes)]
+        with_classes = [report for report in ordered if report and any(report.beam_classes)]
         odds, self.quality = log_odds_of_here(
             self.quality,
             np.exp(belief.normalised_logs(among[seeing])),
-            [BeamClasses(*report.beam_classes) for report in heard],
+            [BeamClasses(*report.beam_classes) for report in with_classes],
             new_view,
         )
         return odds
 
-    def _beside_decoy(
+    def _compared_with_decoy(
         self,
         odds: float,
         among: NDArray[np.float64],
@@ -354,7 +354,7 @@ class ClusterSet(Part):
         improbable cluster may explain the scan best.
         """
         ordered = [reports.get(job_id) for job_id in self.job_ids]
-        fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
+        fit = np.array([self._fit_without_short_beams(r) if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
         residuals = [residual(best, self.sensor) for best in fit.tolist()]
         if self.rules.off_map_probability > 0.0:
@@ -362,7 +362,7 @@ class ClusterSet(Part):
             new_view /= 1.0 + self.quality.crude
         return np.array([evidence_weight(new_view, each, self.rules) for each in residuals])
 
-    def _fit_beside_people(self, report: TrackReport) -> float:
+    def _fit_without_short_beams(self, report: TrackReport) -> float:
         """Return the best particle's fit [nat/beam], without loss for the usual short beams."""
         beams = sum(report.beam_classes)
         if self.rules.off_map_probability == 0.0 or beams == 0:

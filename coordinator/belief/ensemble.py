@@ -133,8 +133,8 @@ class Ensemble(Part, kw_only=True):
         arrived |= set(self.unhurried)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
-        told = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
-        elsewhere = next(told, None)
+        of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
+        elsewhere = next(of_elsewhere, None)
         observed = elsewhere.places if elsewhere else None
         new_view = self._new_view(before_from_after)
         news = 1.0
@@ -259,7 +259,7 @@ class Ensemble(Part, kw_only=True):
         self.events += self.search.stop(step, cause)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
-        fresh = self.search.hear(reports, self.clusters.job_ids)
+        fresh = self.search.on_reports(reports, self.clusters.job_ids)
         if fresh is None:
             return
         log_weight = self.search.evidence.log_weight(fresh.step, fresh.log_evidence)
@@ -314,13 +314,13 @@ class Ensemble(Part, kw_only=True):
         then, settings = self.search.means_at(pool.step), self.settings
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
-        told = log_weight_of_held(pool, own, settings.search)
+        log_held = log_weight_of_held(pool, own, settings.search)
         since = evidence.log_weight(pool.step, pool.log_evidence)
-        log_weight = since if told is None else told
+        log_weight = since if log_held is None else log_held
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room(step, first_step)
         before = self.clusters.elsewhere
-        most = math.inf if told is None else before + math.fsum(share for _, share in own)
+        most = math.inf if log_held is None else before + math.fsum(share for _, share in own)
         found = admission(
             pool,
             held,
@@ -334,7 +334,7 @@ class Ensemble(Part, kw_only=True):
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
-        if told is not None:
+        if log_held is not None:
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)

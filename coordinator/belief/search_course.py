@@ -128,7 +128,7 @@ class SearchCourse(Part):
         """Return the means of the clusters after a step, by job; empty for old steps."""
         return self.means.get(step, {})
 
-    def hear(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
+    def on_reports(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
         """Return the places that the search has found, if all shards have reported a new step.
 
         Args:
@@ -204,7 +204,7 @@ class Decoy(Part):
         """
         begin: dict[str, Job] = {}
         ended: list[Ended] = []
-        pool = self.search.hear(reports, ())
+        pool = self.search.on_reports(reports, ())
         if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
             ended += self._end_tracking() + self.search.stop(step, "search over")
             first = (self.search.begun - 1) * DECOYS

@@ -15,7 +15,7 @@ from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from protocol.answers import Belief
 from protocol.codec import encode
 from protocol.errors import RecordingError
-from recordings.run_log import BELIEF, LogFile, LogMessage, decoded
+from recordings.run_log import BELIEF, LogMessage, RunLogReader, decoded
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def replayed(
     for replay in replays:
         yield from replay.run()
     if all(replay.is_empty for replay in replays):
-        raise RecordingError(folder, "all files in it are cut off within their beginning")
+        raise RecordingError(folder, "all files in it are cut off at their beginning")
 
 
 class _SeriesReplay:
@@ -82,7 +82,7 @@ class _SeriesReplay:
 
     def _run(self) -> Iterator[Happening]:
         for path in self._files:
-            log = LogFile(path)
+            log = RunLogReader(path)
             for entry in _entries(log, self._version):
                 match entry:
                     case Head():
@@ -156,7 +156,7 @@ class _Entry:
     """Whether the file contains anything after the event."""
 
 
-def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
+def _entries(log: RunLogReader, version: str) -> Iterator[Head | _Entry]:
     """Yield the head of a file, then its events."""
     entry: _Entry | None = None
     for number, message in enumerate(log.messages()):
@@ -189,11 +189,11 @@ _EVENTS = msgspec.msgpack.Decoder(list[RecordedEvent])
 def _head(path: Path, message: LogMessage, version: str) -> Head:
     if message.topic != HEAD:
         raise RecordingError(
-            path, "no events of a coordinator in it; look at it by clustermcl view"
+            path, "it has no events of a coordinator; show it with clustermcl view"
         )
     found = _unpacked(path, message, _VERSIONS).version
     if found != version:
-        problem = f"recorded by version {found}, this is {version}: replay it with that one"
+        problem = f"recorded by version {found}, this is {version}: replay it with that version"
         raise RecordingError(path, problem)
     return _unpacked(path, message, _HEADS)
 

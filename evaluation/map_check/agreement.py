@@ -38,7 +38,7 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
     fitting_share: float | None
     """Mean share of beams that end within 0.2 m of an obstacle, at steps with one probable place.
     None: there is no such step."""
-    told_mount: tuple[float, float, float]
+    recorded_mount: tuple[float, float, float]
     """`robot_from_laser` of the recording or the settings."""
     mount: Mount | None
     """The mount estimated from the map; None: one place was probable too briefly, or the robot
@@ -75,11 +75,11 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
     run: list[tuple[Poses, Poses]] = []
     longest: list[tuple[Poses, Poses]] = []
     fitting: list[float] = []
-    localized, off_map, told = 0, 0.0, (0.0, 0.0, 0.0)
+    localized, off_map, recorded = 0, 0.0, (0.0, 0.0, 0.0)
     to_obstacle_m = _distances_m(grid_map)
     steps = tuple(itertools.islice(scans, MOST_STEPS))
     for scan, outcome in in_process.outcomes(steps, model, settings):
-        told = scan.robot_from_laser
+        recorded = scan.robot_from_laser
         beams = scan_beams(scan, model)
         localized += outcome.state == "localized"
         off_map += outcome.off_map_probability
@@ -89,7 +89,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         best = np.array([outcome.hypotheses[0].pose])
         poses, _ = refined(best, beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
-        run.append((compose(poses[0], np.array(told)), np.array(scan.odom_from_robot)))
+        run.append((compose(poses[0], np.array(recorded)), np.array(scan.odom_from_robot)))
         longest = max(longest, run, key=len)
     found = np.array(longest).reshape(-1, 2, 3)
     decoys = in_process.outcomes(map(mirrored, steps[:DECOY_STEPS]), model, settings)
@@ -98,7 +98,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         steps=len(steps),
         localized_share=localized / max(len(steps), 1),
         fitting_share=float(np.mean(fitting)) if fitting else None,
-        told_mount=told,
+        recorded_mount=recorded,
         mount=mount_of(found[:, 0], found[:, 1]),
         off_map_probability=off_map / max(len(steps), 1),
         decoy_localized_share=float(np.mean(decoy_localized)) if decoy_localized else 0.0,

@@ -176,13 +176,13 @@ def _of_places(report: MapReport) -> Iterator[str]:
     if blind:
         yield (
             f"from {blind} of {looked_at} places most beams hit nothing within "
-            f"{report.laser_range_m} m: there, odometry alone leads on"
+            f"{report.laser_range_m} m: there, only odometry is left"
         )
     alike = sum(bool(place.look_alikes) for place in report.places)
     if alike:
         yield (
             f"{alike} of {looked_at} places look like others, also after {WAY_M:.0f} m of "
-            "driving: until something tells them apart, the belief is ambiguous"
+            "driving: until something distinguishes them, the belief is ambiguous"
         )
 
 
@@ -191,13 +191,13 @@ def _of_agreement(agreement: Agreement) -> Iterator[str]:
     localized, decoy = agreement.localized_share, agreement.decoy_localized_share
     if decoy > localized + _DECOY_SHARE:
         yield (
-            f"the mirror image of the recording is localized at {decoy:.0%} of the steps, the "
+            f"the mirror image of the recording is localized on {decoy:.0%} of the steps, the "
             f"recording at {localized:.0%}: is the laser upside down, or do its angles run the "
             "other way?"
         )
     elif decoy > _DECOY_SHARE:
         yield (
-            f"the mirror image of the recording is localized, too, at {decoy:.0%} of the steps: "
+            f"the mirror image of the recording is localized, too, on {decoy:.0%} of the steps: "
             "the map is much like its own mirror image where the robot drove, and a robot that "
             "is not there may look localized"
         )
@@ -208,7 +208,7 @@ def _of_agreement(agreement: Agreement) -> Iterator[str]:
         )
     if agreement.localized_share < _FOUND_SHARE or fitting is None:
         yield (
-            f"the robot was localized at {agreement.localized_share:.0%} of {agreement.steps} "
+            f"the robot was localized on {agreement.localized_share:.0%} of {agreement.steps} "
             "steps of the recording: is it of this building, and are its frames the right ones?"
         )
         return
@@ -219,13 +219,13 @@ def _of_agreement(agreement: Agreement) -> Iterator[str]:
         )
     if mount is None:
         return
-    told, found = np.array(agreement.told_mount), np.array(mount.robot_from_laser)
+    recorded, found = np.array(agreement.recorded_mount), np.array(mount.robot_from_laser)
     limits = np.maximum(
         (_MOUNT_OFF_M, _MOUNT_OFF_M, _MOUNT_OFF_RAD), _SIGMAS * np.array(mount.standard_errors)
     )
-    if (np.abs(found - told) > limits).any():
+    if (np.abs(found - recorded) > limits).any():
         yield (
-            f"the laser is told to be at {_mount(agreement.told_mount)}, the map says "
+            f"the laser's mount is given as {_mount(agreement.recorded_mount)}, the map indicates "
             f"{_mount(mount.robot_from_laser)}"
         )
     for scale, what in (

@@ -1,5 +1,5 @@
 // Distributes the frames of the server to map and panel, and sends commands to the server.
-import { Beside } from "./beside.js";
+import { Comparison } from "./comparison.js";
 import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
@@ -12,11 +12,11 @@ import { ROW_PLACES, StepRows } from "./step_rows.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const CONFIRMED_MS = 4000, SURE = 0.9, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
+const CONFIRMED_MS = 4000, SURE = 0.9, PANEL_EVERY_MS = 200, SLOW_MS = 50;
 const RECORDED = ["replaying", "finished", "saved"]; // links without a running system
 
 const view = new MapView($("map"));
-const beside = new Beside(view);
+const comparison = new Comparison(view);
 const slots = new Map(); // colour slot of each cluster so far
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let system = {};
@@ -98,12 +98,12 @@ const TAKE = {
     showMap(now);
     [now.elsewhere, now.offMap] = [frame.elsewhere, frame.off_map];
     if (isNews) now.eventsDue = true; // events arrive before their step
-    showBesidesSoon();
+    showPanelSoon();
   },
   pose(frame) {
     [now.pose, now.poseAt] = [frame, RECORDED.includes(system.link) ? null : performance.now()];
     [now.elsewhere, now.offMap] = [frame.elsewhere ?? now.elsewhere, frame.off_map ?? now.offMap];
-    if (travel.at === null) showBesidesSoon();
+    if (travel.at === null) showPanelSoon();
   },
   status(frame) {
     now.status = frame;
@@ -120,7 +120,7 @@ const TAKE = {
   },
   events(frame) {
     [now.events, now.eventsDue] = [frame, true];
-    if (travel.at === null) showBesidesSoon();
+    if (travel.at === null) showPanelSoon();
   },
   advice(frame) {
     view.advice = frame.clusters.map((cluster, i) => ({ slot: slots.get(cluster) ?? 0, pose: frame.places[i], ways: frame.ways }));
@@ -135,18 +135,18 @@ const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "ev
 
 /** The panel follows the map five times a second, which is enough for reading. */
 let soon = 0;
-function showBesidesSoon() {
-  soon ||= setTimeout(showBesides, BESIDES_EVERY_MS);
+function showPanelSoon() {
+  soon ||= setTimeout(showPanel, PANEL_EVERY_MS);
 }
 
-function showBesides() {
+function showPanel() {
   soon = 0;
   if (travel.at !== null) return;
   if (now.step) {
     showStep(now.step);
     showClusters(now.step.places, view, now.elsewhere, now.offMap);
     if (system.story) showCaption(now.step, system.story);
-    $("with-amcl").hidden = !system.beside || ($("again").hidden && !beside.isOn);
+    $("with-amcl").hidden = !system.comparison || ($("again").hidden && !comparison.isOn);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
   if (now.eventsDue) showTheEvents(now.events);
@@ -173,7 +173,7 @@ function showNow() {
   showMap(now);
   if (now.status) showWorkers(now.status);
   now.eventsDue = true;
-  showBesides();
+  showPanel();
 }
 
 /** Play a run that has ended from its first step; else search again. */
@@ -213,7 +213,7 @@ function plotAgain() {
 }
 
 function showMap({ step, clouds }) {
-  beside.lookAt(travel.at);
+  comparison.lookAt(travel.at);
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
 }
@@ -290,10 +290,10 @@ $("plot").addEventListener("pointerleave", () => {
 });
 
 $("again").onclick = again;
-$("with-amcl").onclick = () => beside.toggle(system.beside);
+$("with-amcl").onclick = () => comparison.toggle(system.comparison);
 
 view.onDrawn = () => {
-  beside.follow();
+  comparison.follow();
   showBeams(view.selected, view.beams);
   const length = view.roundLength(110);
   $("scale").firstElementChild.style.width = `${length * view.view.scale}px`;
@@ -308,4 +308,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests and for the console. */
-window.liveView = { view, beside, take, travel, history: () => known.rows };
+window.liveView = { view, comparison, take, travel, history: () => known.rows };

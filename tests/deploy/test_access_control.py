@@ -43,7 +43,7 @@ def test_there_are_as_many_keys_as_on_the_page_of_the_wire() -> None:
 
 
 @pytest.mark.parametrize("key", all_keys())
-def test_every_key_is_some_roles_to_write_and_anothers_to_read(key: str) -> None:
+def test_every_key_is_written_by_one_role_and_read_by_another(key: str) -> None:
     ways = [
         right
         for right, other in READ_BY_OTHERS.items()
@@ -90,7 +90,7 @@ def test_the_rules_of_a_worker_name_each_of_its_processes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("robots", "workers", "said"),
+    ("robots", "workers", "problem_text"),
     [
         ([], ["worker", "worker-a"], "'worker' would cover the processes of 'worker-a'"),
         ([], ["worker-a", "worker-a-b"], "'worker-a' would cover the processes of 'worker-a-b'"),
@@ -100,11 +100,11 @@ def test_the_rules_of_a_worker_name_each_of_its_processes() -> None:
     ],
 )
 def test_names_that_would_open_too_much_are_refused(
-    robots: list[str], workers: list[str], said: str
+    robots: list[str], workers: list[str], problem_text: str
 ) -> None:
     with pytest.raises(SettingsError) as caught:
         access_control(robots, workers)
-    assert said in str(caught.value)
+    assert problem_text in str(caught.value)
 
 
 def test_the_deployed_file_is_what_the_program_writes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,7 +112,7 @@ def test_the_deployed_file_is_what_the_program_writes(capsys: pytest.CaptureFixt
     assert capsys.readouterr().out == DEPLOYED.read_text()
 
 
-def test_zenoh_reads_in_the_file_what_was_meant(tmp_path: Path) -> None:
+def test_zenoh_parses_the_written_file_as_intended(tmp_path: Path) -> None:
     meant = secure_router_configuration(
         DEFAULT_ENDPOINT, DEFAULT_CERTIFICATES, ["r-1"], ["worker-a"]
     )

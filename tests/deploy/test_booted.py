@@ -73,8 +73,8 @@ class Robot(Machine):
 
     def ask(self, question: str) -> dict[str, Any]:
         """Its answer; empty while there is none."""
-        said = self.run(f"{COMMAND} {question} --json --settings {self.settings}", check=False)
-        answer: dict[str, Any] = json.loads(said) if said.startswith("{") else {}
+        output = self.run(f"{COMMAND} {question} --json --settings {self.settings}", check=False)
+        answer: dict[str, Any] = json.loads(output) if output.startswith("{") else {}
         return answer
 
     def localizes(self, since_step: int = 0) -> bool:
@@ -157,7 +157,7 @@ def test_a_service_that_hangs_is_ended_and_comes_back(robot: Robot) -> None:
     robot.comes_back("bridge frozen", begin_s, step)
 
 
-def test_no_process_may_do_more_than_the_units_say_and_none_misses_anything(robot: Robot) -> None:
+def test_each_process_has_the_rights_of_its_unit_and_no_more(robot: Robot) -> None:
     for service in SERVICES:
         status = robot.run(f"cat /proc/{robot.main_pid(service)}/status")
         facts = dict(line.split(":\t", 1) for line in status.splitlines() if ":\t" in line)

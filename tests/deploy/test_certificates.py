@@ -114,9 +114,9 @@ def test_settings_that_were_changed_by_hand_stay(folder: Path) -> None:
 def test_the_list_marks_expired_certificates(folder: Path) -> None:
     with_lifetime(folder, "worker-3", -timedelta(days=9), -timedelta(days=1))
     lines = make_certificates(folder, "--list").stdout.splitlines()
-    told = dict(line.split(": ", 1) for line in lines)
-    assert told["worker-3"].endswith("(expired)")
-    assert told["router"].endswith("GMT")
+    printed = dict(line.split(": ", 1) for line in lines)
+    assert printed["worker-3"].endswith("(expired)")
+    assert printed["router"].endswith("GMT")
 
 
 def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
@@ -127,7 +127,7 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         ([], "no NAME given"),
         (["admin"], "'admin' is no role"),
@@ -144,11 +144,11 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
     ],
 )
 def test_a_wrong_argument_is_reported_in_one_line(
-    tmp_path: Path, words: list[str], said: str
+    tmp_path: Path, words: list[str], expected: str
 ) -> None:
     ran = make_certificates(tmp_path / "new", *words)
     assert (ran.returncode, ran.stdout) == (2, "")
-    assert said in ran.stderr
+    assert expected in ran.stderr
     assert ran.stderr.count("\n") == 1
     assert not (tmp_path / "new").exists()
 

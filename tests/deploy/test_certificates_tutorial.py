@@ -94,14 +94,14 @@ def assert_denied(done: subprocess.CompletedProcess[str]) -> None:
 def test_the_tutorial_holds_as_it_is_typed_and_a_standby_takes_over_with_the_belief(
     system: System,
 ) -> None:
-    look, refused, allowed, nobody = (line.partition(" #")[0].strip() for line in ASK.splitlines())
+    look, refused, allowed, without = (line.partition(" #")[0].strip() for line in ASK.splitlines())
     status, places = look.replace("pose", "status"), look.replace("pose", "hypotheses")
     wait_until(lambda: "worker-1-0" in system.asked(status).get("workers", {}))
     wait_until(lambda: system.asked(places).get("hypotheses"))
     assert_denied(system.typed(refused))
     assert_denied(system.typed(refused.replace("relocalize", "set-pose 1 2 0")))
     assert_denied(system.typed(look.replace("viewer", "worker-1")))
-    assert system.typed(nobody + " --set zenoh.connect_timeout_s=0.5").returncode == 3
+    assert system.typed(without + " --set zenoh.connect_timeout_s=0.5").returncode == 3
 
     standby = system.start(START.splitlines()[-1] + " --name standby --standby")
     standby.wait_for("standing by")

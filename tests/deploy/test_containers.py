@@ -49,7 +49,7 @@ def test_every_container_runs_a_process_of_ours_with_settings_that_are_there(fil
         load_settings(DEPLOY / "settings.toml", assignments)
 
 
-def test_on_a_robot_of_ros_the_bridge_is_there_and_the_router_has_rmw_zenohds_own_file() -> None:
+def test_the_compose_file_for_ros_has_the_bridge_and_rmw_zenohds_configuration() -> None:
     assert set(processes(ROS2)) == {"ros2"}
     module, *words = processes(ROS2)["ros2"]
     assert importlib.util.find_spec(f"{module}.__main__") is not None

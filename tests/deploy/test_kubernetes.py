@@ -61,7 +61,7 @@ def test_every_file_is_a_resource_and_every_resource_a_file() -> None:
     assert len(names) == len(set(names))
 
 
-def test_selectors_select_the_pods_they_mean() -> None:
+def test_selectors_match_the_labels_of_their_pods() -> None:
     for made in workloads():
         labels = made["spec"]["template"]["metadata"]["labels"]
         assert made["spec"]["selector"]["matchLabels"] == labels
@@ -106,7 +106,7 @@ def test_the_router_has_more_threads_than_a_machine_has_links() -> None:
     assert {"name": VARIABLE, "value": MANY_LINKS} in container["env"]
 
 
-def test_what_is_mounted_is_there_and_what_is_there_is_mounted() -> None:
+def test_every_mounted_volume_is_declared_and_every_declared_volume_is_mounted() -> None:
     generated = {made["name"] for made in KUSTOMIZATION["configMapGenerator"]}
     for name, pod in pods().items():
         volumes = {volume["name"]: volume for volume in pod["volumes"]}

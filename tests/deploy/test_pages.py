@@ -97,8 +97,8 @@ def test_the_table_of_roles_is_the_one_in_force() -> None:
         viewers = rights_of("viewer") if role == "operator" else None
         for right in ("publishes", "serves", "asks", "reads"):
             for key in getattr(rights, right):
-                said = wide.get(key.split("/")[0], f"`{key.rpartition('/')[2]}`")
-                named = said in rows[role] or f"`{key}`" in rows[role]
+                cell = wide.get(key.split("/")[0], f"`{key.rpartition('/')[2]}`")
+                named = cell in rows[role] or f"`{key}`" in rows[role]
                 assert named or (viewers and key in getattr(viewers, right)), (role, key)
 
 

@@ -67,8 +67,8 @@ def test_every_field_that_the_client_hands_out_is_described(
     bare = [
         (name, field)
         for name, _ in reference.structures(module)
-        for field, _, told in reference.fields(module, name)
-        if not told
+        for field, _, meaning in reference.fields(module, name)
+        if not meaning
     ]
     assert bare == []
 

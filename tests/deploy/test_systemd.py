@@ -65,7 +65,7 @@ def test_all_processes_have_a_unit() -> None:
     assert {command[0] for command in starts()} == processes
 
 
-def test_the_target_wants_units_that_are_there() -> None:
+def test_the_systemd_target_wants_existing_units() -> None:
     wanted = unit(UNITS / "clustermcl.target")["Unit"]["Wants"].split()
     for name in wanted:
         assert (UNITS / re.sub("@[^.]+", "@", name)).is_file()
@@ -115,7 +115,9 @@ def test_systemd_finds_no_fault_with_the_units(tmp_path: Path, *, secure: bool) 
 
 
 @pytest.mark.parametrize("name", [*(file.name for file in SERVICES), "clustermcl-worker@1.service"])
-def test_a_service_is_exposed_no_more_than_it_must(tmp_path: Path, name: str) -> None:
+def test_systemd_rates_the_exposure_of_each_service_below_the_limit(
+    tmp_path: Path, name: str
+) -> None:
     units = installed(tmp_path, secure=True)
     ran = systemd_analyze(units, "security", "--offline=true", "--no-pager", name)
     found = re.search(r"Overall exposure level for .*: ([\d.]+)", ran.stdout)

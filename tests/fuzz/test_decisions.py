@@ -189,9 +189,9 @@ def test_the_coordinators_probabilities_sum_to_one_after_any_events(
     if begun:
         story.bootstrapped()
     now_ns = SECOND
-    for wait_s, (what, told) in events:
+    for wait_s, (what, reported) in events:
         now_ns += int(wait_s * SECOND)
-        happen(story, what, told, now_ns)
+        happen(story, what, reported, now_ns)
         story.follow(story.coordinator.handle(TimePassed(), now_ns))
         encode(story.coordinator.pose(now_ns))
         encode(story.coordinator.status(now_ns, {}))
@@ -200,20 +200,20 @@ def test_the_coordinators_probabilities_sum_to_one_after_any_events(
         assert sum(probabilities) + belief.elsewhere_probability == pytest.approx(1.0)
 
 
-def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
+def happen(story: Story, what: str, reported: Any, now_ns: int) -> None:
     coordinator = story.coordinator
     match what:
         case "scan":
-            story.follow(coordinator.handle(ScanArrived(told), now_ns))
+            story.follow(coordinator.handle(ScanArrived(reported), now_ns))
         case "report":
-            assert isinstance(told, TrackReport | SearchReport | ElsewhereReport)
-            epoch = story.epochs.get(told.job_id, 0)
-            worker = story.places.get(told.job_id, "a")
-            told = msgspec.structs.replace(told, epoch=epoch)
-            story.follow(coordinator.handle(ReportArrived(worker, told), now_ns))
+            assert isinstance(reported, TrackReport | SearchReport | ElsewhereReport)
+            epoch = story.epochs.get(reported.job_id, 0)
+            worker = story.places.get(reported.job_id, "a")
+            reported = msgspec.structs.replace(reported, epoch=epoch)
+            story.follow(coordinator.handle(ReportArrived(worker, reported), now_ns))
         case "odometry":
-            coordinator.handle(OdometryArrived(told), now_ns)
+            coordinator.handle(OdometryArrived(reported), now_ns)
         case "joined":
-            story.follow(coordinator.handle(WorkerJoined(told), now_ns))
+            story.follow(coordinator.handle(WorkerJoined(reported), now_ns))
         case "left":
-            story.follow(coordinator.handle(WorkerLeft(told), now_ns))
+            story.follow(coordinator.handle(WorkerLeft(reported), now_ns))

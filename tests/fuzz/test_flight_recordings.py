@@ -20,7 +20,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.errors import MapFileError, RecordingError
 from recordings.map_file import load_map
 from recordings.recording import open_recording
-from recordings.run_log import LogFile, LogMessage, RunLog
+from recordings.run_log import LogMessage, RunLog, RunLogReader
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
@@ -45,7 +45,7 @@ def recording() -> tuple[bytes, list[LogMessage]]:
         live(living, [*[("drive", 0)] * 9, ("lose worker", 1), *[("drive", 0)] * 3])
         live(living, [("set pose", 2), *[("drive", 0)] * 20])
         file = files_in(Path(name))[-2]
-        return file.read_bytes(), list(LogFile(file).messages())
+        return file.read_bytes(), list(RunLogReader(file).messages())
 
 
 def parts() -> tuple[Head, list[RecordedEvent]]:
@@ -142,7 +142,7 @@ def test_a_map_with_other_contents_is_a_map_or_refused(folder: Path, data: st.Da
     path = folder / "run.mcap"
     with RunLog(path) as log:
         log.on_map(GridMap(np.eye(4, 5, dtype=np.int8), 0.05, (1.0, 2.0, 0.5)), 0)
-    (message,) = LogFile(path).messages()
+    (message,) = RunLogReader(path).messages()
     other = data.draw(damaged(st.just(message.data)) | numbers_changed(message.data))
     with RunLog(path) as log:
         log.write(message.topic, msgspec.Raw(other), 0)

@@ -85,12 +85,12 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     ).coordinator()
     nothing = WorkerSnapshot(term=0)
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
-    told = (
+    reported = (
         *(WorkerJoined("w0"), WorkerStateArrived("w0", nothing), TimePassed(), *scans),
         *(CommandArrived(given_pose("2")), TimePassed()),
     )
     done = []
-    for number, event in enumerate(told):
+    for number, event in enumerate(reported):
         now_ns = (1 + 3 * number) * SECOND
         done += coordinator.handle(event, now_ns)
         for answer in (coordinator.pose, coordinator.hypotheses):
@@ -104,16 +104,16 @@ def assert_all_can_be_read(done: Iterable[Instruction]) -> None:
     for do in done:
         match do:
             case PublishBelief(belief):
-                told = decode(encode(belief), Belief)
-                here = sum(one.probability for one in told.hypotheses)
-                assert here + told.elsewhere_probability == pytest.approx(1.0)
+                reported = decode(encode(belief), Belief)
+                here = sum(one.probability for one in reported.hypotheses)
+                assert here + reported.elsewhere_probability == pytest.approx(1.0)
             case SendOrder(order=order):
                 decode(encode(order), WorkOrder)
             case PublishCheckpoint(checkpoint):
                 from_bytes(decode(encode(checkpoint), Checkpoint).state)
 
 
-def test_a_real_state_is_carried_on() -> None:
+def test_a_state_of_a_real_run_is_continued() -> None:
     for checkpoint in real_checkpoints():
         done = carried_on(checkpoint)
         assert_all_can_be_read(done)

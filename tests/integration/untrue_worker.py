@@ -40,6 +40,6 @@ class UntrueWorker:
             assert query.payload is not None
             asked = decode(query.payload.to_bytes(), TakeOver)
             term = asked.term + self._lift
-            told = WorkerState(sender=self._name, term=term, holds=(), reports=())
-            query.reply(query.key_expr, encode(told))
+            reported = WorkerState(sender=self._name, term=term, holds=(), reports=())
+            query.reply(query.key_expr, encode(reported))
             self.asked.append(asked)

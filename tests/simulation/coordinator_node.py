@@ -116,7 +116,7 @@ class CoordinatorNode(Node):
         if self._replica.is_leader_dead(self.now_ns):
             self._lead()
             return
-        self.tell(events.TimePassed())
+        self.pass_on(events.TimePassed())
         if self._is_running:
             self.later(TICK_S, self._tick)
 
@@ -137,10 +137,10 @@ class CoordinatorNode(Node):
 
     def on_token(self, name: str, alive: bool) -> None:
         """Take a worker's or a coordinator's token."""
-        self.tell(events.TokenChanged(name if name.startswith("w") else None, alive))
+        self.pass_on(events.TokenChanged(name if name.startswith("w") else None, alive))
 
     def on_link(self, up: bool) -> None:
-        self.tell(events.LinkChanged(up))
+        self.pass_on(events.LinkChanged(up))
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Take another coordinator's state."""
@@ -150,37 +150,37 @@ class CoordinatorNode(Node):
         newest = self._replica.newest.checkpoint
         if newest is None or checkpoint.rank >= newest.rank:
             self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
-        self.tell(events.CheckpointArrived(checkpoint))
+        self.pass_on(events.CheckpointArrived(checkpoint))
 
     def on_scan(self, scan: Scan) -> None:
-        self.tell(events.ScanArrived(scan))
+        self.pass_on(events.ScanArrived(scan))
 
     def on_odometry(self, reading: OdometryReading) -> None:
-        self.tell(events.OdometryArrived(reading))
+        self.pass_on(events.OdometryArrived(reading))
 
     def on_report(self, worker: str, report: Report) -> None:
-        self.tell(events.ReportArrived(worker, report))
+        self.pass_on(events.ReportArrived(worker, report))
 
     def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
         check_term(answer, self._now_us() * 1_000)
-        self.tell(events.OrderAnswered(worker, answer))
+        self.pass_on(events.OrderAnswered(worker, answer))
 
-    def on_state(self, worker: str, state: WorkerState, heard_term: int) -> None:
+    def on_state(self, worker: str, state: WorkerState, known_term: int) -> None:
         """Take a worker's answer, which knows of a belief of `heard_term`."""
         if self._life is not None and self._replica.role != "follower":
             check_term(state, self._now_us() * 1_000)
             if self._replica.role == "recovering":
-                self._life.heard_terms.append(heard_term)
-            told = events.snapshot_of(decode(encode(state), WorkerState))
-            self.tell(events.WorkerStateArrived(worker, told))
+                self._life.known_terms.append(known_term)
+            reported = events.snapshot_of(decode(encode(state), WorkerState))
+            self.pass_on(events.WorkerStateArrived(worker, reported))
 
     def on_pose_asked(self) -> None:
         """Answer an observer; the answer is compared with the truth."""
         if self._life is not None and self._replica.may_answer(self.now_ns):
             assert self.coordinator is not None
-            self.laws.pose_told(self._life, self.coordinator.pose(self.now_ns))
+            self.laws.on_pose(self._life, self.coordinator.pose(self.now_ns))
 
-    def tell(self, event: events.Event | events.TokenChanged | events.LinkChanged) -> None:
+    def pass_on(self, event: events.Event | events.TokenChanged | events.LinkChanged) -> None:
         """Pass an event to the replica, and carry out what follows."""
         if not self._is_running:
             return
@@ -212,7 +212,9 @@ class CoordinatorNode(Node):
                     ground = free_everywhere(self.coordinator.map_digest)
                     simulation.ask_bridge(
                         self,
-                        lambda _bridge, ground=ground: lambda: self.tell(events.MapArrived(ground)),  # type: ignore[misc]
+                        lambda _bridge, ground=ground: (
+                            lambda: self.pass_on(events.MapArrived(ground))
+                        ),  # type: ignore[misc]
                     )
                 case FetchScans(first, last):
                     simulation.ask_bridge(
@@ -236,4 +238,4 @@ class CoordinatorNode(Node):
             write()
 
     def _arrived(self, scans: tuple[Scan, ...]) -> Callable[[], None]:
-        return lambda: self.tell(events.HistoryArrived(scans))
+        return lambda: self.pass_on(events.HistoryArrived(scans))

@@ -21,7 +21,7 @@ from tests.simulation.network import SECOND, Clock
 
 SUM_TOLERANCE = 1e-9
 TOLERANCE_S = 0.001
-NOBODY = (False, 0, 0)
+NOTHING = (False, 0, 0)
 
 
 class LawBrokenError(AssertionError):
@@ -53,13 +53,13 @@ class Life:
     """Also what those before it decided, from which it carries on."""
     by_serial: dict[int, int] = field(default_factory=dict)
     """How many decisions a checkpoint holds."""
-    heard_terms: list[int] = field(default_factory=list)
+    known_terms: list[int] = field(default_factory=list)
     """Of each worker that answered before it began: that of the last belief it had in its hands."""
     begun_from: tuple[bool, int, int] | None = None
     carried_on: list["Life"] = field(default_factory=list)
     """Those before it, from which it carries on."""
-    told: list[tuple[int, events.Event]] = field(default_factory=list)
-    said: list[Belief] = field(default_factory=list)
+    reported: list[tuple[int, events.Event]] = field(default_factory=list)
+    output: list[Belief] = field(default_factory=list)
     unknown_s: dict[int, float] = field(default_factory=dict)
     """By stamp: the part of a datum's age at its arrival that no process can know. For a live
     robot, odometry that arrives later than usual shows its delay."""
@@ -89,10 +89,10 @@ class Life:
         """The best checkpoint that it had in its hands, and that was of this life of the system."""
         known, kept = self.started.known, self.started.kept
         ranks = [known.rank] if known else []
-        newest = max(self.heard_terms, default=0)
+        newest = max(self.known_terms, default=0)
         if kept and newest and (kept.term == newest or self.laws.ruled(newest) == self.name):
             ranks.append(kept.rank)
-        return max(ranks, default=NOBODY)
+        return max(ranks, default=NOTHING)
 
     def decisions_until(self, step: int) -> int:
         """How many there are with that of a step."""
@@ -109,7 +109,7 @@ class Life:
             demand(giver in (self, *self.carried_on), "what counts is of a job of its own history")
         newest = self.decided[-1].stamp_ns if self.decided else None
         later = newest is None or ready.scan.stamp_ns > newest
-        demand(later or self.laws.counts_anew, "no scan counts twice, for whoever decides")
+        demand(later or self.laws.restarts_count, "no scan counts twice, for any coordinator")
         self.decided.append(Decided(ready.scan.step, ready.scan.stamp_ns))
 
     def handled(self, event: events.Event, now_ns: int, done: list[Instruction]) -> None:
@@ -128,19 +128,21 @@ class Life:
                 for scan in scans:
                     self.unknown_s.setdefault(scan.stamp_ns, self.laws.age_s(scan.stamp_ns))
         if self.laws.replays:
-            self.told.append((now_ns, without_bulk(event)))
-            self.said += [do.belief for do in done if isinstance(do, PublishBelief)]
+            self.reported.append((now_ns, without_bulk(event)))
+            self.output += [do.belief for do in done if isinstance(do, PublishBelief)]
 
     def replay(self) -> None:
         """A coordinator with the same events gives the same instructions."""
         again = without_bulk(self.started).coordinator()
-        said = [
+        output = [
             do.belief
-            for now_ns, event in self.told
+            for now_ns, event in self.reported
             for do in again.handle(event, now_ns)
             if isinstance(do, PublishBelief)
         ]
-        demand([*map(encode, said)] == [*map(encode, self.said)], "a replay says the same")
+        demand(
+            [*map(encode, output)] == [*map(encode, self.output)], "a replay gives the same beliefs"
+        )
 
 
 class WatchedState(CoordinatorState, dict=True):
@@ -173,7 +175,7 @@ class Laws:
         self.published: dict[tuple[int, int], tuple[Life, bytes]] = {}
         """By term and serial."""
         self.lives: list[Life] = []
-        self.counts_anew = False
+        self.restarts_count = False
         """The bridge has died while no process could give it the step: it repeats numbers, and no
         belief survives that."""
         self.taken_ns: dict[int, int] = {}
@@ -205,8 +207,10 @@ class Laws:
     def _published(self, life: Life, checkpoint: Checkpoint) -> None:
         self._rules_alone(life, checkpoint.term)
         if checkpoint.serial == 0 and not life.by_serial:
-            known = life.must_know if life.must_know[0] and not self.counts_anew else NOBODY
-            demand((life.begun_from or NOBODY) >= known, "nothing that somebody knows is forgotten")
+            known = life.must_know if life.must_know[0] and not self.restarts_count else NOTHING
+            demand(
+                (life.begun_from or NOTHING) >= known, "nothing that a process knows is forgotten"
+            )
         demand(_is_of_use(checkpoint), "what is published can be carried on from")
         key = (checkpoint.term, checkpoint.serial)
         life.by_serial.setdefault(checkpoint.serial, life.decisions_until(checkpoint.step))
@@ -239,7 +243,7 @@ class Laws:
         total = math.fsum(probabilities)
         demand(abs(total - 1.0) <= SUM_TOLERANCE, f"probabilities sum to one, not to {total}")
 
-    def pose_told(self, life: Life, pose: PoseAnswer) -> None:
+    def on_pose(self, life: Life, pose: PoseAnswer) -> None:
         """An observer has queried the pose.
 
         Clocks may be apart by anything, so it counts from when the data should have arrived.

@@ -149,7 +149,7 @@ class Network:
         node.token = token
         if node.linked:
             self.tokens[token] = node
-            self._tell_others(node, token, alive=True)
+            self._notify_others(node, token, alive=True)
 
     def undeclare(self, node: Node) -> None:
         """A process gives its token up."""
@@ -170,19 +170,19 @@ class Network:
     def _forget(self, node: Node) -> None:
         if node.token is not None and self.tokens.get(node.token) is node:
             del self.tokens[node.token]
-            self._tell_others(node, node.token, alive=False)
+            self._notify_others(node, node.token, alive=False)
 
     def watch(self, node: Node) -> None:
         """Give a process all present tokens."""
         for token in self.tokens:
-            self._tell(node, token, alive=True)
+            self._handle(node, token, alive=True)
 
-    def _tell_others(self, node: Node, token: str, *, alive: bool) -> None:
+    def _notify_others(self, node: Node, token: str, *, alive: bool) -> None:
         for other in self.nodes.values():
             if other is not node and other.linked:
-                self._tell(other, token, alive=alive)
+                self._handle(other, token, alive=alive)
 
-    def _tell(self, node: Node, token: str, *, alive: bool) -> None:
+    def _handle(self, node: Node, token: str, *, alive: bool) -> None:
         node.later(self.least_s, lambda: node.on_token(token, alive))
 
     # --- links
@@ -217,7 +217,7 @@ class Network:
     def _break(self, node: Node) -> None:
         for token, owner in self.tokens.items():
             if owner is not node:
-                self._tell(node, token, alive=False)
+                self._handle(node, token, alive=False)
         node.linked = False
         node.later(2 * self.least_s, lambda: node.on_link(up=False))
         self._forget(node)

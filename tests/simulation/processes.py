@@ -36,7 +36,7 @@ class Bridge(Node):
         """Continue after the coordinator's step; from 0 without an answer."""
         acting = self._simulation.acting()
         known = acting.coordinator.status(acting.now_ns, {}).newest_step if acting else -1
-        self._simulation.laws.counts_anew |= known < self._step - 1
+        self._simulation.laws.restarts_count |= known < self._step - 1
         self._step, self._history = known + 1, []
 
     def drive(self, number: int) -> None:
@@ -79,7 +79,7 @@ class WorkerNode(Node):
         self._simulation = simulation
         self._unread: deque[Checkpoint] = deque(maxlen=KEPT_CHECKPOINTS)
         self.core = Worker(name)
-        self.heard_term = 0
+        self.known_term = 0
         """The highest of a founded checkpoint that this process has had in its hands."""
         self._questions = dict[int, Asker]()
         self._is_searching = False
@@ -89,12 +89,12 @@ class WorkerNode(Node):
         self.core = Worker(self.name)
         self._is_searching = False
         self._unread.clear()
-        self.heard_term = 0
+        self.known_term = 0
         self._simulation.network.declare(self, self.name)
 
     def on_scan(self, scan: Scan) -> None:
         """A step."""
-        self._tell(events.on_scan(scan))
+        self._handle(events.on_scan(scan))
         self.later(QUIET_S, self._read_checkpoints)
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
@@ -105,17 +105,17 @@ class WorkerNode(Node):
     def on_order(self, asker: Asker, order: WorkOrder) -> None:
         """A coordinator sends an order."""
         self._read_checkpoints()
-        self._tell(events.on_order(self._question(asker), order))
+        self._handle(events.on_order(self._question(asker), order))
 
     def on_take_over(self, asker: Asker, take_over: TakeOver) -> None:
         """A coordinator asks what there is."""
         self._read_checkpoints()
-        self._tell(events.on_state_query(self._question(asker), take_over))
+        self._handle(events.on_state_query(self._question(asker), take_over))
 
     def jobs(self) -> set[tuple[str, int]]:
         """(job id, epoch) of what it does; nothing changes by asking."""
-        nobody = TakeOver(sender="nobody", term=0)
-        (answer,) = self.core.on_state_query(-1, nobody)
+        no_coordinator = TakeOver(sender="nobody", term=0)
+        (answer,) = self.core.on_state_query(-1, no_coordinator)
         assert isinstance(answer, instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
@@ -129,10 +129,10 @@ class WorkerNode(Node):
         while self._unread:
             checkpoint = self._unread.popleft()
             if checkpoint.founded:
-                self.heard_term = max(self.heard_term, checkpoint.term)
-            self._tell(events.on_checkpoint(checkpoint))
+                self.known_term = max(self.known_term, checkpoint.term)
+            self._handle(events.on_checkpoint(checkpoint))
 
-    def _tell(self, event: events.Event) -> None:
+    def _handle(self, event: events.Event) -> None:
         for instruction in event(self.core):
             self._carry_out(instruction)
         if self.core.searches and not self._is_searching:
@@ -141,7 +141,7 @@ class WorkerNode(Node):
 
     def _search_on(self) -> None:
         self._is_searching = False
-        self._tell(events.search())
+        self._handle(events.search())
 
     def _carry_out(self, instruction: instructions.Instruction) -> None:
         simulation = self._simulation
@@ -156,7 +156,7 @@ class WorkerNode(Node):
                 self._fetch_map()
             case instructions.BuildModel(map_message):
                 built = events.on_model(map_message.digest, simulation.model)
-                self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._tell(built))
+                self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._handle(built))
             case instructions.FetchScans(missing):
                 self._fetch_scans(missing)
             case instructions.Warn():
@@ -168,13 +168,13 @@ class WorkerNode(Node):
         def arrived() -> None:
             if not answered:
                 answered.append(MAP)
-                self._tell(events.on_map(MAP))
+                self._handle(events.on_map(MAP))
 
         def failed() -> None:
             if not answered:
                 answered.append(MAP)
-                error = UnreachableError(who="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
-                self._tell(events.on_map_failure(error))
+                error = UnreachableError(peer="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
+                self._handle(events.on_map_failure(error))
 
         self._simulation.ask_bridge(self, lambda _: arrived)
         self.later(FETCH_TIMEOUT_S, failed)
@@ -188,14 +188,14 @@ class WorkerNode(Node):
             def arrived() -> None:
                 if not answered:
                     answered.append(True)
-                    self._tell(events.on_history(missing, scans))
+                    self._handle(events.on_history(missing, scans))
 
             return arrived
 
         def failed() -> None:
             if not answered:
                 answered.append(True)
-                self._tell(events.on_no_history(missing, "nobody is there"))
+                self._handle(events.on_no_history(missing, "nobody is there"))
 
         self._simulation.ask_bridge(self, with_scans)
         self.later(FETCH_TIMEOUT_S, failed)

@@ -146,7 +146,7 @@ def _command(rng: random.Random) -> Fault:
     def fault(simulation: "Simulation") -> None:
         for node in simulation.coordinators.values():
             if node.acts:
-                node.take(lambda node=node: node.tell(CommandArrived(command)))  # type: ignore[misc]
+                node.take(lambda node=node: node.pass_on(CommandArrived(command)))  # type: ignore[misc]
 
     return fault
 

@@ -128,7 +128,7 @@ class Simulation:
             return f"workers {sorted(status.workers)} are known"
         jobs = coordinator.state.placement.jobs
         if waiting := jobs.by_worker().get(None):
-            return f"nobody has {sorted(waiting)}"
+            return f"no worker has {sorted(waiting)}"
         outcome = coordinator.state.outcome
         if outcome is None or outcome.missing:
             return f"no report of {outcome and outcome.missing}"
@@ -176,16 +176,16 @@ class Simulation:
 
     def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
         """A coordinator's state, as bytes."""
-        heard = decode(encode(checkpoint), Checkpoint)
+        received = decode(encode(checkpoint), Checkpoint)
         for worker in self._shuffled(self.workers.values()):
             self.network.send(
                 source,
                 worker,
-                lambda worker=worker: worker.on_checkpoint(heard),  # type: ignore[misc]
+                lambda worker=worker: worker.on_checkpoint(received),  # type: ignore[misc]
             )
         for node in self.coordinators.values():
             if node is not source:
-                self.network.send(source, node, lambda node=node: node.on_checkpoint(heard))  # type: ignore[misc]
+                self.network.send(source, node, lambda node=node: node.on_checkpoint(received))  # type: ignore[misc]
 
     def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
         """A query to one worker."""
@@ -195,8 +195,8 @@ class Simulation:
     def answer_order(self, source: WorkerNode, asker: Asker, answer: OrderAnswer) -> None:
         """A worker's answer."""
         node = self.coordinators[asker.name]
-        heard = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
-        self.network.send(source, node, heard)
+        received = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
+        self.network.send(source, node, received)
 
     def send_take_over(self, source: CoordinatorNode, name: str, question: TakeOver) -> None:
         """A query to one worker."""
@@ -205,9 +205,9 @@ class Simulation:
 
     def answer_state(self, source: WorkerNode, asker: Asker, state: WorkerState) -> None:
         """A worker's answer."""
-        node, term = self.coordinators[asker.name], source.heard_term
-        heard = asker.waiting(node, lambda: node.on_state(source.name, state, term))
-        self.network.send(source, node, heard)
+        node, term = self.coordinators[asker.name], source.known_term
+        received = asker.waiting(node, lambda: node.on_state(source.name, state, term))
+        self.network.send(source, node, received)
 
     def ask_bridge(self, source: Node, answer: Callable[[Bridge], Action]) -> None:
         """A query to the bridge; `answer` makes of it what happens where it was asked."""

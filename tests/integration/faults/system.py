@@ -55,11 +55,11 @@ class System:
         self._names = set(stack.pids())
         self.started: list[RunningProcess] = []
         self.beliefs: list[Belief] = []
-        self._heard_ns: list[int] = []
+        self._received_ns: list[int] = []
         session.declare_subscriber(keys.BELIEF, self._on_belief)
 
     def _on_belief(self, sample: zenoh.Sample) -> None:
-        self._heard_ns.append(time.monotonic_ns())
+        self._received_ns.append(time.monotonic_ns())
         self.beliefs.append(decode(sample.payload.to_bytes(), Belief))
 
     @property
@@ -78,8 +78,8 @@ class System:
 
     def gaps_s(self) -> list[float]:
         """Times between beliefs [s]."""
-        heard = list(self._heard_ns)
-        return [(b - a) / 1e9 for a, b in pairwise(heard)]
+        received = list(self._received_ns)
+        return [(b - a) / 1e9 for a, b in pairwise(received)]
 
     def clusters(self) -> set[int]:
         """Those of the last belief."""

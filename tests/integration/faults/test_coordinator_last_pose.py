@@ -39,15 +39,15 @@ def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(tmp_pat
         wait_until(lambda: any(b.state == "localized" for b in tested.beliefs))
         tested.wait_for_steps(5)
         cut_the_power(tested)
-        told = {belief.step: belief for belief in tested.beliefs}
+        reported = {belief.step: belief for belief in tested.beliefs}
         state = state_in(kept(tmp_path))
         assert state.collector.applied is not None
         step = state.collector.applied.step
-        assert abs(step - max(told)) < 10, "one of the newest; some were still on their way"
+        assert abs(step - max(reported)) < 10, "one of the newest; some were still on their way"
         place = LastPlace.of(kept(tmp_path))
         assert place is not None
-        if step in told:
-            assert place.pose == told[step].hypotheses[0].pose
+        if step in reported:
+            assert place.pose == reported[step].hypotheses[0].pose
     with system(kept_in(tmp_path), "--steps", "40") as tested:
         wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
         first = next(b for b in tested.beliefs if b.state != "searching")

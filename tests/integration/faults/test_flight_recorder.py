@@ -37,21 +37,23 @@ def objects(done: subprocess.CompletedProcess[str]) -> list[JsonObject]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def told(belief: Belief) -> JsonObject:
+def as_object(belief: Belief) -> JsonObject:
     """A received belief as the replay prints it; JSON keeps every bit of a number."""
-    heard: JsonObject = json.loads(dumped(belief_object(belief)))
-    return {**heard, "term": belief.term}
+    published: JsonObject = json.loads(dumped(belief_object(belief)))
+    return {**published, "term": belief.term}
 
 
-def assert_same(heard: list[Belief], lines: list[JsonObject]) -> None:
+def assert_same(published: list[Belief], lines: list[JsonObject]) -> None:
     """All received beliefs of each term are replayed, except those not yet on disk at the end."""
     replayed = [line for line in lines if line["kind"] == "belief"]
-    last_term = max(belief.term for belief in heard)
-    for term, beliefs in groupby(heard, key=lambda belief: belief.term):
+    last_term = max(belief.term for belief in published)
+    for term, beliefs in groupby(published, key=lambda belief: belief.term):
         computed = [
-            {key: line[key] for key in told(heard[0])} for line in replayed if line["term"] == term
+            {key: line[key] for key in as_object(published[0])}
+            for line in replayed
+            if line["term"] == term
         ]
-        missing = [belief.step for belief in beliefs if told(belief) not in computed]
+        missing = [belief.step for belief in beliefs if as_object(belief) not in computed]
         assert missing == [step for step in missing if step > computed[-1]["step"]], "in the middle"
         assert len(missing) <= (0 if term == last_term else most_lost())
 
@@ -61,7 +63,7 @@ def most_lost() -> float:
     return STEPS_PER_S * stretched_s(LOST_S)
 
 
-def said_again(lines: list[JsonObject]) -> list[int]:
+def repeated(lines: list[JsonObject]) -> list[int]:
     """So many steps before the last of the term before each later term's first belief is.
 
     It takes over at its start or, without a worker then, when the first one appears.
@@ -92,18 +94,18 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
         shutil.copytree(folder, copy)
         tested.restart(COORDINATOR)
         tested.wait_for_steps(5)
-    heard = list(tested.beliefs)
-    assert len({belief.term for belief in heard}) == 3
+    published = list(tested.beliefs)
+    assert len({belief.term for belief in published}) == 3
 
     grid_map = simulated_world(Simulated(WORLD)).map
     done = replay(folder, "--json", "--map", str(write_map(grid_map, tmp_path, "map")))
     assert (done.stderr, done.returncode) == ("", 0)
     lines = objects(done)
-    assert_same(heard, lines)
+    assert_same(published, lines)
     acts = [line for line in lines if line["kind"] == "coordinator"]
-    assert [line["term"] for line in acts] == sorted({belief.term for belief in heard})
+    assert [line["term"] for line in acts] == sorted({belief.term for belief in published})
     assert acts[0]["took_over_after_step"] is None
-    assert all(abs(late) <= most_lost() for late in said_again(lines)), "each carries on"
+    assert all(abs(late) <= most_lost() for late in repeated(lines)), "each carries on"
     assert {"worker joined", "worker left", "command"} <= {line["kind"] for line in lines}
     assert lines[-1]["different"] == 0
 

@@ -20,13 +20,13 @@ BURST = 4
 
 def newest_scan(tested: System) -> Scan:
     """Return the next scan of the real bridge."""
-    heard: list[Scan] = []
+    received: list[Scan] = []
     subscriber = tested.session.declare_subscriber(
-        keys.SCAN, lambda sample: heard.append(decode(sample.payload.to_bytes(), Scan))
+        keys.SCAN, lambda sample: received.append(decode(sample.payload.to_bytes(), Scan))
     )
-    wait_until(lambda: heard)
+    wait_until(lambda: received)
     subscriber.undeclare()
-    return heard[-1]
+    return received[-1]
 
 
 def forge(tested: System, first_step: int, count: int) -> None:

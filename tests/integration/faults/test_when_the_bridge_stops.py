@@ -42,7 +42,7 @@ def poses_until_stale(
 def assert_honest(poses: list[PoseAnswer]) -> None:
     for pose in poses:
         assert (pose.freshness == "stale") == (pose.age_s > STALE_AFTER_S)
-        assert pose.pose is not None, "the last pose is still told, with its age"
+        assert pose.pose is not None, "the last pose is still published, with its age"
 
 
 def is_fresh(tested: System) -> bool:

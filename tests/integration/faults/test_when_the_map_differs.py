@@ -67,4 +67,4 @@ def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path
         wait_until(lambda: client.status().counters.get("order refused", 0) > 0)
         assert client.status().map_digest == ours
         minutes = (time.monotonic() - started_s) / 60.0
-        assert tested.log(COORDINATOR).count(both) <= 1 + minutes, "said once a minute"
+        assert tested.log(COORDINATOR).count(both) <= 1 + minutes, "logged once a minute"

@@ -139,8 +139,8 @@ def test_a_worker_that_waits_for_its_map_answers_queries_and_other_orders(
     wait_until(lambda: bridge.asked)
     assert coordinator.state().jobs == ()
     assert 1 not in coordinator.answers, "it is not done"
-    heard = len(coordinator.healths)
-    wait_until(lambda: len(coordinator.healths) > heard + 1)
+    received = len(coordinator.healths)
+    wait_until(lambda: len(coordinator.healths) > received + 1)
     coordinator.order(2)
     wait_until(lambda: {1, 2} <= coordinator.answers.keys(), stretched_s(SOON_S))
     assert (coordinator.answers[1].order, coordinator.answers[2].order) == (0, 2)

@@ -76,15 +76,17 @@ def may_be_at(belief: Belief, pose: tuple[float, ...]) -> bool:
     )
 
 
-def wait_until_told(tested: System, client: Client, pose: tuple[float, ...], digest: str) -> None:
-    def is_told() -> bool:
+def wait_until_reported(
+    tested: System, client: Client, pose: tuple[float, ...], digest: str
+) -> None:
+    def is_reported() -> bool:
         return (
             client.status().map_digest == digest
             and bool(tested.beliefs)
             and may_be_at(tested.beliefs[-1], pose)
         )
 
-    wait_until(is_told)
+    wait_until(is_reported)
 
 
 def test_a_standing_robot_gets_its_possible_places() -> None:
@@ -96,15 +98,15 @@ def test_a_standing_robot_gets_its_possible_places() -> None:
             answering(tested.session, map_reading(before)),
             standing_robot(tested.session, "cross") as pose,
         ):
-            wait_until_told(tested, client, pose, before.digest)
+            wait_until_reported(tested, client, pose, before.digest)
             client.relocalize()
             relocalized = tested.step
             wait_until(lambda: tested.beliefs[-1].state == "searching" or tested.step > relocalized)
-            wait_until_told(tested, client, pose, before.digest)
+            wait_until_reported(tested, client, pose, before.digest)
             tested.session.put(keys.MAP_READING, encode(map_reading(after)))
-            wait_until_told(tested, client, pose, after.digest)
-            told = tested.step
-            assert told < 400, "steps of a standing robot end when it is told"
+            wait_until_reported(tested, client, pose, after.digest)
+            last_step = tested.step
+            assert last_step < 400, "steps of a standing robot end once it is localized"
         status = client.status()
         assert status.counters["map changed"] == 1
 
@@ -119,7 +121,7 @@ def test_a_pose_off_the_map_is_refused_and_a_wrong_one_is_never_localized() -> N
             answering(tested.session, map_reading(drawn)),
             standing_robot(tested.session, "cross_feature") as pose,
         ):
-            wait_until_told(tested, client, pose, drawn.digest)
+            wait_until_reported(tested, client, pose, drawn.digest)
             left, low, _ = drawn.map_from_grid
             for off in ((700.0, 0.5, 1.6), (500.0, 500.0, 0.0), (left - 5.0, low, 0.0)):
                 assert "no free ground" in refused(client, off)

@@ -77,12 +77,12 @@ def test_a_frozen_worker_delays_the_others_by_one_deadline_and_is_replaced() -> 
         tested.wait_until_it_tracks()
         tested.wait_for_steps(10)
         clusters, usual_s = tested.clusters(), max(tested.gaps_s()[-5:])
-        heard, step = len(tested.gaps_s()), tested.step
+        received, step = len(tested.gaps_s()), tested.step
         name, job, pid = signal_one_that_tracks(tested, signal.SIGSTOP)
         try:
             wait_until(lambda: any(job in belief.missing for belief in tested.since(step)))
             wait_until(lambda: len(tested.since(step)) > 12 and tested.tracks())
-            assert max(tested.gaps_s()[heard:]) < usual_s + stretched_s(DEADLINE_S + 0.4)
+            assert max(tested.gaps_s()[received:]) < usual_s + stretched_s(DEADLINE_S + 0.4)
             assert {job_id for belief in tested.since(step) for job_id in belief.missing} == {job}
             assert tested.clusters() == clusters
             assert jobs_of(tested).get(name, ()) == ()
@@ -146,11 +146,11 @@ def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reck
             step = tested.step
             client.relocalize()
             wait_until(lambda: tested.step > step + 5 and tested.tracks())
-            told = []
+            reported = []
             for _ in range(ASKED):
                 tested.wait_for_steps(1)
-                told.append(client.pose().freshness)
-            assert told.count("fresh") > 0.9 * ASKED
+                reported.append(client.pose().freshness)
+            assert reported.count("fresh") > 0.9 * ASKED
             assert max(len(belief.missing) for belief in tested.beliefs[-ASKED:]) <= 1
 
 
@@ -159,19 +159,19 @@ class Flooder:
 
     def __init__(self, tested: System) -> None:
         self._session = tested.session
-        self._heard: dict[str, TrackReport] = {}
+        self._received: dict[str, TrackReport] = {}
         tested.session.declare_subscriber(keys.ALL_REPORTS, self._on_report)
-        wait_until(lambda: self._heard)
-        self._key = min(self._heard)
+        wait_until(lambda: self._received)
+        self._key = min(self._received)
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         report: Report = decode(sample.payload.to_bytes(), Report)  # type: ignore[arg-type] # a union
         if isinstance(report, TrackReport):
-            self._heard[str(sample.key_expr)] = report
+            self._received[str(sample.key_expr)] = report
 
     def report(self, step: int, snapshot: Particles | None = None) -> None:
         """Publish the worker's last report with another step and other particles."""
-        report = replace(self._heard[self._key], step=step, snapshot=snapshot)
+        report = replace(self._received[self._key], step=step, snapshot=snapshot)
         block = zenoh.CongestionControl.BLOCK
         self._session.put(self._key, encode(report), congestion_control=block)
 

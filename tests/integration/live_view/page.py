@@ -87,8 +87,8 @@ class Page:
     @property
     def system(self) -> str:
         """What the page says of the system: ``running``, ``no router`` and so on."""
-        said: str = self.run("return document.documentElement.dataset.link ?? ''")
-        return said
+        visible: str = self.run("return document.documentElement.dataset.link ?? ''")
+        return visible
 
     def run_async(self, script: str) -> Any:
         """What a script gives to ``done``."""
@@ -96,8 +96,8 @@ class Page:
 
     def text(self, element: str) -> str:
         """Visible text of an element by its id."""
-        said: str = self.run(f"return document.getElementById('{element}').innerText")
-        return said
+        visible: str = self.run(f"return document.getElementById('{element}').innerText")
+        return visible
 
     def is_visible(self, element: str) -> bool:
         """Whether an element is shown."""
@@ -138,20 +138,20 @@ class Page:
         ``wide`` changes nothing.
         """
         size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
-        tell = self.driver.execute_cdp_cmd
+        command = self.driver.execute_cdp_cmd
         if "x" in screen:
             width, height = map(int, screen.split("x"))
             size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         if screen == "phone" or "x" in screen:
-            tell("Emulation.setDeviceMetricsOverride", size)
+            command("Emulation.setDeviceMetricsOverride", size)
         if "dark" in (screen, scheme):
             dark = {"name": "prefers-color-scheme", "value": "dark"}
-            tell("Emulation.setEmulatedMedia", {"features": [dark]})
+            command("Emulation.setEmulatedMedia", {"features": [dark]})
         try:
             yield
         finally:
-            tell("Emulation.clearDeviceMetricsOverride", {})
-            tell("Emulation.setEmulatedMedia", {"features": []})
+            command("Emulation.clearDeviceMetricsOverride", {})
+            command("Emulation.setEmulatedMedia", {"features": []})
 
     def history(self) -> list[Any]:
         """Steps that the page knows: step, places, truth."""

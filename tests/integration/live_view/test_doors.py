@@ -22,7 +22,7 @@ from tests.integration.waiting import PATIENCE_S
 
 
 @pytest.fixture
-def nobody(tmp_path: Path) -> str:
+def no_router(tmp_path: Path) -> str:
     """A router's endpoint without a router."""
     return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
 
@@ -43,8 +43,8 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         assert process.wait() == 0, "an open page does not hold it"
 
 
-def served(start_process: StartProcess, nobody: str, *arguments: str) -> RunningProcess:
-    process = start_process(python_module("live_view", "--set", nobody, *arguments))
+def served(start_process: StartProcess, no_router: str, *arguments: str) -> RunningProcess:
+    process = start_process(python_module("live_view", "--set", no_router, *arguments))
     process.wait_for("look at")
     return process
 
@@ -54,9 +54,9 @@ def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]
     connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
     answer = connection.getresponse()
     headers = {name.lower(): value for name, value in answer.getheaders()}
-    said = answer.status, headers, answer.read().decode()
+    result = answer.status, headers, answer.read().decode()
     connection.close()
-    return said
+    return result
 
 
 def opened(
@@ -91,9 +91,9 @@ def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -
 def done(page: ClientConnection) -> str:
     """Send a command; return the reason why it is refused."""
     page.send('{"type": "relocalize"}')
-    while "done" not in (told := json.loads(page.recv(PATIENCE_S))):  # pictures are under way
+    while "done" not in (answered := json.loads(page.recv(PATIENCE_S))):  # pictures are under way
         page.send('{"type": "drawn"}')
-    return str(told["done"]["problem"])
+    return str(answered["done"]["problem"])
 
 
 def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
@@ -101,7 +101,9 @@ def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> No
         assert "no answer" in done(page)
 
 
-def test_a_browser_that_sends_rubbish_is_disconnected_and_harms_no_other(port: int) -> None:
+def test_a_browser_that_sends_malformed_messages_is_disconnected_and_disturbs_no_other(
+    port: int,
+) -> None:
     for rubbish in ("{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}'):
         with opened(port) as page:
             page.recv(PATIENCE_S)
@@ -112,11 +114,11 @@ def test_a_browser_that_sends_rubbish_is_disconnected_and_harms_no_other(port: i
         assert "system" in json.loads(page.recv(PATIENCE_S))
 
 
-def test_away_from_loopback_the_page_needs_the_token_and_may_only_look(
-    start_process: StartProcess, nobody: str
+def test_on_other_addresses_the_page_needs_the_token_and_is_read_only(
+    start_process: StartProcess, no_router: str
 ) -> None:
     port = free_port()
-    process = served(start_process, nobody, "--listen", f"0.0.0.0:{port}")
+    process = served(start_process, no_router, "--listen", f"0.0.0.0:{port}")
     token = re.search(r"\?token=([\w-]+)", process.err)
     assert token is not None
     assert [got(port, path)[0] for path in ("/", "/app.js")] == [403, 403]
@@ -132,12 +134,12 @@ def test_away_from_loopback_the_page_needs_the_token_and_may_only_look(
 
 
 def test_with_a_certificate_the_page_is_served_by_https(
-    start_process: StartProcess, nobody: str, tmp_path: Path
+    start_process: StartProcess, no_router: str, tmp_path: Path
 ) -> None:
     certificate, key = self_signed(tmp_path)
     port = free_port()
     tls = ("--certificate", str(certificate), "--private-key", str(key))
-    process = served(start_process, nobody, "--listen", f"0.0.0.0:{port}", *tls)
+    process = served(start_process, no_router, "--listen", f"0.0.0.0:{port}", *tls)
     link = re.search(r"https://0\.0\.0\.0:\d+/(\?token=[\w-]+)", process.err)
     assert link is not None
     context = ssl.create_default_context(cafile=str(certificate))
@@ -150,7 +152,7 @@ def test_with_a_certificate_the_page_is_served_by_https(
 
 
 def test_wrong_certificates_and_a_port_in_use_are_refused_in_one_line(
-    start_process: StartProcess, nobody: str, tmp_path: Path, port: int
+    start_process: StartProcess, no_router: str, tmp_path: Path, port: int
 ) -> None:
     certificate, key = map(str, self_signed(tmp_path))
     rubbish = tmp_path / "rubbish.pem"
@@ -161,7 +163,7 @@ def test_wrong_certificates_and_a_port_in_use_are_refused_in_one_line(
         (("--certificate", str(rubbish), "--private-key", str(rubbish)), "rubbish.pem"),
         (("--listen", f"127.0.0.1:{port}"), "in use"),
     ):
-        process = start_process(python_module("live_view", "--set", nobody, *words))
+        process = start_process(python_module("live_view", "--set", no_router, *words))
         assert process.wait() == 2
         assert problem in process.err
         assert process.err.count("\n") == 1

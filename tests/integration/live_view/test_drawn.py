@@ -263,7 +263,7 @@ def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "phone"])
-def test_sixty_four_clusters_stay_readable(
+def test_a_page_with_sixty_four_clusters_is_readable(
     stage: Stage, drawn: Page, pictures: Path, screen: str
 ) -> None:
     for step in range(20):
@@ -289,7 +289,7 @@ def test_sixty_four_clusters_stay_readable(
 
 def many_places(step: int) -> Belief:
     """All over the map, the first ones the most probable."""
-    told = belief(step, *range(64))
+    reported = belief(step, *range(64))
     shares = 0.9 ** np.arange(64)
     places = [
         msgspec.structs.replace(
@@ -298,9 +298,9 @@ def many_places(step: int) -> Belief:
             probability=float(0.9 * shares[i] / shares.sum()),
             covariance=(0.01, 0.003, 0.0, 0.003, 0.02, 0.0, 0.0, 0.0, 0.01),
         )
-        for i, place in enumerate(told.hypotheses)
+        for i, place in enumerate(reported.hypotheses)
     ]
-    return msgspec.structs.replace(told, hypotheses=tuple(places))
+    return msgspec.structs.replace(reported, hypotheses=tuple(places))
 
 
 def labels(page: Page) -> int:
@@ -378,7 +378,9 @@ def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
 
 
 @pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
-def test_nothing_covers_a_button(stage: Stage, drawn: Page, pictures: Path, width: int) -> None:
+def test_no_element_of_the_page_covers_a_button(
+    stage: Stage, drawn: Page, pictures: Path, width: int
+) -> None:
     play(stage, range(5))
     stage.picture.on_status(status(processes=(simulator(),)))
     with drawn.on_screen(f"{width}x800"):
@@ -449,7 +451,7 @@ def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
     assert (drawn.snapshot().pixels != before).any(axis=2).sum() > 1000  # a grid
 
 
-def test_a_click_on_a_place_judges_its_beams(stage: Stage, drawn: Page) -> None:
+def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page) -> None:
     """It looks along the wall of a room of 10 m by 6 m, from (1, 2) to the right."""
     straight = msgspec.structs.replace(hypothesis(1, 0.9), pose=(1.0, 2.0, 0.0))
     beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
@@ -461,10 +463,10 @@ def test_a_click_on_a_place_judges_its_beams(stage: Stage, drawn: Page) -> None:
     x, y = drawn.snapshot().screen_of(1.0, 2.0)
     drawn.drag_on_map((x, y), (x, y))
     shows(stage, lambda: drawn.is_visible("beams"))
-    said = drawn.text("beams")
-    assert "1 hit" in said
-    assert "2 through a wall" in said
-    assert "1 short of one" in said
+    legend = drawn.text("beams")
+    assert "1 hit" in legend
+    assert "2 through a wall" in legend
+    assert "1 short of one" in legend
     press(drawn, "\ue00c")  # Esc
     shows(stage, lambda: not drawn.is_visible("beams"))
 
@@ -534,11 +536,11 @@ def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
 def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
     ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
     searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
-    told = [
+    reported = [
         NumberedEvent(number=n, step=9, stamp_ns=9, event=event)
         for n, event in enumerate([*ended, *searches])
     ]
-    stage.picture.on_events(JobEvents(sender="c", events=tuple(told), term=1))
+    stage.picture.on_events(JobEvents(sender="c", events=tuple(reported), term=1))
     listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
     shows(stage, lambda: len(drawn.run(listed)) == 2)
     searches_line, clusters_line = drawn.run(listed)
@@ -614,28 +616,28 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
         "liveView.take({system: {robot: 'r', link: 'running', commands: true, story: 'sim'}})"
     )
 
-    def says(step: int, text: str, **changed: Any) -> None:
+    def shows_text(step: int, text: str, **changed: Any) -> None:
         stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
         shows(stage, lambda: text in drawn.text("caption"))
 
-    says(2, "Two places look alike")
+    shows_text(2, "Two places look alike")
     assert not drawn.is_visible("again")
     drawn.save(pictures / "caption.png")
     top_of_map = "return liveView.view.screenOf([0, 6])[1]"
     bottom = "return document.getElementById('caption').getBoundingClientRect().bottom"
     shows(stage, lambda: drawn.run(top_of_map) > drawn.run(bottom))  # it covers nothing
-    says(3, "no place explains the scan", state="lost")
-    says(4, "fits one place alone", state="localized")
+    shows_text(3, "no place explains the scan", state="lost")
+    shows_text(4, "fits one place alone", state="localized")
     drawn.click("again")
     shows(stage, lambda: stage.commands == [SearchAgain()])
-    says(5, "The run has ended", last=True)
+    shows_text(5, "The run has ended", last=True)
     drawn.click("again")
     shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
     assert stage.commands == [SearchAgain()]
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
-def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> None:
+def test_amcl_is_drawn_in_a_second_map(driver: Any, pictures: Path, screen: str) -> None:
     with Stage("amcl") as stage:
         stage.show_map(120, 200)
         assert stage.map is not None
@@ -647,7 +649,7 @@ def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> No
             shows(stage, lambda: page.run("return liveView.view.map !== null"))
             page.run(
                 "liveView.take({system: {robot: 'r', link: 'running', commands: true, "
-                "story: 'cross_feature', beside: 'amcl'}})"
+                "story: 'cross_feature', comparison: 'amcl'}})"
             )
             play(stage, range(12))
             localized = msgspec.structs.replace(belief(12, 1), state="localized")
@@ -659,20 +661,20 @@ def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> No
                 sure = msgspec.structs.replace(belief(step, place), state="localized")
                 amcl.picture.on_belief(sure)
             page.click("with-amcl")
-            shows(stage, lambda: "0.0 m off the truth" in page.text("beside-label"))
+            shows(stage, lambda: "0.0 m off the truth" in page.text("comparison-label"))
             halves = page.run(
-                "return ['map', 'beside'].map((id) => document.getElementById(id))"
+                "return ['map', 'comparison'].map((id) => document.getElementById(id))"
                 ".map((one) => one.clientWidth * one.clientHeight)"
             )
             assert halves[0] == pytest.approx(halves[1], rel=0.02)
             page.run("liveView.travel.goTo(7)")
-            shows(stage, lambda: "3.0 m off the truth" in page.text("beside-label"))
-            assert page.run("return document.getElementById('beside-label').className").endswith(
-                "bad"
-            )
-            drawn = "return liveView.beside.view.step.step"
+            shows(stage, lambda: "3.0 m off the truth" in page.text("comparison-label"))
+            assert page.run(
+                "return document.getElementById('comparison-label').className"
+            ).endswith("bad")
+            drawn = "return liveView.comparison.view.step.step"
             shows(stage, lambda: page.run(drawn) == 7)
-            both = "return [liveView.beside.view.view, liveView.view.view]"
+            both = "return [liveView.comparison.view.view, liveView.view.view]"
 
             def show_the_same_section() -> bool:
                 one, other = page.run(both)
@@ -683,7 +685,7 @@ def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> No
             page.run("liveView.travel.toNow()")
             shows(stage, lambda: page.run(drawn) == 12)
             page.click("with-amcl")
-            assert not page.is_visible("beside")
+            assert not page.is_visible("comparison")
             assert serious_problems(page) == []
             driver.get("about:blank")
         assert page.console() == []

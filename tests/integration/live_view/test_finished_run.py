@@ -63,7 +63,7 @@ def steps_in(page: str) -> list[int]:
     return [step for step, topic, _ in past if topic == "step"]
 
 
-def told(page: ClientConnection) -> dict[str, Any]:
+def reported(page: ClientConnection) -> dict[str, Any]:
     """The next message, drawn at once."""
     message: dict[str, Any] = json.loads(page.recv(PATIENCE_S))
     page.send('{"type": "drawn"}')
@@ -72,7 +72,7 @@ def told(page: ClientConnection) -> dict[str, Any]:
 
 def answer_of(page: ClientConnection, topic: str) -> dict[str, Any]:
     """The requested topic; other messages that arrive meanwhile are unchanged."""
-    while topic not in (message := told(page)):
+    while topic not in (message := reported(page)):
         pass
     answer: dict[str, Any] = message[topic]
     return answer
@@ -80,7 +80,7 @@ def answer_of(page: ClientConnection, topic: str) -> dict[str, Any]:
 
 def finished(page: ClientConnection) -> dict[str, Any]:
     """All topics once the recording has been read to its end."""
-    shown = told(page)
+    shown = reported(page)
     while shown["system"]["link"] != "finished":
-        shown |= told(page)
+        shown |= reported(page)
     return shown

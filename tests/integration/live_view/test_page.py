@@ -45,7 +45,7 @@ def colours(file: str, pattern: str) -> list[tuple[int, int, int]]:
 PALETTE = colours("palette.js", r'"#([0-9A-F]{6})"')
 
 
-def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
+def test_without_a_system_the_page_shows_that_it_waits(page: Page) -> None:
     wait_until(lambda: page.system == "no router")
     assert page.is_visible("banner")
     assert "waiting for the system" in page.text("banner-text")
@@ -76,7 +76,7 @@ def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictu
         assert taken[-1].pixel_at(*place["pose"][:2]) == PALETTE[place["slot"]]
 
 
-def test_where_to_look_is_answered_and_drawn_from_each_place(running: Page) -> None:
+def test_advice_is_answered_and_drawn_from_each_place(running: Page) -> None:
     running.wait_for_places(4)
     running.click("advise")
     wait_until(lambda: "cannot be distinguished" in running.text("hint"))
@@ -118,7 +118,7 @@ def apart(place: dict[str, list[float]], other: dict[str, list[float]]) -> float
     return math.dist(place["pose"][:2], other["pose"][:2])
 
 
-def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) -> None:
+def test_an_arrow_dragged_on_the_map_sets_the_pose(running: Page, system: System) -> None:
     wait_until(lambda: running.snapshot().step["places"])
     running.click("set-pose")
     snapshot = running.snapshot()

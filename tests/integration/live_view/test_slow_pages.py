@@ -31,13 +31,13 @@ def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_othe
 
             wait_until(asked_for_more)
         with opened(stage.server.link, max_size=None) as other:
-            told: dict[str, Any] = {}
+            reported: dict[str, Any] = {}
 
             def has_newest_step() -> bool:
                 stage.pump()
                 with suppress(TimeoutError):
-                    told.update(json.loads(other.recv(0.05)))
-                return "step" in told
+                    reported.update(json.loads(other.recv(0.05)))
+                return "step" in reported
 
             wait_until(has_newest_step)
-            assert told["step"]["step"] == STEPS - 1
+            assert reported["step"]["step"] == STEPS - 1

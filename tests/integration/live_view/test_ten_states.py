@@ -187,14 +187,14 @@ def test_state_places_probability_and_freshness_are_visible_without_scrolling(
             with page.on_screen(window, scheme):
                 page.run("scrollTo(0, 0); liveView.view.fit()")
 
-                def is_told() -> bool:
+                def is_shown() -> bool:
                     if answer is not None:
                         stage.picture.on_pose(answer)  # else it is stale after three seconds
                     seen = page.run(GLANCE)
                     return all(fact in seen.get(name, "") for name, fact in facts.items())
 
-                shows(stage, is_told)
-                assert "link" in page.run(GLANCE), "the dot that says whether it is alive"
+                shows(stage, is_shown)
+                assert "link" in page.run(GLANCE), "the dot that shows whether it is alive"
                 assert not page.run("return document.documentElement.scrollWidth > innerWidth")
                 page.save(pictures / f"ten-{show.__name__}-{window}-{scheme}.png")
     driver.get("about:blank")

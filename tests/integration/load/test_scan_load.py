@@ -86,7 +86,7 @@ class Listener:
 def delays_under_load(
     duration_s: float,
     folder: Path,
-    beside: Callable[[], AbstractContextManager[None]] = nullcontext,
+    other_load: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> list[float]:
     """Run all processes under load; no step may be lost, and all clusters are kept.
 
@@ -115,7 +115,7 @@ def delays_under_load(
             listener = Listener(session)
             wait_until(lambda: after_a_poll(listener.settled), 120.0)
             first, until_s = max(listener.beliefs) + 1, time.monotonic() + duration_s
-            with beside():
+            with other_load():
                 wait_until(lambda: after_a_poll(lambda: time.monotonic() > until_s), 2 * duration_s)
             steps = range(first, max(listener.beliefs) + 1)
             assert set(steps) <= listener.beliefs.keys(), "a step was lost"
@@ -147,6 +147,6 @@ def test_ten_minutes_at_forty_hertz_lose_no_step_and_beliefs_come_before_the_nex
     assert np.percentile(delays_s, 99.0) < 1.0 / RATE_HZ
 
 
-def test_some_seconds_at_forty_hertz_beside_other_work_lose_no_step(short_folder: str) -> None:
+def test_some_seconds_at_forty_hertz_under_other_load_lose_no_step(short_folder: str) -> None:
     """An overloaded bridge makes fewer steps of the scans; the delay of a belief is not judged."""
-    assert delays_under_load(8.0, Path(short_folder), beside=lambda: other_work(4))
+    assert delays_under_load(8.0, Path(short_folder), other_load=lambda: other_work(4))

@@ -81,9 +81,9 @@ def problems_of(moment: Moment, cache: Path) -> list[str]:
                 start_new_session=True,
             )
         problems = _problems_at_the_end(popen, moment)
-        said = log.read_text(errors="replace")
-        if ("Traceback" in said and OURS in said) or "Timeout (" in said:
-            problems.append(f"it said:\n{said}")
+        printed = log.read_text(errors="replace")
+        if ("Traceback" in printed and OURS in printed) or "Timeout (" in printed:
+            problems.append(f"it said:\n{printed}")
         if left := sorted(file.name for file in own.iterdir()):
             problems.append(f"left in the temporary folder: {left}")
     if left := sorted(shared_memory() - shared_before):

@@ -46,11 +46,14 @@ def test_forked_children_have_own_sessions_and_killed_or_hung_ones_are_replaced(
     assert {total for _, _, total in first} == {"14"}, "the parent's imports"
     children = psutil.Process(process.pid).children
 
-    for number, said in ((signal.SIGKILL, "ended with code -9"), (signal.SIGSTOP, "hung for 3 s")):
+    for number, message in (
+        (signal.SIGKILL, "ended with code -9"),
+        (signal.SIGSTOP, "hung for 3 s"),
+    ):
         before = ask(session, 1)
         os.kill(int(before[0]), number)
         wait_until(lambda: ask(session, 1) not in ([], before))  # noqa: B023 - as it is now
-        assert f"forking-1 {said}" in process.err
+        assert f"forking-1 {message}" in process.err
         assert [ask(session, index) for index in (0, 2)] == [first[0], first[2]]
         assert len(children()) == 3
     assert process.err.count("killed") == 1
@@ -80,7 +83,7 @@ def session_has(session: zenoh.Session, index: int) -> bool:
     return any(reply.ok is not None for reply in session.get(f"child/{index}", timeout=1.0))
 
 
-def test_children_that_still_look_for_a_router_end_too(
+def test_children_that_wait_for_a_router_end_too(
     zenoh_settings: ZenohSettings, start_process: StartProcess
 ) -> None:
     process = start_forking(start_process, zenoh_settings)

@@ -37,17 +37,17 @@ class Systemd:
     def close(self) -> None:
         self._socket.close()
 
-    def hears(self, within_s: float) -> bytes | None:
+    def receives(self, within_s: float) -> bytes | None:
         self._socket.settimeout(within_s)
         try:
             return self._socket.recv(100)
         except TimeoutError:
             return None
 
-    def hears_no_more(self) -> bool:
+    def receives_no_more(self) -> bool:
         """Whether there is a silence of more than WATCHDOG_USEC in the next seconds."""
         until_s = time.monotonic() + 10.0
-        while self.hears(0.6) is not None:
+        while self.receives(0.6) is not None:
             if time.monotonic() > until_s:
                 return False
         return True
@@ -72,13 +72,13 @@ def test_a_process_reports_that_it_is_ready_and_runs_until_it_is_stopped(
     systemd: Systemd, start_process: StartProcess, command: list[str], tmp_path: Path
 ) -> None:
     process = start_process([word.replace("{folder}", str(tmp_path)) for word in command])
-    assert systemd.hears(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
     for _ in range(6):
-        assert systemd.hears(PATIENCE_S) == b"WATCHDOG=1"
+        assert systemd.receives(PATIENCE_S) == b"WATCHDOG=1"
     process.send_signal(signal.SIGSTOP)
-    assert systemd.hears_no_more()
+    assert systemd.receives_no_more()
     process.send_signal(signal.SIGCONT)
-    assert systemd.hears(PATIENCE_S) == b"WATCHDOG=1"
+    assert systemd.receives(PATIENCE_S) == b"WATCHDOG=1"
 
 
 def test_a_process_that_fails_at_its_start_never_reports_that_it_is_ready(
@@ -86,18 +86,18 @@ def test_a_process_that_fails_at_its_start_never_reports_that_it_is_ready(
 ) -> None:
     process = start_process(python_module("sensor_bridge", "--set", "bridge.map="))
     assert process.wait() == EXIT_ERROR
-    assert systemd.hears(0.1) is None
+    assert systemd.receives(0.1) is None
 
 
-def test_a_loop_that_hangs_sends_no_sign_of_life_though_a_thread_runs(
+def test_a_hanging_loop_sends_no_sign_of_life_although_a_thread_runs(
     systemd: Systemd, start_process: StartProcess
 ) -> None:
     process = start_process(python_script(HANGING))
     process.wait_for("goes round")
-    assert systemd.hears(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
     process.send_signal(signal.SIGUSR1)
     process.wait_for("hangs")
-    assert systemd.hears_no_more()
+    assert systemd.receives_no_more()
     process.send_signal(signal.SIGABRT)  # as systemd does then
     assert process.wait() == -signal.SIGABRT
     assert "never.wait()" in process.err or "in body" in process.err
@@ -107,9 +107,9 @@ def test_no_sign_of_life_without_the_variable_or_in_another_process(systemd: Sys
     SignsOfLife({}).give()
     named = {"NOTIFY_SOCKET": os.environ["NOTIFY_SOCKET"], "WATCHDOG_USEC": "1"}
     SignsOfLife({**named, "WATCHDOG_PID": "1"}).give()
-    assert systemd.hears(0.1) is None
+    assert systemd.receives(0.1) is None
     SignsOfLife({**named, "WATCHDOG_PID": str(os.getpid())}).give()
-    assert systemd.hears(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
 
 
 def test_a_missing_or_slow_watchdog_delays_no_process(tmp_path: Path) -> None:

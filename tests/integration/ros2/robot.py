@@ -59,8 +59,8 @@ class RosRobot:
         self.name = NodeName(settings.domain_id, settings.namespace, name)
         self.node = RosNode(session, self.name, humble=humble)
         self.topics = Topics(settings)
-        self.heard: dict[str, list[Any]] = {}
-        self.heard_at_s: dict[str, list[float]] = {}
+        self.received: dict[str, list[Any]] = {}
+        self.received_at_s: dict[str, list[float]] = {}
         self._publishers: dict[str, RosPublisher] = {}
         self._sequence = 0
 
@@ -72,19 +72,19 @@ class RosRobot:
 
     def listen(self, topic: Topic) -> list[Any]:
         """A growing list of a topic's messages from now on, and the latched one."""
-        heard: list[Any] = self.heard.setdefault(topic.name, [])
-        at_s = self.heard_at_s.setdefault(topic.name, [])
+        received: list[Any] = self.received.setdefault(topic.name, [])
+        at_s = self.received_at_s.setdefault(topic.name, [])
 
         class _List(Inbox[Any]):
             def put_newest(self, _kind: str, state: Any) -> None:
                 assert isinstance(state, FromRos)
                 assert not state.problem
                 at_s.append(time.monotonic())
-                heard.append(decode(state.payload, topic.ros_type))
+                received.append(decode(state.payload, topic.ros_type))
 
-        told = replace(topic, name=topic.name.replace("~/", "amcl/"))
-        self.node.subscribe(told, _List({topic.name: 1}), own=False)
-        return heard
+        reported = replace(topic, name=topic.name.replace("~/", "amcl/"))
+        self.node.subscribe(reported, _List({topic.name: 1}), own=False)
+        return received
 
     def call(
         self, service: str, ros_type: str, request: Any = None, *, deadline_s: float = PATIENCE_S
@@ -138,13 +138,13 @@ class RosRobot:
     ) -> None:
         """Publish odometry and scans of a standing robot until a condition holds."""
 
-        def said() -> object:
+        def output() -> object:
             stamp_ns = time.time_ns()
             self.put_odometry(stamp_ns, odometry)
             self.put_scan(SCAN, frame, stamp_ns=stamp_ns)
             return condition()
 
-        wait_until(said, deadline_s)
+        wait_until(output, deadline_s)
 
     def put_initial_pose(
         self, pose: PoseTuple, *, sigma: float = 0.3, stamp_ns: int = 0, frame: str = "map"

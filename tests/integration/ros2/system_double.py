@@ -54,10 +54,10 @@ class SystemDouble:
     ) -> None:
         """Publish a belief: cluster, probability and pose of each place."""
         self.state = state
-        told = belief(stamp_ns, *places, state=state, term=term)
+        reported = belief(stamp_ns, *places, state=state, term=term)
         self._step += 1
-        told = msgspec.structs.replace(told, step=self._step)
-        self._session.put(keys.BELIEF, encode(told))
+        reported = msgspec.structs.replace(reported, step=self._step)
+        self._session.put(keys.BELIEF, encode(reported))
 
     def report(self, report: TrackReport) -> None:
         """Publish what a worker made of a step."""

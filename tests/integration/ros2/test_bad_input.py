@@ -32,7 +32,7 @@ def put_bytes(
     session.put(key, payload, attachment=beside)
 
 
-def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
+def publish_all_that_is_wrong(robot: RosRobot, foreign: zenoh.Session) -> None:
     now_ns, names = time.time_ns(), robot.topics
     robot.put_odometry(now_ns, (0.0, 0.0, 0.0))
     robot.put_scan(SCAN, "mast", stamp_ns=now_ns)
@@ -47,10 +47,10 @@ def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
     robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
     robot.put_initial_pose((math.nan, 0.0, 0.0))
     scan = encode(new(types.LASER_SCAN), types.LASER_SCAN)
-    put_bytes(stranger, names.scans[0], scan, bytes(32))
-    put_bytes(stranger, names.scans[0], b"\0\3\0\0" + scan[4:])  # another encoding
-    put_bytes(stranger, names.scans[0], scan[: len(scan) // 2])
-    put_bytes(stranger, names.tf, b"")
+    put_bytes(foreign, names.scans[0], scan, bytes(32))
+    put_bytes(foreign, names.scans[0], b"\0\3\0\0" + scan[4:])  # another encoding
+    put_bytes(foreign, names.scans[0], scan[: len(scan) // 2])
+    put_bytes(foreign, names.tf, b"")
 
 
 EXPECTED = {
@@ -74,17 +74,17 @@ def test_each_kind_of_bad_input_is_counted_and_logged_once(
     open_system: OpenSystem,
     start_bridge: StartBridge,
 ) -> None:
-    robot, system, stranger = open_robot(), open_system(), open_robot_session()
+    robot, system, foreign = open_robot(), open_system(), open_robot_session()
     robot.put_mounts(("laser", IDENTITY))
     bridge = start_bridge(ACTIVE)
-    told, said = robot.listen(DIAGNOSTICS), robot.listen(ROSOUT)
+    diagnostics, logged = robot.listen(DIAGNOSTICS), robot.listen(ROSOUT)
     robot.stand_until(lambda: system.lasers)
     started_s = time.monotonic()
     for _ in range(3):
-        say_all_that_is_wrong(robot, stranger)
+        publish_all_that_is_wrong(robot, foreign)
 
     def counted() -> dict[str, int]:
-        values: list[Any] = told[-1].status[0].values if told else []
+        values: list[Any] = diagnostics[-1].status[0].values if diagnostics else []
         return {one.key: int(one.value) for one in values if one.key in EXPECTED}
 
     wait_until(lambda: set(counted()) == EXPECTED)
@@ -99,12 +99,14 @@ def test_each_kind_of_bad_input_is_counted_and_logged_once(
     expected = {(30, "amcl", cause) for cause in EXPECTED if ":" not in cause}
     expected.add((20, "amcl", "/amcl is running in ROS domain 0"))  # before it was listened to
     wait_until(
-        lambda: expected <= {(one.level, one.name, one.msg.partition(":")[0]) for one in list(said)}
+        lambda: (
+            expected <= {(one.level, one.name, one.msg.partition(":")[0]) for one in list(logged)}
+        )
     )
     assert "tf loops: " in bridge.err
     assert "an attachment of 32 bytes, not 33" in bridge.err
-    heard = len(system.lasers)
-    robot.stand_until(lambda: len(system.lasers) > heard)
+    before = len(system.lasers)
+    robot.stand_until(lambda: len(system.lasers) > before)
     assert bridge.is_running()
     assert system.commands == []
 
@@ -112,13 +114,13 @@ def test_each_kind_of_bad_input_is_counted_and_logged_once(
 def test_a_malformed_service_call_gets_no_answer_and_the_next_one_does(
     open_robot: OpenRobot, open_robot_session: OpenSession, start_bridge: StartBridge
 ) -> None:
-    robot, stranger = open_robot(), open_robot_session()
+    robot, foreign = open_robot(), open_robot_session()
     robot.put_mounts()
     start_bridge(ACTIVE)
     kind = types.SET_PARAMETERS
     key = data_key(0, "/amcl/set_parameters", dds_type(kind), type_hash(kind, humble=False))
     good = attachment(1, time.time_ns(), bytes(16))
     for payload, attached in ((b"\xff" * 9, good), (b"", good), (b"\0\1\0\0\0\0\0\0", b"short")):
-        replies = stranger.get(key, payload=payload, attachment=attached, timeout=1.0)
+        replies = foreign.get(key, payload=payload, attachment=attached, timeout=1.0)
         assert [reply.ok for reply in replies] == []
     assert robot.call("/amcl/set_parameters", kind).results == []

@@ -150,10 +150,10 @@ def test_transform_and_bond_go_on_without_a_router_which_gives_the_node_to_other
     assert time.monotonic() - back_s < stretched_s(1.5)  # it looks for the router once a second
     transform_s = [
         at_s
-        for one, at_s in zip(transforms, nav2.heard_at_s["/tf"], strict=False)
+        for one, at_s in zip(transforms, nav2.received_at_s["/tf"], strict=False)
         if is_map_to_odom(one)
     ]
-    for times_s in (transform_s, nav2.heard_at_s[BOND.name]):
+    for times_s in (transform_s, nav2.received_at_s[BOND.name]):
         gaps_s = [after - earlier for earlier, after in pairwise(times_s)]
         assert max(gaps_s) < stretched_s(1.0)
         assert times_s[-1] > back_s - stretched_s(1.0)

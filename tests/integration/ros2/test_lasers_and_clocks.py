@@ -39,7 +39,7 @@ def test_several_topics_a_cloud_and_poses_are_readings_of_one_robot(
     start_bridge(settings)
     front, rear, points = robot.topics.scans
 
-    def all_are_heard() -> bool:
+    def all_have_arrived() -> bool:
         stamp_ns = time.time_ns()
         robot.put_odometry(stamp_ns, (0.0, 0.0, 0.0))
         robot.put(front, laser_scan(SCAN, "front", stamp_ns))
@@ -51,7 +51,7 @@ def test_several_topics_a_cloud_and_poses_are_readings_of_one_robot(
         frames = {one.laser for one in list(system.lasers)}
         return frames == {"front", "rear", "lidar/points"} and senders == {"uwb/pose", "gnss/pose"}
 
-    wait_until(all_are_heard)
+    wait_until(all_have_arrived)
     (cut, *_) = lasers(system, "lidar/points")
     assert cut.ranges.array().min() == 2.0
     assert cut.robot_from_laser == (0.1, 0.0, 0.0)
@@ -63,7 +63,7 @@ def lasers(system: SystemDouble, frame: str) -> list[LaserReading]:
     return [one for one in list(system.lasers) if one.laser == frame]
 
 
-def say(robot: RosRobot, stamp_ns: int) -> None:
+def publish(robot: RosRobot, stamp_ns: int) -> None:
     """One moment of a simulated robot that stands."""
     robot.put(CLOCK, new(types.CLOCK, clock=header(stamp_ns, "").stamp))
     robot.put_odometry(stamp_ns, (1.0, 0.0, 0.0))
@@ -77,7 +77,7 @@ def test_the_pose_follows_after_simulated_time_is_set_back(
     robot, system = open_robot(settings), open_system()
     robot.put_mounts(("laser", IDENTITY))
     bridge = start_bridge(settings)
-    told, poses = robot.listen(DIAGNOSTICS), robot.listen(AMCL_POSE)
+    diagnostics, poses = robot.listen(DIAGNOSTICS), robot.listen(AMCL_POSE)
     tick = 1000 * SECOND
     for seconds in (-1, 2**31 - 1):
         no_time = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=2 * SECOND)
@@ -86,13 +86,13 @@ def test_the_pose_follows_after_simulated_time_is_set_back(
     def go_on() -> list[LaserReading]:
         nonlocal tick
         tick += SECOND // 10
-        say(robot, tick)
+        publish(robot, tick)
         return list(system.lasers)
 
     wait_until(go_on)
     system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (5.0, 1.0, 0.0)), state="localized")
     wait_until(lambda: poses)
-    wait_until(lambda: go_on() and told and told[-1].header.stamp.sec >= 1000)
+    wait_until(lambda: go_on() and diagnostics and diagnostics[-1].header.stamp.sec >= 1000)
     tick = 5 * SECOND  # the bag begins again
     wait_until(lambda: go_on()[-1].stamp_ns < 900 * SECOND)
     assert "clock set back" in bridge.err
@@ -103,4 +103,4 @@ def test_the_pose_follows_after_simulated_time_is_set_back(
     wait_until(lambda: go_on() and transforms)
     assert transforms[-1].transforms[0].header.stamp.sec < 900
     assert "clock refused" in bridge.err
-    wait_until(lambda: go_on() and told[-1].header.stamp.sec < 900)
+    wait_until(lambda: go_on() and diagnostics[-1].header.stamp.sec < 900)

@@ -64,10 +64,10 @@ def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(
     for number in range(4):
         frame, place_m = f"laser{number}", 0.1 * number
 
-        def is_heard(place_m: float = place_m) -> bool:
+        def is_received(place_m: float = place_m) -> bool:
             return any(laser.robot_from_laser[0] == place_m for laser in system.lasers)
 
-        robot.stand_until(is_heard, frame=frame)
+        robot.stand_until(is_received, frame=frame)
 
 
 def test_a_late_subscriber_gets_the_last_pose_and_places_but_no_old_particles(
@@ -81,9 +81,9 @@ def test_a_late_subscriber_gets_the_last_pose_and_places_but_no_old_particles(
     system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
     wait_until(lambda: states)
     late = open_robot(name="rviz")
-    heard = [late.listen(topic) for topic in (AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION)]
+    received = [late.listen(topic) for topic in (AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION)]
     cloud = late.listen(PARTICLE_CLOUD)
-    wait_until(lambda: all(heard))
-    assert heard[0][0].pose.pose.position.y == 2.0
-    assert heard[2][0].results[0].hypothesis.score == 0.95
+    wait_until(lambda: all(received))
+    assert received[0][0].pose.pose.position.y == 2.0
+    assert received[2][0].results[0].hypothesis.score == 0.95
     assert cloud == []

@@ -37,7 +37,7 @@ class Manager:
     def __init__(self, robot: RosRobot) -> None:
         self._robot = robot
         self.bonds: list[Any] = robot.listen(BOND)
-        self.bond_at_s = robot.heard_at_s[BOND.name]
+        self.bond_at_s = robot.received_at_s[BOND.name]
         self.events: list[Any] = robot.listen(TRANSITION_EVENT)
 
     def state(self) -> str:
@@ -75,7 +75,7 @@ def test_the_lifecycle_manager_starts_pauses_resumes_and_resets_the_node(
 
     assert manager.change(DEACTIVATE)  # pause
     wait_until(lambda: not manager.bonds[-1].active)
-    heard = len(system.lasers)
+    received = len(system.lasers)
     paused_ns = time.time_ns()
     for number in range(5):
         robot.put_scan(system.lasers[-1], stamp_ns=paused_ns + number)
@@ -86,7 +86,7 @@ def test_the_lifecycle_manager_starts_pauses_resumes_and_resets_the_node(
     assert manager.change(ACTIVATE)  # resume
     wait_until(lambda: manager.bonds[-1].active)
     assert manager.bonds[-1].instance_id != first.instance_id
-    robot.stand_until(lambda: len(system.lasers) > heard)
+    robot.stand_until(lambda: len(system.lasers) > received)
 
     assert manager.change(DEACTIVATE)  # reset
     assert manager.change(CLEANUP)
@@ -177,8 +177,8 @@ def test_a_killed_bridge_continues_in_its_state_with_the_same_bond(
     assert manager.state() == "active"
     wait_until(lambda: system.commands)
     assert [key for key, _ in system.commands] == ["command/update"]  # and no initial pose
-    heard = len(system.lasers)
-    robot.stand_until(lambda: len(system.lasers) > heard)
+    received = len(system.lasers)
+    robot.stand_until(lambda: len(system.lasers) > received)
     places = [(4, 0.6, (9.0, 9.0, 0.0)), (5, 0.4, (1.0, 2.0, 0.0))]
 
     def published() -> bool:  # some are lost while bridge and robot find each other

@@ -34,8 +34,8 @@ def set_parameters(robot: RosRobot, **values: float) -> list[Any]:
     for name, value in values.items():
         is_whole = isinstance(value, int)
         fields = {"integer_value": value} if is_whole else {"double_value": value}
-        told = new("rcl_interfaces/msg/ParameterValue", type=2 if is_whole else 3, **fields)
-        parameters.append(new("rcl_interfaces/msg/Parameter", name=name, value=told))
+        reported = new("rcl_interfaces/msg/ParameterValue", type=2 if is_whole else 3, **fields)
+        parameters.append(new("rcl_interfaces/msg/Parameter", name=name, value=reported))
     request = new(request_of(kind), parameters=parameters)
     results: list[Any] = robot.call("/amcl/set_parameters", kind, request).results
     return results
@@ -75,7 +75,7 @@ def test_live_parameters_apply_from_the_next_step_and_with_the_bond_survive_ever
             count = len(bonds)
             tested.restart(COORDINATOR)
             tested.wait_for_steps(6)
-            assert_bond_went_on(robot.heard_at_s[BOND.name][count - 1 :])
+            assert_bond_went_on(robot.received_at_s[BOND.name][count - 1 :])
             assert all(bond.active for bond in bonds)
             assert len({bond.instance_id for bond in bonds}) == 1
             scans, beliefs = history(tested), list(tested.beliefs)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("router")
 COVARIANCE = (0.25, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.07)
 
 
-def test_commands_reach_the_system(
+def test_commands_of_ros_reach_the_system(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
@@ -28,13 +28,13 @@ def test_commands_reach_the_system(
     start_bridge(ACTIVE)
     robot.call("reinitialize_global_localization", types.EMPTY)
     robot.call("request_nomotion_update", types.EMPTY)
-    told = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map")
-    request = new(request_of(types.SET_INITIAL_POSE), pose=told)
+    reported = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map")
+    request = new(request_of(types.SET_INITIAL_POSE), pose=reported)
     robot.call("set_initial_pose", types.SET_INITIAL_POSE, request)
     wait_until(lambda: len(system.commands) == 3)
-    told_by_key = dict(system.commands)
-    assert set(told_by_key) == {"command/relocalize", "command/update", "command/set_pose"}
-    command = told_by_key["command/set_pose"]
+    commands_by_key = dict(system.commands)
+    assert set(commands_by_key) == {"command/relocalize", "command/update", "command/set_pose"}
+    command = commands_by_key["command/set_pose"]
     assert command["pose"] == pytest.approx([1.0, 2.0, 0.5])
     assert command["covariance"] == pytest.approx(COVARIANCE)
     robot.put_initial_pose((4.0, 2.0, 0.5))
@@ -94,18 +94,20 @@ def test_diagnostics_show_the_state_and_refused_messages(
     robot = open_robot()
     robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
-    told = robot.listen(DIAGNOSTICS)
-    wait_until(lambda: told and told[-1].status[0].level == 2)  # no service is there yet
-    assert told[-1].status[0].message == "searching, unreachable"
+    reported = robot.listen(DIAGNOSTICS)
+    wait_until(lambda: reported and reported[-1].status[0].level == 2)  # no service is there yet
+    assert reported[-1].status[0].message == "searching, unreachable"
     system = open_system()
     robot.stand_until(lambda: system.lasers)
     markers = robot.listen(HYPOTHESES)
     places = [(1, 0.6, (1.0, 2.0, 0.0)), (2, 0.4, (4.0, 2.0, 0.0))]
     system.believe(system.lasers[-1].stamp_ns, *places)
     robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
-    wait_until(lambda: told[-1].status[0].level == 0 and "initial pose refused" in values(told[-1]))
-    assert told[-1].status[0].name == "amcl: localization"
-    found = values(told[-1])
+    wait_until(
+        lambda: reported[-1].status[0].level == 0 and "initial pose refused" in values(reported[-1])
+    )
+    assert reported[-1].status[0].name == "amcl: localization"
+    found = values(reported[-1])
     assert (found["places"], found["probability"]) == ("2", "0.600")
     assert found["initial pose refused"] == "1"
     assert len(markers[-1].markers) == 7
@@ -116,8 +118,8 @@ def values(message: Any) -> dict[str, str]:
 
 
 def parameter(name: str, number: int, **value: Any) -> Any:
-    told = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
-    return new("rcl_interfaces/msg/Parameter", name=name, value=told)
+    reported = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
+    return new("rcl_interfaces/msg/Parameter", name=name, value=reported)
 
 
 def test_parameters_can_be_read_and_set(open_robot: OpenRobot, start_bridge: StartBridge) -> None:

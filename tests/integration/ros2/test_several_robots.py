@@ -39,7 +39,7 @@ def test_two_robots_on_one_router_do_not_mix(
         robot.stand_until(lambda number=number: transforms[number], (float(number), 0.0, 0.0))  # type: ignore[misc] # as it is now
     for number, system in enumerate(systems):
         assert {laser.odom_from_robot for laser in system.lasers} == {(float(number), 0.0, 0.0)}
-        told = [planar(one.pose.pose) for one in poses[number]]
-        np.testing.assert_allclose(told, [(10.0 + number, 5.0, 0.0)])
+        reported = [planar(one.pose.pose) for one in poses[number]]
+        np.testing.assert_allclose(reported, [(10.0 + number, 5.0, 0.0)])
         moved = [planar(one.transforms[0].transform) for one in transforms[number]]
         np.testing.assert_allclose(moved, [(10.0, 5.0, 0.0)] * len(moved), atol=1e-12)

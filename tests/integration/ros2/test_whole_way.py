@@ -106,7 +106,7 @@ class Drive:
         self._robot, self._tested = robot, tested
         self.truth: dict[int, PoseTuple] = {}
         self.readings: list[OdometryReading | LaserReading] = []
-        self.said_at_s: dict[int, float] = {}
+        self.sent_at_s: dict[int, float] = {}
         self.at_ease_from = 10**9
         """The first of the readings that are said at ease."""
         simulation = Simulation(world(WORLD), seed=3)
@@ -138,7 +138,7 @@ class Drive:
                 at_ease = len(self.readings) > self.at_ease_from
                 if at_ease:
                     stop.wait(_AT_EASE_S)
-                self._say(stamped)
+                self._publish(stamped)
                 if (scan := maker.on_reading(stamped)) is not None:
                     self._wait_for_belief(scan.stamp_ns, stop)
                 if at_ease:
@@ -146,8 +146,8 @@ class Drive:
             if stop.is_set():
                 return
 
-    def _say(self, reading: OdometryReading | LaserReading) -> None:
-        self.said_at_s[reading.stamp_ns] = time.monotonic()
+    def _publish(self, reading: OdometryReading | LaserReading) -> None:
+        self.sent_at_s[reading.stamp_ns] = time.monotonic()
         if isinstance(reading, OdometryReading):
             self._robot.put_odometry(reading.stamp_ns, reading.odom_from_robot)
         else:
@@ -161,7 +161,7 @@ class Drive:
                 return
 
 
-class Heard:
+class Receipts:
     """What the bridge says to our system, and when; and when beliefs come.
 
     Args:
@@ -207,7 +207,7 @@ def stamp_of(message: Any) -> int:
 @pytest.mark.timeout(300)
 def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
     with robot_and_system() as (tested, robot):
-        heard, drive = Heard(tested), Drive(robot, tested)
+        receipts, drive = Receipts(tested), Drive(robot, tested)
         poses, transforms = robot.listen(AMCL_POSE), robot.listen(robot.topics.tf)
         places = robot.listen(HYPOTHESIS_DETECTION)
         with drive.driving():
@@ -216,28 +216,28 @@ def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
             wait_until(lambda: poses and tested.beliefs[-1].state == "localized", 150.0)
             count, drive.at_ease_from = len(poses), len(drive.readings)
             wait_until(lambda: len(poses) >= count + 40, 120.0)
-        from_readings, from_ros = steps_of(drive.readings, heard.readings)
+        from_readings, from_ros = steps_of(drive.readings, receipts.readings)
         wait_until(lambda: tested.beliefs[-1].stamp_ns >= from_ros[-1].stamp_ns)
         bridge_mb = psutil.Process(tested.pid("ros2_bridge")).memory_info().rss / 1e6
-    pose_told = poses[-1]
-    off = np.subtract(planar(pose_told.pose.pose), drive.truth[stamp_of(pose_told)])
+    last_pose = poses[-1]
+    off = np.subtract(planar(last_pose.pose.pose), drive.truth[stamp_of(last_pose)])
     assert math.hypot(*off[:2]) < 0.2
     assert abs(wrap_angle(float(off[2]))) < 0.1
     # map to odom is stamped a second later than its scan, and carries odometry to the place.
     sent = {stamp_of(one.transforms[0]): one.transforms[0] for one in transforms}
-    scans = [one for one in heard.readings if isinstance(one, LaserReading)]
+    scans = [one for one in receipts.readings if isinstance(one, LaserReading)]
     last = next(one for one in reversed(scans) if one.stamp_ns + 10**9 in sent)
     assert last.odom_from_robot is not None
     moved = planar(sent[last.stamp_ns + 10**9].transform)
-    told = compose(np.array(moved), np.array(last.odom_from_robot))
-    assert math.dist(told[:2], drive.truth[last.stamp_ns][:2]) < 0.3
+    reported = compose(np.array(moved), np.array(last.odom_from_robot))
+    assert math.dist(reported[:2], drive.truth[last.stamp_ns][:2]) < 0.3
     assert bridge_mb < 70.0
-    poses_at_s = dict(zip(map(stamp_of, poses), robot.heard_at_s[AMCL_POSE.name], strict=True))
-    assert_early_enough(drive, heard, poses_at_s)
+    poses_at_s = dict(zip(map(stamp_of, poses), robot.received_at_s[AMCL_POSE.name], strict=True))
+    assert_early_enough(drive, receipts, poses_at_s)
     assert_same_beliefs(tested.beliefs, from_ros, from_readings)
 
 
-def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]) -> None:
+def assert_early_enough(drive: Drive, receipts: Receipts, poses_at_s: dict[int, float]) -> None:
     """From ROS's scan to AMCL's pose it takes hardly longer than from a scan to the belief.
 
     More is the time through the bridge to the reading, from the transform that a scan waits for,
@@ -249,15 +249,15 @@ def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]
     for stamp_ns, at_s in poses_at_s.items():
         after = bisect_left(odometry_ns, stamp_ns)
         if 0 < after < len(odometry_ns):
-            said_at_s = max(drive.said_at_s[one] for one in (stamp_ns, odometry_ns[after]))
-            to_reading_s = heard.laser_at_s[stamp_ns] - said_at_s
-            more_s.append(to_reading_s + at_s - heard.belief_at_s[stamp_ns])
+            sent_at_s = max(drive.sent_at_s[one] for one in (stamp_ns, odometry_ns[after]))
+            to_reading_s = receipts.laser_at_s[stamp_ns] - sent_at_s
+            more_s.append(to_reading_s + at_s - receipts.belief_at_s[stamp_ns])
     assert len(more_s) > 20
     assert median(more_s) < stretched_s(0.02)
 
 
 def steps_of(
-    said: list[OdometryReading | LaserReading], heard: list[OdometryReading | LaserReading]
+    published: list[OdometryReading | LaserReading], receipts: list[OdometryReading | LaserReading]
 ) -> tuple[list[Scan], list[Scan]]:
     """The steps of the robot's measurements equal those that our system received.
 
@@ -265,23 +265,27 @@ def steps_of(
     and their odometry wherever its transforms arrived too. Where one did not, nothing is
     answered for the robot's own numbers: the beliefs that they make are others.
     """
-    heard = sorted(heard, key=lambda one: one.stamp_ns)  # as far as it goes: more may come
-    lasers_heard = {one.stamp_ns for one in heard if isinstance(one, LaserReading)}
-    odometry_heard = {one.stamp_ns for one in heard if isinstance(one, OdometryReading)}
-    odometry_ns = sorted(one.stamp_ns for one in said if isinstance(one, OdometryReading))
-    said = [one for one in said if isinstance(one, OdometryReading) or one.stamp_ns in lasers_heard]
-    assert len(lasers_heard) > 100
+    receipts = sorted(receipts, key=lambda one: one.stamp_ns)  # as far as it goes: more may come
+    lasers_received = {one.stamp_ns for one in receipts if isinstance(one, LaserReading)}
+    odometry_received = {one.stamp_ns for one in receipts if isinstance(one, OdometryReading)}
+    odometry_ns = sorted(one.stamp_ns for one in published if isinstance(one, OdometryReading))
+    published = [
+        one
+        for one in published
+        if isinstance(one, OdometryReading) or one.stamp_ns in lasers_received
+    ]
+    assert len(lasers_received) > 100
     digest = world(WORLD).map.digest
     ours_made, theirs_made = (
         list(steps_from(readings, StepMaker(BridgeSettings(), digest, "test")))
-        for readings in (said, heard)
+        for readings in (published, receipts)
     )
     whole = True
     for ours, theirs in zip(ours_made, theirs_made, strict=True):
         assert ours.stamp_ns == theirs.stamp_ns
         np.testing.assert_array_equal(ours.ranges.array(), theirs.ranges.array())
-        beside = bisect_left(odometry_ns, ours.stamp_ns)
-        came = odometry_heard.issuperset(odometry_ns[max(beside - 1, 0) : beside + 1])
+        at = bisect_left(odometry_ns, ours.stamp_ns)
+        came = odometry_received.issuperset(odometry_ns[max(at - 1, 0) : at + 1])
         whole = whole and came
         np.testing.assert_allclose(
             ours.odom_from_robot, theirs.odom_from_robot, atol=1e-9 if came else 0.1

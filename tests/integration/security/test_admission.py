@@ -49,8 +49,8 @@ def test_a_certificate_of_the_routers_authority_gets_in(client_of: ClientOf) -> 
 
 
 def test_without_a_certificate_a_connection_is_refused(client_of: ClientOf) -> None:
-    said = refusal(without_certificate(client_of("viewer")))
-    assert "a client without a certificate: the router requires a certificate" in said
+    output = refusal(without_certificate(client_of("viewer")))
+    assert "a client without a certificate: the router requires a certificate" in output
 
 
 def test_certificates_of_unknown_authorities_are_refused_by_router_and_client(
@@ -67,9 +67,9 @@ def test_certificates_of_unknown_authorities_are_refused_by_router_and_client(
 def test_an_expired_certificate_is_refused(client_of: ClientOf, scratch: Path) -> None:
     with_lifetime(scratch, "viewer", -timedelta(days=9), -timedelta(days=1))
     settings = client_with(scratch, "viewer", client_of("viewer").router)
-    said = refusal(settings)
-    assert "it has expired" in said
-    assert settings.tls_certificate in said
+    output = refusal(settings)
+    assert "it has expired" in output
+    assert settings.tls_certificate in output
 
 
 def test_the_routers_certificate_makes_no_client_and_other_errors_blame_no_certificate(

@@ -79,9 +79,9 @@ def pattern(key: str) -> str:
     return "/".join("*" if part.startswith("worker-") else part for part in key.split("/"))
 
 
-def heard_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> set[str]:
+def received_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> set[str]:
     """The roles whose messages arrive on a key; the last one must be permitted."""
-    turn, heard = next(_ROUNDS), set()
+    turn, received = next(_ROUNDS), set()
     subscriber = reader.declare_subscriber(pattern(key), handlers.FifoChannel(100))
     try:
         for speaker in speakers[:-1]:
@@ -90,17 +90,17 @@ def heard_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> 
                 speaker.get("nothing", timeout=PATIENCE_S)
             )  # once answered, the router has seen the put
 
-        def last_is_heard() -> bool:
+        def last_is_received() -> bool:
             speakers[-1].put(key, f"{turn} {speakers[-1].zid()}")
             for sample in iter(subscriber.try_recv, None):
-                said = sample.payload.to_string().split()
-                heard.update(said[1:] if said[0] == str(turn) else [])
-            return str(speakers[-1].zid()) in heard
+                words = sample.payload.to_string().split()
+                received.update(words[1:] if words[0] == str(turn) else [])
+            return str(speakers[-1].zid()) in received
 
-        wait_until(last_is_heard)  # the subscription takes a moment to reach the speaker
+        wait_until(last_is_received)  # the subscription takes a moment to reach the speaker
     finally:
         subscriber.undeclare()
-    return heard
+    return received
 
 
 @contextmanager
@@ -120,8 +120,10 @@ def serving(session: zenoh.Session, key: str) -> Iterator[None]:
 
 def answers(session: zenoh.Session, key: str) -> set[str]:
     """Return the ids of the sessions that answer on the key."""
-    everybody, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
-    replies = session.get(key, timeout=PATIENCE_S, target=everybody, consolidation=each_answer)
+    every_queryable, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+    replies = session.get(
+        key, timeout=PATIENCE_S, target=every_queryable, consolidation=each_answer
+    )
     return {reply.ok.payload.to_string() for reply in replies if reply.ok is not None}
 
 
@@ -130,7 +132,7 @@ def test_only_a_keys_owner_can_publish_on_it(key: str, as_role: OpenAs) -> None:
     owner, reader = PUBLISHED[key]
     others = [name for name in NAMES if name not in (owner, reader)]
     speakers = [as_role(name) for name in (*others, owner)]
-    assert heard_by(as_role(reader), key, speakers) == {str(as_role(owner).zid())}
+    assert received_by(as_role(reader), key, speakers) == {str(as_role(owner).zid())}
 
 
 @pytest.mark.parametrize("key", SERVED)
@@ -150,7 +152,7 @@ def test_only_permitted_roles_are_answered_and_only_a_keys_owner_answers(
 
 
 @pytest.mark.parametrize("key", ANNOUNCED)
-def test_only_its_owner_announces_itself(key: str, as_role: OpenAs) -> None:
+def test_only_the_owner_of_a_liveliness_token_can_declare_it(key: str, as_role: OpenAs) -> None:
     owner, watcher = ANNOUNCED[key]
 
     def alive() -> bool:
@@ -187,15 +189,15 @@ def test_a_workers_certificate_announces_a_bounded_number_of_names(as_role: Open
 @pytest.mark.parametrize("role", ["viewer", "operator"])
 def test_a_viewer_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> None:
     looks, worker, bridge = as_role(role), as_role("worker-a"), as_role("bridge")
-    assert heard_by(looks, keys.SCAN, [worker, bridge]) == {str(bridge.zid())}
-    assert heard_by(worker, keys.SCAN, [looks, bridge]) == {str(bridge.zid())}
+    assert received_by(looks, keys.SCAN, [worker, bridge]) == {str(bridge.zid())}
+    assert received_by(worker, keys.SCAN, [looks, bridge]) == {str(bridge.zid())}
 
 
 def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
     viewer, coordinator = as_role("viewer"), as_role("coordinator")
     greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", REPORT_A)]
     list(viewer.get("nothing", timeout=PATIENCE_S))
-    assert heard_by(coordinator, REPORT_A, [as_role("worker-a")])
+    assert received_by(coordinator, REPORT_A, [as_role("worker-a")])
     list(viewer.get("nothing", timeout=PATIENCE_S))
     assert [subscriber.try_recv() for subscriber in greedy] == [None, None]
     for subscriber in greedy:
@@ -221,4 +223,4 @@ def test_a_driver_gets_in_with_the_lines_of_the_page(
     code = lines.replace("/etc/clustermcl/certificates", str(certificates))
     exec(code, {"config": config, "json": json})  # our own page
     with zenoh.open(config) as driver:
-        assert heard_by(as_role("bridge"), keys.LASER_READING, [driver])
+        assert received_by(as_role("bridge"), keys.LASER_READING, [driver])

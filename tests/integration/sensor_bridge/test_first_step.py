@@ -21,7 +21,7 @@ LATE_S, REFUSALS = 2.0, 5
 GOES_ON = max(STATUS.step, STATUS.newest_step) + 1
 
 
-def test_steps_go_on_though_a_busy_coordinator_answers_late(
+def test_steps_continue_although_a_busy_coordinator_answers_late(
     start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     def answer_late(query: zenoh.Query) -> None:
@@ -35,7 +35,7 @@ def test_steps_go_on_though_a_busy_coordinator_answers_late(
     assert first_step(start_bridge, open_client) == GOES_ON
 
 
-def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_back(
+def test_steps_continue_although_a_coordinator_whose_link_just_returned_refuses_to_answer(
     start_bridge: StartBridge, open_client: OpenClient
 ) -> None:
     """It refused once, and all places were forgotten: seen after a router had locked up."""

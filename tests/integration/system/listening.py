@@ -30,7 +30,7 @@ def beliefs_of(
     settings: Settings,
     *,
     at_step: dict[int, Callable[[], None]] | None = None,
-    among_strangers: bool = False,
+    among_foreign: bool = False,
 ) -> list[Belief]:
     """Run a system to the end of its source.
 
@@ -38,11 +38,11 @@ def beliefs_of(
         stack: not started yet.
         settings: of the system.
         at_step: actions on receipt of a step's belief.
-        among_strangers: what is no belief may come on its key, too, and is left out.
+        among_foreign: messages of another kind on the key are left out.
     """
     stack.start_without_coordinator()
     inbox: Events = Inbox({"belief": 4096})
-    heard: list[Belief] = []
+    received: list[Belief] = []
     alive: set[str] = set()
     with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=PATIENCE_S) as session:
         subscribe(session, keys.BELIEF, inbox, "belief")
@@ -53,23 +53,23 @@ def beliefs_of(
             event = inbox.get(POLL_S)
             stack.check()
             silent_s = 0.0 if event is not None else silent_s + POLL_S
-            assert silent_s < SILENCE_S, f"nothing heard; last {heard[-1:]}"
+            assert silent_s < SILENCE_S, f"nothing heard; last {received[-1:]}"
             match event:
                 case Token(key=key, alive=True):
                     alive.add(key)
                 case Received(payload=payload):
                     try:
-                        heard.append(decode(payload, Belief))
+                        received.append(decode(payload, Belief))
                     except MalformedMessageError:
-                        assert among_strangers
+                        assert among_foreign
                         continue
-                    (at_step or {}).pop(heard[-1].step, lambda: None)()
+                    (at_step or {}).pop(received[-1].step, lambda: None)()
             if not coordinator_started and len(alive) == settings.worker.count:
                 stack.start_coordinator()
                 coordinator_started = True
-            if heard and heard[-1].last:
+            if received and received[-1].last:
                 break
-    return heard
+    return received
 
 
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:

@@ -87,7 +87,7 @@ def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tup
 
 
 @dataclass
-class Stranger:
+class ForeignSender:
     """A stranger on the network.
 
     Args:

@@ -61,7 +61,7 @@ def test_a_demo_without_a_map_or_in_a_map_without_room_is_refused(tmp_path: Path
         assert_refused(ran("demo", "--map", str(written_map(tmp_path, cells))), fact)
 
 
-def test_recordings_without_a_scan_of_use_are_refused(tmp_path: Path, map_file: Path) -> None:
+def test_recordings_without_a_usable_scan_are_refused(tmp_path: Path, map_file: Path) -> None:
     no_beams, cut = tmp_path / "beams.clf", tmp_path / "cut.log.xz"
     no_beams.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
     cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")

@@ -55,7 +55,9 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     assert 0.0 <= answer["final_error_rad"] <= math.pi
 
 
-def test_a_robot_in_a_map_of_ones_own_is_found(environment: dict[str, str], tmp_path: Path) -> None:
+def test_a_simulated_robot_in_a_users_map_is_found(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
     """A room with one cabinet: a single view of it localizes the robot."""
     cabinet = slice(70, 100), slice(100, 130)
     file = write_room(
@@ -109,7 +111,7 @@ def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedC
         yield demo, f"http://{listen}/"
 
 
-def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps_beside_it(
+def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
@@ -118,10 +120,12 @@ def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps_be
     demo.wait_for("4 of 4 workers are ready")
     time.sleep(2.0)  # in which several steps would be made
     assert "step 0" not in demo.out
-    with opened(link) as page, opened(link, "robot/robot-amcl/live") as beside:
+    with opened(link) as page, opened(link, "robot/robot-amcl/live") as second_page:
         demo.wait_for("step 0: ")
-        first = 1 + max(newest_step(each) for each in (page, beside))  # both pages have it whole
-        steps = [past_steps(each, range(first, first + 5)) for each in (page, beside)]
+        first = 1 + max(
+            newest_step(each) for each in (page, second_page)
+        )  # both pages have it whole
+        steps = [past_steps(each, range(first, first + 5)) for each in (page, second_page)]
     for ours, amcl in zip(*steps, strict=True):
         assert ours["stamp_s"] == amcl["stamp_s"]
         assert amcl["truth"] == ours["truth"]
@@ -140,7 +144,7 @@ def test_a_run_that_has_ended_can_still_be_looked_back_at(
     with typed(*words, folder=tmp_path, environment=environment) as demo:
         demo.wait_for("look at")
         with opened(f"http://{listen}/") as page:
-            demo.wait_for("In the end")
+            demo.wait_for("At the end")
             page.send('{"type": "past", "step": 2}')
             past = next(frames["past"] for frames in drawings(page) if "past" in frames)
         assert past["step"]["step"] == 2

@@ -77,7 +77,7 @@ def once(found: list[Block]) -> list[Block]:
 
 
 @pytest.mark.parametrize("block", blocks(), ids=str)
-def test_every_block_says_how_it_is_run_or_why_not(block: Block) -> None:
+def test_every_block_of_commands_has_a_comment_how_it_is_run_or_why_not(block: Block) -> None:
     known = {"runs: offline", "runs: live", "runs: certificates", *ELSEWHERE}
     assert block.mark in known or re.match(r"not run: \w.{10}", block.mark), block.text
 
@@ -129,14 +129,14 @@ def run(block: Block, folder: Path, router: str) -> str:
 
 
 @pytest.mark.parametrize("block", once(marked("offline")), ids=str)
-def test_a_block_that_needs_no_robot(block: Block, folder: Path, short_folder: str) -> None:
-    said = run(block, folder, f"unixsock-stream/{short_folder}/router.sock")
+def test_a_block_of_offline_commands_runs(block: Block, folder: Path, short_folder: str) -> None:
+    output = run(block, folder, f"unixsock-stream/{short_folder}/router.sock")
     into = re.search(r"> (\S+)", block.text)
-    assert said or (into and (folder / into[1]).stat().st_size)
+    assert output or (into and (folder / into[1]).stat().st_size)
 
 
 @pytest.mark.parametrize("block", marked("offline", "python"), ids=str)
-def test_a_program_that_needs_no_robot(
+def test_an_offline_program_runs(
     block: Block, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
@@ -157,14 +157,16 @@ def robot(start_stack: StartStack) -> Settings:
 
 
 @pytest.mark.parametrize("block", marked("live"), ids=str)
-def test_a_block_that_asks_a_robot(block: Block, folder: Path, robot: Settings) -> None:
+def test_a_block_of_commands_for_a_running_robot_runs(
+    block: Block, folder: Path, robot: Settings
+) -> None:
     # The run is over, so its pose is stale: exit code 4.
     text = re.sub(r"^clustermcl pose\b[^#\n]*", r"\g<0> || test $? = 4 ", block.text, flags=re.M)
     assert run(replace(block, text=text), folder, robot.zenoh.router)
 
 
 @pytest.mark.parametrize("block", marked("live", "python"), ids=str)
-def test_a_program_that_asks_a_robot(
+def test_a_program_for_a_running_robot_runs(
     block: Block,
     robot: Settings,
     monkeypatch: pytest.MonkeyPatch,
@@ -176,7 +178,7 @@ def test_a_program_that_asks_a_robot(
 
 
 @pytest.mark.parametrize("block", marked("certificates"), ids=str)
-def test_a_block_that_makes_certificates(block: Block, tmp_path: Path) -> None:
+def test_a_block_of_commands_for_certificates_runs(block: Block, tmp_path: Path) -> None:
     require_openssl()
     shutil.copytree(REPOSITORY / "deploy", tmp_path / "deploy")
     run(block, tmp_path, "")

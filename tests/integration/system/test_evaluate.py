@@ -52,7 +52,7 @@ def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
     assert without_time(alone["runs"]) == without_time(found["runs"])
 
 
-def test_a_mirrored_robot_is_at_no_known_place(environment: dict[str, str]) -> None:
+def test_the_true_pose_of_a_mirrored_robot_is_unknown(environment: dict[str, str]) -> None:
     words = [*ROBOT, "--mirrored", "--steps", "12"]
     found = results(*words, environment=environment)
     (run,) = found["runs"]

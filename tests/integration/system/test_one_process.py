@@ -42,15 +42,15 @@ def up(words: list[str], tmp_path: Path) -> Iterator[TypedCommand]:
         yield command
 
 
-def test_one_process_believes_exactly_what_many_believe(
-    up: TypedCommand, settings: Settings
-) -> None:
+def test_one_process_has_the_same_beliefs_as_several(up: TypedCommand, settings: Settings) -> None:
     """Many believe what a run without Zenoh believes; see `test_same_beliefs`."""
     with Client(settings) as client:
-        heard = list(takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=60.0)))
+        received = list(
+            takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=60.0))
+        )
     outcomes = outcomes_of(settings, steps=STEPS)
-    assert len(heard) > STEPS // 4
-    for belief in heard:
+    assert len(received) > STEPS // 4
+    for belief in received:
         assert belief.missing == (), f"step {belief.step}"
         assert belief.hypotheses == outcomes[belief.step].hypotheses, f"step {belief.step}"
         assert belief.off_map_probability == outcomes[belief.step].off_map_probability

@@ -105,7 +105,9 @@ def test_pose_hypotheses_and_status_are_printed_as_json(system: Settings) -> Non
 
 
 @pytest.mark.parametrize("kind", ["png", "html"])
-def test_a_snapshot_of_a_running_system(system: Settings, tmp_path: Path, kind: str) -> None:
+def test_a_snapshot_of_a_running_system_is_saved(
+    system: Settings, tmp_path: Path, kind: str
+) -> None:
     file = tmp_path / f"now.{kind}"
     assert typed(system, "snapshot", str(file)).returncode == 0
     if kind == "png":
@@ -141,7 +143,7 @@ def scraped(settings: Settings) -> Iterator[Sample]:
         yield from family.samples
 
 
-def test_prometheus_scrapes_the_figures_of_the_status_from_this_machine_alone(
+def test_prometheus_scrapes_the_status_only_from_this_machine(
     system: Settings,
 ) -> None:
     values = {
@@ -171,7 +173,7 @@ def test_waiting_for_a_robot_that_does_not_become_localized_ends(system: Setting
     assert refused.value.answer.step == STEPS - 1
 
 
-def test_a_stream_of_a_robot_that_stands_ends_in_time(system: Settings) -> None:
+def test_a_stream_of_beliefs_of_a_standing_robot_ends_at_its_timeout(system: Settings) -> None:
     with Client(system) as client, pytest.raises(UnreachableError, match="stand still"):
         next(client.beliefs(timeout_s=0.3))
 
@@ -208,13 +210,13 @@ def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Pa
         before = following.out.count("\n")
         with Client(system) as client:
             events = client.follow_events()
-            told = [next(events) for _ in range(before)]
+            reported = [next(events) for _ in range(before)]
             client.set_pose((5.0, 6.0, 1.5))
             given = next(event for event in events if event.event.cause == "given")
-        assert [event.number for event in told] == list(range(before))
+        assert [event.number for event in reported] == list(range(before))
         assert given.number >= before
         wait_until(lambda: "was given by a command" in following.out)
-        assert following.out.splitlines()[:before] == [event_line(event) for event in told]
+        assert following.out.splitlines()[:before] == [event_line(event) for event in reported]
         assert following.end(signal.SIGINT) == 0
 
 

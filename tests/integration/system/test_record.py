@@ -50,9 +50,9 @@ def test_a_running_system_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
             wait_until(lambda: file.stat().st_size > 0)
             tested.wait_for_steps(10 + IN_FLIGHT)
             assert recording.end(signal.SIGINT) == 0, recording.err
-            said = recording.out
-    steps = int(said.split()[-2])
-    assert said == f"{file}: {steps} steps\n"
+            output = recording.out
+    steps = int(output.split()[-2])
+    assert output == f"{file}: {steps} steps\n"
     counts = counts_in(file)
     assert steps >= 9
     assert (counts["/map"], counts["/scan"]) == (1, steps)

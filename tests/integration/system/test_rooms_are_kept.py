@@ -20,7 +20,7 @@ SEED, STEPS = 2, 390
 
 
 @pytest.mark.timeout(300)  # it computes for 20 s, and may have to share its core
-def test_a_search_drives_no_true_room_out() -> None:
+def test_a_search_displaces_no_true_room() -> None:
     world = eight_rooms()
     often = "belief.search_every_steps=25"
     settings = load_settings(None, ["belief.max_clusters=8", often, f"seed={SEED}"])

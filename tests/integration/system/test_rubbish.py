@@ -14,7 +14,7 @@ from protocol.errors import MalformedMessageError
 from protocol.steps import Scan
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of
-from tests.integration.system.rubbish import ANOTHER_MAP, Stranger
+from tests.integration.system.rubbish import ANOTHER_MAP, ForeignSender
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
@@ -40,23 +40,23 @@ class Disturbance:
     def __init__(self, settings: Settings, resources: ExitStack) -> None:
         self._settings, self._resources = settings, resources
         self._scans: dict[int, Scan] = {}
-        self._stranger: Stranger | None = None
+        self._foreign: ForeignSender | None = None
 
     def arrive(self) -> None:
         session = self._resources.enter_context(
             open_session(self._settings.zenoh, self._settings.robot, StopFlag(), wait_s=PATIENCE_S)
         )
         session.declare_subscriber(keys.SCAN, self._on_scan)
-        self._stranger = Stranger(session, self._scans)
+        self._foreign = ForeignSender(session, self._scans)
 
     def disturb(self) -> None:
-        if self._stranger and self._scans:
-            self._stranger.speak()
-            self._stranger.ask()
+        if self._foreign and self._scans:
+            self._foreign.speak()
+            self._foreign.ask()
 
     def shout(self) -> None:
-        if self._stranger:
-            self._stranger.shout()
+        if self._foreign:
+            self._foreign.shout()
 
     def _on_scan(self, sample: zenoh.Sample) -> None:
         with suppress(MalformedMessageError):
@@ -65,21 +65,23 @@ class Disturbance:
                 self._scans.setdefault(scan.step, scan)
 
 
-def test_rubbish_on_every_key_is_counted_by_cause_and_changes_no_belief(
+def test_malformed_messages_on_every_key_are_counted_by_cause_and_change_no_belief(
     start_stack: StartStack,
 ) -> None:
     stack, settings = start_stack(SMALL, steps=STEPS)
     with ExitStack() as resources:
-        stranger = Disturbance(settings, resources)
-        at_step = dict.fromkeys(range(SPEAKS_FROM, SPEAKS_TO, 4), stranger.disturb) | {
-            0: stranger.arrive,
-            SHOUTS_AT: stranger.shout,
+        foreign = Disturbance(settings, resources)
+        at_step = dict.fromkeys(range(SPEAKS_FROM, SPEAKS_TO, 4), foreign.disturb) | {
+            0: foreign.arrive,
+            SHOUTS_AT: foreign.shout,
         }
-        heard = beliefs_of(stack, settings, at_step=at_step, among_strangers=True)
+        received = beliefs_of(stack, settings, at_step=at_step, among_foreign=True)
         with Client(patient_client(settings)) as client:
             wait_until(lambda: not uncounted(client.status()))
             processes = client.status().processes
-    beliefs = {belief.step: belief for belief in heard}  # a repeated query gets a repeated answer
+    beliefs = {
+        belief.step: belief for belief in received
+    }  # a repeated query gets a repeated answer
     assert list(beliefs) == list(range(STEPS))
     for step, outcome in enumerate(outcomes_of(SMALL, steps=STEPS)):
         assert beliefs[step].missing == (), f"step {step}"

@@ -30,7 +30,7 @@ def assert_same(beliefs: list[Belief], outcomes: list[Outcome]) -> None:
         assert belief.off_map_probability == outcome.off_map_probability, f"step {belief.step}"
 
 
-def test_processes_over_zenoh_believe_exactly_what_one_process_believes(
+def test_processes_over_zenoh_have_the_same_beliefs_as_one_process(
     start_stack: StartStack, alone: list[Outcome]
 ) -> None:
     stack, settings = start_stack(SMALL, steps=STEPS)

@@ -20,7 +20,7 @@ KINDS = [kind for kind in Kind if kind not in LONG_ONLY]
 
 
 @pytest.mark.timeout(420)
-def test_half_a_minute_of_chaos_breaks_no_promise_that_a_busy_machine_can_keep(
+def test_half_a_minute_of_faults_breaks_no_promise_that_holds_on_a_busy_machine(
     short_folder: str, tmp_path: Path
 ) -> None:
     """The true places and a clean end do not depend on the load; times do.

@@ -28,7 +28,7 @@ SEED = 3
 """This robot sees a tag within its first steps."""
 
 
-def test_a_tag_tells_equal_arms_apart() -> None:
+def test_a_tag_distinguishes_equal_arms() -> None:
     with tempfile.TemporaryDirectory(prefix="mcl-tags-") as name:
         folder = Path(name)
         map_file = write_map(CROSS.map, folder, "map")

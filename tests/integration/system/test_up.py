@@ -128,12 +128,12 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
             found = named.wait_until_localized(60.0)
             assert (found.state, found.freshness) == ("localized", "fresh")
             assert found.pose == found.pose is not None
-        asyncio.run(beliefs_beside_another_task())
+        asyncio.run(beliefs_during_another_task())
         assert second.end(signal.SIGINT) == 0
         second.assert_nothing_runs()
 
 
-async def beliefs_beside_another_task() -> None:
+async def beliefs_during_another_task() -> None:
     """The event loop goes on while a client connects and waits; a cancelled wait ends at once."""
     ticks = 0
 

@@ -66,17 +66,17 @@ def test_a_second_router_on_one_socket_is_refused(router: ZenohSettings) -> None
 
 
 @pytest.mark.parametrize(
-    ("endpoint", "says"),
+    ("endpoint", "message"),
     [
         ("tcp:/127.0.0.1:7447", "is not an endpoint: write tcp/HOST:PORT"),
         ("tcp/192.0.2.1:7447", "cannot listen at tcp/192.0.2.1:7447: "),  # TEST-NET, never ours
         ("unixsock-stream//no/such/folder/x", "cannot listen at unixsock-stream//no/such/folder/x"),
     ],
 )
-def test_an_endpoint_that_cannot_be_listened_at_is_named(endpoint: str, says: str) -> None:
+def test_an_endpoint_that_cannot_be_listened_at_is_named(endpoint: str, message: str) -> None:
     with pytest.raises(SettingsError) as caught, open_router(ZenohSettings(router=endpoint)):
         pass
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert ".rs" not in str(caught.value)
 
 
@@ -92,16 +92,16 @@ def test_the_deployed_file_makes_a_router_that_forwards(
     file.write_text(text.replace('["tcp/0.0.0.0:7447"]', f'["{zenoh_settings.router}"]'))
     process = start_process(python_module("zenoh_link.router", "--config", str(file)))
     process.wait_for("router listens at")
-    heard: list[str] = []
-    open_client().declare_subscriber("test", lambda s: heard.append(s.payload.to_string()))
+    received: list[str] = []
+    open_client().declare_subscriber("test", lambda s: received.append(s.payload.to_string()))
     speaker = open_client()
 
     def put_and_look() -> list[str]:
         speaker.put("test", "hello")
-        return heard
+        return received
 
     wait_until(put_and_look)
-    assert heard[0] == "hello"
+    assert received[0] == "hello"
 
 
 @pytest.mark.parametrize("text", [None, "{ mode: 'router', ", "{ mode: 'routre' }", "{ nod: 1 }"])

@@ -57,7 +57,7 @@ def test_a_router_that_accepts_no_client_any_more_exits(
     assert "no client can connect" in narrow_router.err
 
 
-def test_failures_count_only_after_a_first_success(
+def test_failures_of_the_probe_count_only_after_a_success(
     narrow_router: RunningProcess, zenoh_settings: ZenohSettings
 ) -> None:
     """A probe that never connects, for example without a valid certificate, proves nothing."""

@@ -36,31 +36,31 @@ def end(process: RunningProcess) -> tuple[int, float]:
     return process.wait(), time.monotonic() - started_s
 
 
-def say(session: zenoh.Session, text: str, process: RunningProcess) -> None:
+def publish(session: zenoh.Session, text: str, process: RunningProcess) -> None:
     """Publish until it arrives: messages are lost while a link is being set up."""
 
-    def heard() -> bool:
+    def received() -> bool:
         session.put("test", text)
         return f"heard {text}" in process.out
 
-    wait_until(heard)
+    wait_until(received)
 
 
 def test_two_clients_receive_each_others_messages_and_those_of_another_robot_do_not(
     router: ZenohSettings,
 ) -> None:
-    heard: list[tuple[str, str]] = []
+    received: list[tuple[str, str]] = []
     stop = StopFlag()
     with (
         open_session(router, RobotSettings(name="a"), stop, PATIENCE_S) as a,
         open_session(router, RobotSettings(name="b"), stop, PATIENCE_S) as b,
-        a.declare_subscriber("test", lambda s: heard.append(("a", s.payload.to_string()))),
-        b.declare_subscriber("test", lambda s: heard.append(("b", s.payload.to_string()))),
+        a.declare_subscriber("test", lambda s: received.append(("a", s.payload.to_string()))),
+        b.declare_subscriber("test", lambda s: received.append(("b", s.payload.to_string()))),
     ):
         a.put("test", "to a")
         b.put("test", "to b")
-        wait_until(lambda: len(heard) >= 2)
-    assert sorted(heard) == [("a", "to a"), ("b", "to b")]
+        wait_until(lambda: len(received) >= 2)
+    assert sorted(received) == [("a", "to a"), ("b", "to b")]
 
 
 def test_a_command_without_a_router_reports_this_after_its_time_out(
@@ -83,7 +83,7 @@ def test_a_client_waits_for_a_router_that_comes_later(
     process.wait_for("waiting for a router at")
     with open_router(zenoh_settings):
         process.wait_for("subscribed")
-        say(open_client(), "hello", process)
+        publish(open_client(), "hello", process)
         assert end(process)[0] == 0
 
 
@@ -113,7 +113,7 @@ def test_a_bug_with_the_session_open_does_not_hang_the_exit(
 ) -> None:
     process = start_process(client_command(router))
     process.wait_for("subscribed")
-    say(open_client(), "crash", process)
+    publish(open_client(), "crash", process)
     assert process.wait() == 1
     assert "ZeroDivisionError: crash" in process.err
 
@@ -128,7 +128,7 @@ def test_a_session_reconnects_to_its_router_repeats_its_declarations_and_reports
     process = start_process(client_command(zenoh_settings))
     session, inbox = open_client(), Inbox[Event]({})
     watch_link(session, inbox)
-    say(session, "before", process)
+    publish(session, "before", process)
     assert inbox.get(PATIENCE_S) == Link(up=True)
     first_router.send_signal(signal.SIGKILL)
     first_router.wait()
@@ -136,7 +136,7 @@ def test_a_session_reconnects_to_its_router_repeats_its_declarations_and_reports
     wait_until(lambda: not session.info.routers_zid())
     start_router()
     assert inbox.get(PATIENCE_S) == Link(up=True)
-    say(session, "after", process)
+    publish(session, "after", process)
     assert end(process)[0] == 0
 
 
@@ -157,18 +157,18 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
     inbox: Events = Inbox({"state": 1})
     unread = Unread(keys.SCAN, inbox, "state", count=3)
     unread.declare(open_client())
-    speaker, heard, rounds = open_client(), list[bytes](), list[int]()
+    speaker, received, rounds = open_client(), list[bytes](), list[int]()
 
     def reads_the_last() -> bool:
         rounds.append(len(rounds))
         for number in range(8):
             speaker.put(keys.SCAN, bytes([rounds[-1], number]))
         time.sleep(0.1)
-        heard[:] = unread.drain()
-        return heard[-1:] == [bytes([rounds[-1], 7])]
+        received[:] = unread.drain()
+        return received[-1:] == [bytes([rounds[-1], 7])]
 
     wait_until(reads_the_last)
-    assert heard == [bytes([rounds[-1], number]) for number in (5, 6, 7)]
+    assert received == [bytes([rounds[-1], number]) for number in (5, 6, 7)]
     assert list(unread.drain()) == []
     speaker.put(keys.SCAN, bytes(max_bytes_on(keys.SCAN) + 1))
     wait_until(lambda: not list(unread.drain()) and inbox.dropped() == {"state too large": 1})

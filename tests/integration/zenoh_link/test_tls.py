@@ -40,7 +40,7 @@ def viewer(folder: Path) -> ZenohSettings:
     return client_with(folder, "viewer", f"tls/localhost:{port}")
 
 
-def test_a_router_with_certificates_in_its_settings_asks_for_them(
+def test_a_router_with_certificates_in_its_settings_requires_client_certificates(
     viewer: ZenohSettings, folder: Path
 ) -> None:
     with open_router(client_with(folder, "router", viewer.router)):
@@ -69,7 +69,7 @@ def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "expected"),
     [
         (
             lambda folder: {"tls_ca_certificate": f"{folder}/none.pem"},
@@ -102,16 +102,14 @@ def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_its_setting(
-    viewer: ZenohSettings, folder: Path, wrong: Callable[[Path], dict[str, str]], said: str
+    viewer: ZenohSettings, folder: Path, wrong: Callable[[Path], dict[str, str]], expected: str
 ) -> None:
     settings = msgspec.structs.replace(viewer, **wrong(folder))
-    with pytest.raises(SettingsError, match=said):
+    with pytest.raises(SettingsError, match=expected):
         client_configuration(settings, RobotSettings())
 
 
-def test_an_authority_that_is_only_half_there_is_refused(
-    viewer: ZenohSettings, tmp_path: Path
-) -> None:
+def test_a_truncated_authority_file_is_refused(viewer: ZenohSettings, tmp_path: Path) -> None:
     broken = tmp_path / "authority.pem"
     broken.write_text("-----BEGIN CERTIFICATE-----\nMIIB\n-----END CERTIFICATE-----\n")
     settings = msgspec.structs.replace(viewer, tls_ca_certificate=str(broken))

@@ -16,7 +16,7 @@ EXACT = Rules(transition_probability=0.0)
 def record(evidence: list[list[float]], **changed: Any) -> Record:
     """Two places, of which the first is right; half a metre a step."""
     steps, places = np.shape(evidence)
-    told = {
+    reported = {
         "experiment": "made up",
         "seed": 0,
         "start_step": 0,
@@ -35,7 +35,7 @@ def record(evidence: list[list[float]], **changed: Any) -> Record:
         "elsewhere": np.full((steps, len(ELSEWHERE_POSES)), -20.0),
         "elsewhere_fit": np.zeros((steps, len(ELSEWHERE_POSES))),
     }
-    return Record(**{**told, **changed})
+    return Record(**{**reported, **changed})
 
 
 def test_evidence_in_full_is_bayes_rule() -> None:

@@ -61,12 +61,12 @@ def test_hypotheses_keep_their_order() -> None:
     assert [found["cluster"] for found in hypotheses_object(answer)["hypotheses"]] == [4, 1]
 
 
-def test_numbers_that_json_does_not_know_become_null() -> None:
+def test_infinite_and_nan_numbers_become_null_in_json() -> None:
     text = dumped({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": -math.inf}})
     assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
 
 
-def test_a_status_names_its_processes_and_no_schema() -> None:
+def test_a_status_object_names_its_processes_and_has_no_schema() -> None:
     plain = status_object(STATUS)
     assert [process["name"] for process in plain["processes"]] == ["coordinator", "worker-0"]
     assert plain["processes"][1]["rates_per_s"] == {"reports": 9.5}

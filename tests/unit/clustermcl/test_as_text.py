@@ -42,14 +42,14 @@ def test_a_pose_is_printed_with_the_reasons_to_doubt_it() -> None:
     ]
 
 
-def test_all_texts_say_that_the_robot_is_probably_off_the_map() -> None:
+def test_all_texts_report_that_the_robot_is_probably_off_the_map() -> None:
     lost = msgspec.structs.replace(ANSWER, elsewhere_probability=0.9, off_map_probability=0.85)
     words = "probably not on this map (0.85)"
     assert list(pose_lines(lost))[-1] == words
     places = Hypotheses(sender="coordinator", pose=lost, hypotheses=(place(0.1),))
     assert list(hypotheses_lines(places))[-1] == words
-    told = belief(7, "lost", place(0.1), elsewhere_probability=0.9, off_map_probability=0.85)
-    assert belief_line(told).endswith("elsewhere 0.90, probably not on this map")
+    reported = belief(7, "lost", place(0.1), elsewhere_probability=0.9, off_map_probability=0.85)
+    assert belief_line(reported).endswith("elsewhere 0.90, probably not on this map")
     assert "not on" not in " ".join(pose_lines(ANSWER))
 
 
@@ -64,9 +64,9 @@ def test_a_dead_reckoned_pose_has_the_age_of_its_last_scan() -> None:
 
 
 def test_a_belief_that_no_worker_has_weighed_is_dead_reckoning() -> None:
-    told = belief(7, "ambiguous", place(0.6, cluster=1), place(0.4, cluster=2))
-    assert "dead_reckoning" not in belief_line(msgspec.structs.replace(told, missing=("c1",)))
-    unweighed = msgspec.structs.replace(told, missing=("c1", "c2"))
+    reported = belief(7, "ambiguous", place(0.6, cluster=1), place(0.4, cluster=2))
+    assert "dead_reckoning" not in belief_line(msgspec.structs.replace(reported, missing=("c1",)))
+    unweighed = msgspec.structs.replace(reported, missing=("c1", "c2"))
     assert belief_line(unweighed).startswith("step 7: ambiguous, dead reckoning; ")
 
 

@@ -23,15 +23,15 @@ NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--bas
 def test_topics_and_frames_named_on_the_command_line_are_settings(
     command: list[str], runs: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[Settings] = []
+    reported: list[Settings] = []
 
-    def told_of(_options: DemoOptions | EvaluateOptions, settings: Settings) -> None:
-        told.append(settings)
+    def record_run(_options: DemoOptions | EvaluateOptions, settings: Settings) -> None:
+        reported.append(settings)
 
-    monkeypatch.setattr(runs, told_of)
+    monkeypatch.setattr(runs, record_run)
     result = CliRunner().invoke(app, [*command, *NAMES, "--set", "bridge.laser_x_m=0.2"])
     assert result.exit_code == 0, result.output
-    bridge = told[0].bridge
+    bridge = reported[0].bridge
     named = (bridge.scan_topic, bridge.odom_topic, bridge.odom_frame, bridge.base_frame)
     assert named == ("/a", "/b", "c", "d")
     assert bridge.laser_x_m == 0.2

@@ -45,8 +45,8 @@ def test_every_command_has_a_help_text(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_json_is_a_flag_and_a_file_is_an_output(name: str) -> None:
-    said = typed(name, "--help")
-    for option in re.findall(r"^  --json.*$", said, re.MULTILINE):
+    message = typed(name, "--help")
+    for option in re.findall(r"^  --json.*$", message, re.MULTILINE):
         assert re.match(r"  --json +\w", option), option
 
 
@@ -79,7 +79,7 @@ def test_every_client_command_has_options_for_robot_and_router(
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["demo", "--listen", "127.0.0.1:1"], "--listen has no effect without --view"),
         (["demo", "--drive"], "--drive has no effect without --view"),
@@ -98,10 +98,10 @@ def test_every_client_command_has_options_for_robot_and_router(
     ],
     ids=" ".join,
 )
-def test_an_option_without_effect_is_refused(words: list[str], said: str) -> None:
+def test_an_option_without_effect_is_refused(words: list[str], message: str) -> None:
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, SettingsError), result.output
-    assert said in str(result.exception)
+    assert message in str(result.exception)
 
 
 def test_an_unreachable_system_has_another_exit_code_than_wrong_usage() -> None:

@@ -21,9 +21,9 @@ def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
         summary.on_belief(belief(step, "localized", place(0.97), place(0.03)))
     assert list(summary.lines()) == [
         "The search found its first places at step 1.",
-        "For 2 steps up to 3 places were held, with probabilities from 0.19 to 0.50.",
-        "Places that were given up: 2 merged, 1 pushed out.",
-        "From step 3 on one of them was the pose.",
+        "For 2 steps up to 3 places were tracked, with probabilities from 0.19 to 0.50.",
+        "Dropped places: 2 merged, 1 pushed out.",
+        "From step 3 on the robot was localized.",
     ]
     assert summary.localized_steps == 3
 

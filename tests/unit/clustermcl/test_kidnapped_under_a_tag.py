@@ -46,13 +46,13 @@ def rights(
                 yield is_right(belief, tick)
 
 
-def test_it_is_right_at_the_first_sight() -> None:
+def test_the_robot_is_localized_at_the_first_observation() -> None:
     """In one run, another pose in sight of the tag fits the first scan better."""
     before, after = zip(*map(first_after_kidnapping, SEEDS), strict=True)
     assert all(before)
     assert sum(after) >= 19
 
 
-def test_the_laser_alone_takes_longer() -> None:
+def test_without_observations_localization_takes_longer() -> None:
     found = [first_after_kidnapping(seed, observes=False) for seed in SEEDS[:3]]
     assert found == [(True, False)] * 3

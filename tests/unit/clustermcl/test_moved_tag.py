@@ -64,7 +64,7 @@ def test_a_tag_that_was_moved_back_counts_again() -> None:
     assert math.fsum(news[last:]) > 0.5  # later sights weigh less
 
 
-def test_a_tag_at_its_place_always_counts() -> None:
+def test_a_tag_that_was_not_moved_always_counts() -> None:
     for seed in range(3):
         rights, news, left_out = drive(seed, 0.0)
         assert all(rights)

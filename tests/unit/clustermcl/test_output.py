@@ -24,8 +24,8 @@ def typed(module: str, *words: str) -> tuple[int, str]:
 
 @pytest.mark.parametrize("words", [["settings"], ["--help"], ["pose", "--help"]], ids=" ".join)
 def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
-    said = "clustermcl: the output cannot be written: No space left on device\n"
-    assert typed("clustermcl", *words) == (2, said)
+    message = "clustermcl: the output cannot be written: No space left on device\n"
+    assert typed("clustermcl", *words) == (2, message)
 
 
 @pytest.mark.parametrize("words", [["settings"], ["--version"]], ids=" ".join)
@@ -34,13 +34,13 @@ def test_an_output_that_is_closed_is_one_line_and_exit_code_2(words: list[str]) 
     ran = subprocess.run(
         ["sh", "-c", '"$@" >&-', "sh", *command], capture_output=True, text=True, check=False
     )
-    said = "clustermcl: the output cannot be written: standard output is closed\n"
-    assert (ran.returncode, ran.stderr) == (2, said)
+    message = "clustermcl: the output cannot be written: standard output is closed\n"
+    assert (ran.returncode, ran.stderr) == (2, message)
 
 
 def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
-    said = "secure_router: the output cannot be written: No space left on device\n"
-    assert typed("zenoh_link.secure_router") == (2, said)
+    message = "secure_router: the output cannot be written: No space left on device\n"
+    assert typed("zenoh_link.secure_router") == (2, message)
 
 
 def test_other_errors_of_files_are_not_about_the_output() -> None:

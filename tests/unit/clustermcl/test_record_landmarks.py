@@ -38,7 +38,7 @@ def drive(survey: LandmarkSurvey, steps: int, *, state: str = "localized", noise
         survey.on_odometry(odometry(at_ns + S // 2, 0.2))
 
 
-def test_sights_of_a_localized_robot_are_averaged() -> None:
+def test_observations_of_a_localized_robot_are_averaged() -> None:
     survey = LandmarkSurvey(set())
     drive(survey, 50, noise_m=0.1)
     (entry,) = survey.entries()
@@ -48,13 +48,13 @@ def test_sights_of_a_localized_robot_are_averaged() -> None:
 
 
 @pytest.mark.parametrize("state", ["ambiguous", "searching", "lost"])
-def test_sights_of_a_robot_that_is_not_localized_do_not_count(state: str) -> None:
+def test_observations_of_a_robot_that_is_not_localized_do_not_count(state: str) -> None:
     survey = LandmarkSurvey(set())
     drive(survey, 20, state=state, noise_m=0.0)
     assert not list(survey.entries())
 
 
-def test_few_or_scattered_sights_are_left_out() -> None:
+def test_landmarks_with_few_or_scattered_observations_are_left_out() -> None:
     few, scattered = LandmarkSurvey(set()), LandmarkSurvey(set())
     drive(few, LEAST_SIGHTS - 1, noise_m=0.0)
     drive(scattered, 20, noise_m=3.0)

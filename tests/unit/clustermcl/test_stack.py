@@ -73,11 +73,11 @@ def test_folders_of_killed_processes_are_removed_by_the_next_one(
     monkeypatch.setattr("tempfile.tempdir", os.fspath(short_base))
     orphan = left_behind(short_base, "clustermcl-orphan", age_s=60.0)
     newborn = left_behind(short_base, "clustermcl-newborn", age_s=0.0)
-    stranger = left_behind(short_base, "somebody-elses", age_s=60.0)
+    foreign = left_behind(short_base, "somebody-elses", age_s=60.0)
     with temporary_folder() as first:
         long_ago = time.time() - 60.0
         os.utime(first, (long_ago, long_ago))
         with temporary_folder() as second:
-            assert sorted(short_base.iterdir()) == sorted([first, newborn, second, stranger])
+            assert sorted(short_base.iterdir()) == sorted([first, newborn, second, foreign])
     assert not orphan.exists()
-    assert sorted(short_base.iterdir()) == sorted([newborn, stranger])
+    assert sorted(short_base.iterdir()) == sorted([newborn, foreign])

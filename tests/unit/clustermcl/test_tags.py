@@ -11,7 +11,7 @@ TICKS = 400
 SEEDS = range(40)
 
 
-def test_one_step_after_the_first_sight_the_robot_is_found() -> None:
+def test_one_step_after_the_first_observation_the_robot_is_found() -> None:
     found: list[bool] = []
     for seed in SEEDS:
         after = [(belief, tick) for belief, tick, seen in beliefs(seed, SMALL, TICKS) if seen]
@@ -23,13 +23,13 @@ def test_one_step_after_the_first_sight_the_robot_is_found() -> None:
     assert found == [True] * 20
 
 
-def test_without_a_sight_the_arms_stay_alike() -> None:
+def test_without_an_observation_the_arms_stay_equally_probable() -> None:
     for seed in range(3):
-        told = [belief.state for belief, *_ in beliefs(seed, SMALL, TICKS // 2, observes=False)]
-        assert "localized" not in told
+        reported = [belief.state for belief, *_ in beliefs(seed, SMALL, TICKS // 2, observes=False)]
+        assert "localized" not in reported
 
 
-def test_with_a_tenth_of_false_names_it_is_hardly_ever_sure_and_wrong() -> None:
+def test_with_a_tenth_of_false_landmark_names_the_robot_is_rarely_sure_and_wrong() -> None:
     steps = wrong = 0
     for seed in SEEDS[:20]:
         for belief, tick, _ in beliefs(seed, SMALL, TICKS, false=0.1):

@@ -26,7 +26,7 @@ def usual_logging() -> Iterator[None]:
 
 
 @pytest.fixture
-def told(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+def settings_seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
     settings: list[Settings] = []
     monkeypatch.setattr("clustermcl.up.run_up", lambda given, **_options: settings.append(given))
     return settings
@@ -34,28 +34,28 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
 
 @pytest.mark.parametrize("words", [["--quiet", "up"], ["up", "--quiet"], ["-q", "up"]])
 def test_quiet_is_accepted_before_and_after_the_command(
-    words: list[str], told: list[Settings]
+    words: list[str], settings_seen: list[Settings]
 ) -> None:
     assert CliRunner().invoke(app, words).exit_code == 0
     assert is_quiet()
-    assert told[0].log.level == "error"
+    assert settings_seen[0].log.level == "error"
 
 
 def test_verbose_makes_processes_log_everything_unless_a_setting_differs(
-    told: list[Settings],
+    settings_seen: list[Settings],
 ) -> None:
     CliRunner().invoke(app, ["up", "-v"])
     CliRunner().invoke(app, ["up", "-v", "--set", "log.level=warning"])
     assert is_verbose()
-    assert [settings.log.level for settings in told] == ["debug", "warning"]
+    assert [settings.log.level for settings in settings_seen] == ["debug", "warning"]
 
 
-def test_without_either_option_the_settings_decide(told: list[Settings]) -> None:
+def test_without_either_option_the_settings_decide(settings_seen: list[Settings]) -> None:
     CliRunner().invoke(app, ["up"])
     assert not is_quiet()
     assert not is_verbose()
     assert log_settings() == []
-    assert told[0].log.level == Settings().log.level
+    assert settings_seen[0].log.level == Settings().log.level
 
 
 def completed(*words: str) -> list[str]:

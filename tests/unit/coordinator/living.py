@@ -82,7 +82,7 @@ SETTINGS = FilterSettings(
     ),
 )
 EVENT_NS = 1_000_000
-NOBODY = TakeOver(sender="coordinator", term=0)
+NO_COORDINATOR = TakeOver(sender="coordinator", term=0)
 MAP = MapMessage(
     sender="bridge", digest="map", cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
     zlib_cells=b"",
@@ -160,8 +160,8 @@ class Living:
         )
         self.coordinator = self._made(started)
         for worker in list(self.workers):
-            self._tell(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
-        self._tell(lambda c, now: c.handle(TimePassed(), now))
+            self._handle(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
+        self._handle(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
     @property
@@ -187,15 +187,15 @@ class Living:
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
-        self._tell(lambda c, now: c.handle(ScanArrived(scan), now))
+        self._handle(lambda c, now: c.handle(ScanArrived(scan), now))
         for worker in list(self.workers):
-            self.tell_worker(worker, worker_events.on_scan(scan))
+            self.deliver_to_worker(worker, worker_events.on_scan(scan))
         self.settle()
 
     def kill_worker(self, name: str) -> None:
         """A worker is gone at once, with all that it knew."""
         del self.workers[name]
-        self._tell(lambda c, now: c.handle(WorkerLeft(name), now))
+        self._handle(lambda c, now: c.handle(WorkerLeft(name), now))
         self.settle()
 
     def start_worker(self, name: str) -> None:
@@ -205,18 +205,18 @@ class Living:
 
     def join(self, name: str) -> None:
         """A worker is seen by the coordinator."""
-        self._tell(lambda c, now: c.handle(WorkerJoined(name), now))
+        self._handle(lambda c, now: c.handle(WorkerJoined(name), now))
         self.settle()
 
     def command(self, command: SetPose) -> None:
         """A person sends a command."""
-        self._tell(lambda c, now: c.handle(CommandArrived(command), now))
+        self._handle(lambda c, now: c.handle(CommandArrived(command), now))
         self.settle()
 
     def wait(self, seconds: float) -> None:
         """Time passes."""
         self._now_ns += int(seconds * 1e9)
-        self._tell(lambda c, now: c.handle(TimePassed(), now))
+        self._handle(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
     def settle(self) -> None:
@@ -224,7 +224,7 @@ class Living:
         while self._queue:
             self._queue.popleft()()
 
-    def _tell(self, event: Callable[[Coordinator, int], list[Instruction]]) -> None:
+    def _handle(self, event: Callable[[Coordinator, int], list[Instruction]]) -> None:
         def happen() -> None:
             self._now_ns += EVENT_NS
             if self.coordinator is not None:
@@ -248,22 +248,24 @@ class Living:
             case PublishCheckpoint(checkpoint=checkpoint):
                 self._keep(checkpoint)
                 payload = encode(checkpoint)
-                heard = worker_events.on_checkpoint(decode(payload, Checkpoint))
+                received = worker_events.on_checkpoint(decode(payload, Checkpoint))
                 for worker in self.workers:
-                    self.tell_worker(worker, heard)
+                    self.deliver_to_worker(worker, received)
             case FetchScans(first=first, last=last):
                 found = self._history(first, last)
-                self._tell(lambda c, now: c.handle(HistoryArrived(found), now))
+                self._handle(lambda c, now: c.handle(HistoryArrived(found), now))
             case FetchMap():
-                self._tell(lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now))
+                self._handle(
+                    lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now)
+                )
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    told = snapshot_of(decode(encode(self.state(name, question)), WorkerState))
-                    self._tell(lambda c, now: c.handle(WorkerStateArrived(name, told), now))
+                    stated = snapshot_of(decode(encode(self.state(name, question)), WorkerState))
+                    self._handle(lambda c, now: c.handle(WorkerStateArrived(name, stated), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), WorkOrder)
-                    self.tell_worker(name, worker_events.on_order(self._question(), copy))
+                    self.deliver_to_worker(name, worker_events.on_order(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
         end = 2**60 if last is None else last
@@ -273,7 +275,7 @@ class Living:
         self._questions += 1
         return self._questions
 
-    def tell_worker(self, name: str, event: worker_events.Event) -> None:
+    def deliver_to_worker(self, name: str, event: worker_events.Event) -> None:
         """Something happens to a worker; what comes of it happens in its turn."""
         worker = self.workers[name]
         instructions = event(worker)
@@ -288,35 +290,37 @@ class Living:
                 if isinstance(report, TrackReport):
                     self._reports.append(report)
                 copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
-                self._tell(lambda c, now: c.handle(ReportArrived(name, copy), now))
+                self._handle(lambda c, now: c.handle(ReportArrived(name, copy), now))
             case worker_instructions.Answer(message=OrderAnswer() as answer):
                 self.answer_order(name, answer)
             case worker_instructions.FetchMap():
-                told = msgspec.structs.replace(MAP, digest=self.map_digest)
-                self._tell_later(name, worker_events.on_map(told))
+                stated = msgspec.structs.replace(MAP, digest=self.map_digest)
+                self._deliver_later(name, worker_events.on_map(stated))
             case worker_instructions.BuildModel(settings=settings):
                 if settings != self._model.settings:
                     self._model = computed_model(self._model.grid, settings)
-                self._tell_later(name, worker_events.on_model(instruction.map.digest, self._model))
+                self._deliver_later(
+                    name, worker_events.on_model(instruction.map.digest, self._model)
+                )
             case worker_instructions.FetchScans(missing):
                 scans = self._history(missing.first, missing.last)
-                self._tell_later(name, worker_events.on_history(missing, scans))
+                self._deliver_later(name, worker_events.on_history(missing, scans))
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
 
     def answer_order(self, name: str, answer: OrderAnswer) -> None:
         """A worker, or an impostor, answers an order."""
-        self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
-        self._tell(lambda c, now: c.handle(TimePassed(), now))
+        self._handle(lambda c, now: c.handle(OrderAnswered(name, answer), now))
+        self._handle(lambda c, now: c.handle(TimePassed(), now))
 
-    def _tell_later(self, name: str, event: worker_events.Event) -> None:
+    def _deliver_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:
             if name in self.workers:
-                self.tell_worker(name, event)
+                self.deliver_to_worker(name, event)
 
         self._queue.append(happen)
 
-    def state(self, name: str, take_over: TakeOver = NOBODY) -> WorkerState:
+    def state(self, name: str, take_over: TakeOver = NO_COORDINATOR) -> WorkerState:
         """A worker's answer to a coordinator that takes over."""
         asked = worker_events.on_state_query(self._question(), take_over)
         (answer,) = asked(self.workers[name])
@@ -339,7 +343,9 @@ class Living:
 
     def evidence(self) -> dict[tuple[str, int], set[float]]:
         """All reports on each cluster at each step."""
-        said: dict[tuple[str, int], set[float]] = {}
+        published_sums: dict[tuple[str, int], set[float]] = {}
         for report in self._reports:
-            said.setdefault((report.job_id, report.step), set()).add(report.log_weight_sum)
-        return said
+            published_sums.setdefault((report.job_id, report.step), set()).add(
+                report.log_weight_sum
+            )
+        return published_sums

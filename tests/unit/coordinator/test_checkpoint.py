@@ -62,7 +62,7 @@ def test_a_state_is_small_because_workers_keep_the_particles(state: CheckpointSt
         ({"ensemble__clusters__log_elsewhere": math.inf}, "log_elsewhere"),
         ({"ensemble__clusters__log_elsewhere": 0.0}, "sum to one"),
         ({"ensemble__clusters__log_off_map": 0.0}, "sum to one"),
-        ({"ensemble__clusters__next_cluster": 0}, "never given"),
+        ({"ensemble__clusters__next_cluster": 0}, "never assigned"),
         ({"ensemble__clusters__quality__crude": math.nan}, "crude"),
         ({"ensemble__clusters__quality__short": 2.0}, "short"),
         ({"ensemble__clusters__fit__mean": math.inf}, "mean"),
@@ -133,7 +133,7 @@ def test_a_checkpoint_of_another_map_is_not_used(state: CheckpointState) -> None
 
 
 @pytest.mark.parametrize("had", [True, False], ids=["the same settings", "other settings"])
-def test_a_successor_has_scans_weighed_elsewhere_even_if_its_predecessor_had_not(
+def test_a_successor_begins_the_elsewhere_job_that_its_predecessor_lacked(
     state: CheckpointState, had: bool
 ) -> None:
     placed = msgspec.msgpack.decode(to_bytes(state))["jobs"]["placed"]

@@ -75,7 +75,7 @@ class Story:
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
-        self.told: list[Belief | JobEvents] = []
+        self.reported: list[Belief | JobEvents] = []
         for worker in workers:
             self.follow(self.coordinator.handle(WorkerJoined(worker), 0))
 
@@ -84,11 +84,11 @@ class Story:
             match instruction:
                 case PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
-                    self.told.append(belief)
+                    self.reported.append(belief)
                 case PublishCheckpoint(checkpoint=checkpoint):
                     self.checkpoints.append(checkpoint)
                 case PublishEvents(events=events):
-                    self.told.append(decode(encode(events), JobEvents))
+                    self.reported.append(decode(encode(events), JobEvents))
                 case FetchMap() if self.has_map:
                     ground = free_everywhere(self.coordinator.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
@@ -146,7 +146,7 @@ def test_a_worker_cannot_report_another_workers_job() -> None:
 
 def test_events_are_published_before_their_belief_and_can_be_queried_afterwards() -> None:
     story = Story("a").bootstrapped()
-    events, belief = story.told
+    events, belief = story.reported
     assert isinstance(events, JobEvents)
     assert belief == story.beliefs[0]
     assert [(one.number, one.step, one.stamp_ns, one.event) for one in events.events] == [
@@ -155,10 +155,10 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
         (2, 0, 0, Ended("s0.0", "search over")),
     ]
     story.tracks(1, at_s=1.0, north=0.3, south=0.1)
-    assert story.told[2:] == story.beliefs[1:], "nothing began or ended"
+    assert story.reported[2:] == story.beliefs[1:], "nothing began or ended"
     forget = Relocalize(sender="client", command_id="1")
     story.follow(story.coordinator.handle(CommandArrived(forget), 2 * SECOND))
-    forgotten = story.told[3]
+    forgotten = story.reported[3]
     assert isinstance(forgotten, JobEvents)
     assert forgotten.term == events.term == story.coordinator.pose(SECOND).term
     assert [one.event for one in forgotten.events] == [
@@ -234,8 +234,8 @@ def test_stray_scans_of_another_map_change_nothing() -> None:
 
 def in_a_new_map(story: Story, *steps: int) -> None:
     for step in steps:
-        told = scan(step, x_m=1.0 + 0.1 * step, digest="new map")
-        story.follow(story.coordinator.handle(ScanArrived(told), step * SECOND))
+        reported = scan(step, x_m=1.0 + 0.1 * step, digest="new map")
+        story.follow(story.coordinator.handle(ScanArrived(reported), step * SECOND))
 
 
 def test_places_are_kept_in_a_new_map_if_so_configured() -> None:
@@ -281,12 +281,12 @@ def test_decisions_are_sent_in_between_if_many_steps_are_due() -> None:
     story = tracking_story()
     for step in range(5, 5 + 2 * STEPS_AT_ONCE + 1):
         story.follow(story.coordinator.handle(ScanArrived(scan(step)), 5 * SECOND))
-    told = []
+    reported = []
     for _ in range(4):
         before = len(story.beliefs)
         story.follow(story.coordinator.handle(TimePassed(), 60 * SECOND))
-        told.append(len(story.beliefs) - before)
-    assert told == [STEPS_AT_ONCE, STEPS_AT_ONCE, 1, 0]
+        reported.append(len(story.beliefs) - before)
+    assert reported == [STEPS_AT_ONCE, STEPS_AT_ONCE, 1, 0]
 
 
 def commanded(coordinator: Coordinator, command: SetPose | Relocalize, now_ns: int = 0) -> str:
@@ -414,10 +414,10 @@ OFF_THE_MAP = (700.0, 0.5, 1.6)
 
 def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
     story = Story("a").bootstrapped()
-    told = len(story.beliefs)
+    reported = len(story.beliefs)
     problem = commanded(story.coordinator, given("1", pose=OFF_THE_MAP))
     assert problem.startswith("the map has no free ground within 3 sigma (0.50 m each) of x 700")
-    assert len(story.beliefs) == told
+    assert len(story.beliefs) == reported
     assert commanded(story.coordinator, given("2", pose=(100.5, 0.5, 1.6))) == ""
 
 
@@ -446,9 +446,9 @@ def test_a_given_pose_waits_until_a_new_map_arrives() -> None:
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
     story.has_map = False
     in_a_new_map(story, 5, 6, 7)
-    told = len(story.beliefs)
+    reported = len(story.beliefs)
     commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5)))
-    assert len(story.beliefs) == told
+    assert len(story.beliefs) == reported
 
 
 def test_a_pose_with_an_older_stamp_is_moved_by_odometry() -> None:

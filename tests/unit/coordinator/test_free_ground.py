@@ -98,7 +98,7 @@ def test_free_ground_agrees_with_the_distances_of_all_free_leaves(
 
 def test_too_few_bits_for_a_map_are_refused() -> None:
     """A forged recording must not make it allocate gigabytes."""
-    told = msgspec.msgpack.decode(msgspec.msgpack.encode(room()))
+    reported = msgspec.msgpack.decode(msgspec.msgpack.encode(room()))
     for sides in ({"rows": 10**6, "cols": 10**6}, {"rows": -1}, {"rows": 0}):
         with pytest.raises(msgspec.ValidationError, match="do not fill"):
-            msgspec.convert(told | sides, FreeGround)
+            msgspec.convert(reported | sides, FreeGround)

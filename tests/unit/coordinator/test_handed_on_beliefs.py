@@ -155,7 +155,7 @@ def test_coordinator_and_workers_follow_a_bridge_that_restarts_its_steps(
     living.beliefs.clear()
     for step in range(12):
         living.drive(step, stamp_ns=(100 + step) * 10**9)
-    beliefs = {step: told[-1] for step, told in living.beliefs.items()}
+    beliefs = {step: reported[-1] for step, reported in living.beliefs.items()}
     assert set(beliefs) == set(range(2, 12)), "three scans in a row prove it"
     assert all(belief.missing == () for belief in beliefs.values())
     assert all(place.age_steps == 0 for place in beliefs[2].hypotheses), "found anew"

@@ -63,7 +63,7 @@ def test_the_elsewhere_job_continues_after_the_last_applied_step() -> None:
     assert made.assignment("e0").job == ElsewhereJob(first_step=7)
     ahead = Assignment(job_id="e0", epoch=9, job=ElsewhereJob(first_step=9))
     made.held("w1", [ahead], 0)
-    assert made.assignment("e0").job == ElsewhereJob(first_step=7), "nobody has applied 7 and 8"
+    assert made.assignment("e0").job == ElsewhereJob(first_step=7), "no job has applied 7 and 8"
     assert made.may_move("e0")
 
 
@@ -86,5 +86,5 @@ def test_a_worker_keeps_its_jobs_unless_they_ended_or_were_given_away() -> None:
     made = handed_on(jobs_of("a", "c0", "c1"))
     held = [Assignment(job_id=i, epoch=e, job=TRACK) for i, e in (("c0", 9), ("c1", 1), ("c7", 9))]
     kept = made.held("b", held, now_ns=2)
-    assert kept == held[:1], "c1 was given away with epoch 2, and nobody knows c7"
+    assert kept == held[:1], "c1 was given away with epoch 2, and c7 is unknown"
     assert made.by_worker() == {"b": {"c0": 9}, "a": {"c1": 2}}

@@ -59,10 +59,10 @@ def test_the_usual_delay_is_the_least_delay_of_the_received_states(published: Pu
 def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay(
     published: Published,
 ) -> None:
-    newest, said = NewestState(), published(age_s=0.25)
-    newest.on_state(said, now_ns=3 * SECOND)
+    newest, given = NewestState(), published(age_s=0.25)
+    newest.on_state(given, now_ns=3 * SECOND)
     for after_s in range(60):  # the robot stands
-        assert newest.on_state(said, now_ns=(3 + after_s) * SECOND)
+        assert newest.on_state(given, now_ns=(3 + after_s) * SECOND)
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 

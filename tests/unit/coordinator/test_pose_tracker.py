@@ -302,7 +302,7 @@ def test_a_fetched_scan_of_a_live_robot_uses_the_arrival_of_odometry() -> None:
 
 def test_odometry_with_a_stamp_known_from_another_coordinator_is_as_old_as_its_state() -> None:
     tracker = new_tracker()
-    told_ns, arrived_ns = 10 * SECOND, 10 * SECOND + SECOND // 10
-    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), told_ns, live=True, fetched=True)
+    scan_ns, arrived_ns = 10 * SECOND, 10 * SECOND + SECOND // 10
+    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), scan_ns, live=True, fetched=True)
     tracker.odometry(2 * SECOND, (0.1, 0.0, 0.0), arrived_ns)
     assert tracker.age_s(arrived_ns) == pytest.approx(0.1)

@@ -98,11 +98,11 @@ def test_only_impossible_jobs_and_malformed_reports_of_a_worker_are_left_out() -
     good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
     nan = cloud_at((math.nan, 0.0, 0.0), 3)
     beyond = replace(good, job=TrackJob(cluster=1, start=nan, exact=True))
-    told = WorkerState(
+    reported = WorkerState(
         sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
-    read = snapshot_of(told)
+    read = snapshot_of(reported)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
     assert read.reports == (elsewhere(3, -1.0),)

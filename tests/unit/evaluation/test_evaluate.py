@@ -75,7 +75,7 @@ def test_only_a_sure_estimate_at_a_wrong_place_is_confidently_wrong() -> None:
     assert judged(sure_of(RIGHT), doubtful, sure, sure)["confidently_wrong_fraction"] == 0.5
 
 
-def test_a_first_search_claims_nothing() -> None:
+def test_during_the_first_search_no_estimate_is_counted() -> None:
     searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [place(1.0, WRONG)], TRUTH
     verdict = judged(*[searching] * 3, sure_of(RIGHT))
     assert verdict["confidently_wrong_fraction"] == 0.0
@@ -85,7 +85,7 @@ def test_a_first_search_claims_nothing() -> None:
     assert only["final_error_m"] is only["truth_tracked_fraction"] is None
 
 
-def test_the_truth_is_tracked_by_any_place_and_its_probability_adds_up() -> None:
+def test_any_right_place_tracks_the_truth_and_their_probabilities_add_up() -> None:
     both = ("ambiguous", [place(0.5, WRONG), place(0.3, RIGHT), place(0.2, TRUTH)], TRUTH)
     none = ("ambiguous", [place(1.0, WRONG)], TRUTH)
     verdict = judged(both, none)
@@ -160,7 +160,7 @@ def test_a_recorded_robot_drives_to_its_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "expected"),
     [
         ({"recording": "sim:hall", "reference": Path("r.tum")}, "--reference: a simulated robot"),
         ({"recording": "sim:hall", "starts": 2, "seeds": 2}, "--seeds: every start of a simul"),
@@ -168,8 +168,8 @@ def test_a_recorded_robot_drives_to_its_end() -> None:
         ({"recording": "a.log", "map_file": "m", "kidnap_at": 0}, "--kidnap-at: only a simulated"),
     ],
 )
-def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -> None:
-    with pytest.raises(SettingsError, match=said):
+def test_options_that_do_not_fit_together_are_refused(options: Any, expected: str) -> None:
+    with pytest.raises(SettingsError, match=expected):
         case_of(EvaluateOptions(**options))
 
 
@@ -189,7 +189,7 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
 @pytest.mark.parametrize("name", ["runs", "runs.json", "runs.csv.gz"])
 def test_an_output_file_that_is_not_csv_by_name_is_refused(name: str) -> None:
     options = EvaluateOptions(recording="sim:cross", output=Path(name))
-    with pytest.raises(SettingsError, match=r"has to end in \.csv; for JSON, print it by --json"):
+    with pytest.raises(SettingsError, match=r"must end in \.csv; --json prints JSON"):
         evaluate.run_evaluate(options, Settings())
 
 

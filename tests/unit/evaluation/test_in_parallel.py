@@ -37,5 +37,5 @@ def test_a_signal_to_the_whole_group_is_left_to_the_parent() -> None:
     assert list(in_parallel(work, ["signalled"], 1, StopFlag())) == [(0, "SIGNALLED")]
 
 
-def test_without_pieces_there_are_no_results() -> None:
+def test_no_work_gives_no_results() -> None:
     assert list(in_parallel(work, [], 4, StopFlag())) == []

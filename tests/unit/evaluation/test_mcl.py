@@ -111,17 +111,17 @@ def after(*likelihoods: float) -> float:
     return recovery.random_share
 
 
-def test_nothing_is_random_before_the_first_scan_nor_after_it() -> None:
+def test_no_random_particles_are_drawn_before_or_at_the_first_scan() -> None:
     assert Recovery(GAINS).random_share == 0.0
     assert after(0.3) == 0.0
 
 
-def test_while_scans_fit_as_ever_or_better_nothing_is_random() -> None:
+def test_no_random_particles_are_drawn_while_scans_fit_as_before_or_better() -> None:
     assert after(*[0.3] * 20) == pytest.approx(0.0, abs=1e-12)
     assert after(0.1, 0.2, 0.4, 0.8) == 0.0
 
 
-def test_the_random_share_is_what_the_fast_average_lacks_of_the_slow_one() -> None:
+def test_the_random_share_follows_from_the_fast_and_the_slow_average() -> None:
     assert after(1.0, 0.2) == pytest.approx(1.0 - 0.6 / 0.92)
     assert after(1.0, 0.2, 0.2) == pytest.approx(1.0 - 0.4 / 0.848)
 

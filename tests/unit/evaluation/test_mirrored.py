@@ -50,7 +50,7 @@ def test_beams_end_on_the_other_side_of_the_robot() -> None:
     assert mirrored(image) == scan
 
 
-def test_the_course_of_a_mirrored_robot_is_the_mirror_image_of_the_other() -> None:
+def test_the_trajectory_of_a_mirrored_robot_is_the_mirror_image() -> None:
     case = Case(robot=SimulatedRobot(world="hall"), updates=5)
     plain = itertools.islice(course_of(case, 1, BridgeSettings()).steps, 5)
     image = course_of(msgspec.structs.replace(case, mirrored=True), 1, BridgeSettings())

@@ -26,11 +26,11 @@ def case(robot: SimulatedRobot | RecordedRobot, *, mirrored: bool = False) -> Ca
     return Case(robot=robot, mirrored=mirrored)
 
 
-def localized(told: list[Outcome]) -> float:
-    return float(np.mean([outcome.state == "localized" for outcome in told]))
+def localized(outcomes_of: list[Outcome]) -> float:
+    return float(np.mean([outcome.state == "localized" for outcome in outcomes_of]))
 
 
-def test_the_mirrored_robot_of_a_hall_is_soon_known_to_be_nowhere(tmp_path: Path) -> None:
+def test_the_mirrored_robot_of_a_hall_is_soon_off_the_map(tmp_path: Path) -> None:
     hall = SimulatedRobot(world="hall")
     right = run(case(hall), tmp_path, 60)
     assert localized(right) > 0.95
@@ -50,12 +50,12 @@ def test_the_mirrored_robot_of_a_hall_is_soon_known_to_be_nowhere(tmp_path: Path
 
 
 @pytest.mark.parametrize("name", ["intel", "fr101"])
-def test_the_mirrored_robot_of_a_recording_is_nowhere(name: str, tmp_path: Path) -> None:
+def test_the_mirrored_robot_of_a_recording_is_off_the_map(name: str, tmp_path: Path) -> None:
     recording, map_file = (recording_or_skip(f"{name}/{f}") for f in ("log.clf.gz", "map.yaml"))
     robot = RecordedRobot(recording=recording, map=map_file, reference=None)
-    told = run(case(robot, mirrored=True), tmp_path, 60)
-    assert localized(told) <= 0.02
-    assert told[-1].off_map_probability > 0.5
+    outcomes_of = run(case(robot, mirrored=True), tmp_path, 60)
+    assert localized(outcomes_of) <= 0.02
+    assert outcomes_of[-1].off_map_probability > 0.5
     assert localized(run(case(robot), tmp_path, 40)) > 0.85
 
 
@@ -68,6 +68,6 @@ def test_a_robot_in_the_map_of_another_building_is_not_localized(tmp_path: Path)
         msgspec.structs.replace(scan, map_digest=other.map.digest)
         for scan, _ in itertools.islice(course.steps, 40)
     )
-    told = [outcome for _, outcome in outcomes(scans, model, settings)]
-    assert localized(told) <= 0.05
-    assert told[-1].state == "lost"
+    outcomes_of = [outcome for _, outcome in outcomes(scans, model, settings)]
+    assert localized(outcomes_of) <= 0.05
+    assert outcomes_of[-1].state == "lost"

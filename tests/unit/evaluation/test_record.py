@@ -38,13 +38,13 @@ class Recorded:
         self.scans: list[Scan] = []
         self.outcomes: list[Outcome] = []
 
-        def overheard(*arguments: Any) -> Any:
+        def spied(*arguments: Any) -> Any:
             for scan, outcome in outcomes(*arguments):
                 self.scans.append(scan)
                 self.outcomes.append(outcome)
                 yield scan, outcome
 
-        monkeypatch.setitem(ALGORITHMS, "cluster-mcl", overheard)
+        monkeypatch.setitem(ALGORITHMS, "cluster-mcl", spied)
         options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
         case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
         follow = ALGORITHMS["cluster-mcl"]
@@ -70,8 +70,8 @@ def test_all_steps_and_beliefs_are_recorded(run: Recorded) -> None:
         returned = (seen > 0) & (seen < scan.range_max_m)
         assert np.array_equal(read[returned], seen[returned])
         assert np.all(read[~returned] == 0.0)
-    told = [outcome for outcome in run.outcomes if outcome.hypotheses]
-    for outcome, pose in zip(told, found["/pose"], strict=True):
+    reported = [outcome for outcome in run.outcomes if outcome.hypotheses]
+    for outcome, pose in zip(reported, found["/pose"], strict=True):
         at = pose["pose"]["position"]
         drawn = pytest.approx(outcome.hypotheses[0].pose[:2], abs=1e-4)
         assert (at["x"], at["y"]) == drawn
@@ -91,7 +91,7 @@ def test_the_scan_lies_on_the_walls_through_the_transforms_of_the_file(run: Reco
     assert point == pytest.approx(best.pose[:2], abs=1e-3)
 
 
-def test_what_is_played_back_makes_the_same_steps_and_beliefs(run: Recorded) -> None:
+def test_a_played_back_recording_gives_the_same_steps_and_beliefs(run: Recorded) -> None:
     assert load_map(run.file).digest == DIGEST, "the map is in the file"
     recording = open_recording(run.file, SMALL.bridge)
     assert recording.skipped == ()
@@ -123,7 +123,7 @@ def places_of(
 def test_an_unwritable_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="folder does not exist"):
         RunLog.to(tmp_path / "nowhere" / "run.mcap")
-    with pytest.raises(SettingsError, match="of one run"):
+    with pytest.raises(SettingsError, match="needs a single run"):
         run_evaluate(
             EvaluateOptions(recording="sim:cross", seeds=2, steps=3, record=tmp_path / "run.mcap"),
             SMALL,

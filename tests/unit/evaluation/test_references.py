@@ -51,12 +51,12 @@ def test_stamps_that_step_back_still_find_their_poses(tmp_path: Path) -> None:
     ]
 
 
-def test_of_two_poses_with_one_stamp_the_first_counts(tmp_path: Path) -> None:
+def test_the_first_of_two_poses_with_one_stamp_is_used(tmp_path: Path) -> None:
     reference = load_reference(write(tmp_path, line(1, 5), line(1, 6)))
     assert reference.pose_at(S) == (5.0, 0.0, 0.0)
 
 
-def test_outside_the_end_poses_hold_for_a_second(tmp_path: Path) -> None:
+def test_outside_the_known_times_the_end_poses_hold_for_a_second(tmp_path: Path) -> None:
     reference = load_reference(write(tmp_path, line(10, 1), line(11, 2)))
     assert reference.pose_at(9 * S) == (1.0, 0.0, 0.0)
     assert reference.pose_at(12 * S) == (2.0, 0.0, 0.0)
@@ -78,9 +78,9 @@ def test_a_reference_may_be_packed(tmp_path: Path, pack: Callable[[bytes], bytes
         ("1 2 3\n", ":3: 3 numbers, a TUM line has 8"),
         (line(1).replace("0 0 0", "0 0 x"), ":3: 'x' is not a number"),
         (line("soon"), ":3: the time 'soon' is not a number"),
-        (line(1, math.nan), ":3: (nan 0.0 0) is no place"),
-        ("1 0 0 0 0 0 0 0\n", ":3: the orientation is no unit quaternion: its length is 0"),
-        ("1 0 0 0 nan 0 0 1\n", ":3: the orientation is no unit quaternion"),
+        (line(1, math.nan), ":3: (nan 0.0 0) is not a position"),
+        ("1 0 0 0 0 0 0 0\n", ":3: the orientation is not a unit quaternion: its length is 0"),
+        ("1 0 0 0 nan 0 0 1\n", ":3: the orientation is not a unit quaternion"),
     ],
 )
 def test_a_broken_reference_is_refused_with_the_line(

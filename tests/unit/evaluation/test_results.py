@@ -43,7 +43,7 @@ def test_a_trajectory_has_a_line_of_eight_numbers_for_each_step(tmp_path: Path) 
 
 def test_a_trajectory_is_of_one_run(tmp_path: Path) -> None:
     options = EvaluateOptions(recording="sim:cross", steps=3, seeds=2, tum=tmp_path / "run.tum")
-    with pytest.raises(SettingsError, match="--tum: of one run"):
+    with pytest.raises(SettingsError, match="--tum needs a single run"):
         run_evaluate(options, SMALL)
 
 

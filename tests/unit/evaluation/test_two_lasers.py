@@ -59,10 +59,10 @@ def test_two_lasers_find_the_robot_as_one_does() -> None:
     cross = world("cross_feature")
     grid = cross.map.grid
     model = computed_model(grid, SMALL.sensor)
-    told = list(steps(Simulation(cross, seed=4)))
-    assert sum(len(scan.others) == 1 for scan, _ in told) >= STEPS - 1
-    results = [outcome for _, outcome in outcomes([scan for scan, _ in told], model, SMALL)]
-    truth = told[-1][1]
+    reported = list(steps(Simulation(cross, seed=4)))
+    assert sum(len(scan.others) == 1 for scan, _ in reported) >= STEPS - 1
+    results = [outcome for _, outcome in outcomes([scan for scan, _ in reported], model, SMALL)]
+    truth = reported[-1][1]
     best = min(
         (math.dist(place.pose[:2], truth[:2]) for place in results[-1].hypotheses), default=math.inf
     )

@@ -65,7 +65,7 @@ def test_a_pgm_header_may_hold_comments(tmp_path: Path) -> None:
     assert load_map(write_map(tmp_path, commented)).cells.tolist() == OF_PGM
 
 
-def test_a_pgm_may_be_text_or_have_another_white(tmp_path: Path) -> None:
+def test_a_pgm_may_be_text_or_have_another_maximum(tmp_path: Path) -> None:
     as_text = b"P2\n3 2\n255\n0 205 254\n254 254 0\n"
     assert load_map(write_map(tmp_path, as_text)).cells.tolist() == OF_PGM
     half_white = b"P5\n3 2\n100\n" + bytes([0, 80, 100, 100, 100, 0])
@@ -83,7 +83,7 @@ def test_thresholds_themselves_are_unknown(tmp_path: Path) -> None:
     assert beyond == [OCCUPIED, OCCUPIED, FREE, FREE]
 
 
-def test_205_is_unknown_or_free_as_free_thresh_says(tmp_path: Path) -> None:
+def test_grey_205_is_unknown_or_free_depending_on_free_thresh(tmp_path: Path) -> None:
     assert cells_of(tmp_path, png(205, 254), free_thresh="0.196") == [UNKNOWN, FREE]
     assert cells_of(tmp_path, png(205, 254), free_thresh="0.25") == [FREE, FREE]
 
@@ -111,7 +111,7 @@ def test_trinary_counts_alpha_as_a_fourth_channel(tmp_path: Path) -> None:
     assert cells_of(tmp_path, in_colours) == expected
 
 
-def test_scale_leaves_the_middle_and_the_transparent_unknown(tmp_path: Path) -> None:
+def test_mode_scale_leaves_grey_and_transparent_cells_unknown(tmp_path: Path) -> None:
     image = png((0, 255), (255, 255), (255, 254), (128, 255), mode="LA")
     assert cells_of(tmp_path, image, mode="scale") == [OCCUPIED, FREE, UNKNOWN, UNKNOWN]
 
@@ -123,7 +123,7 @@ def test_raw_pixels_are_percentages_and_not_negated(tmp_path: Path) -> None:
     assert cells_of(tmp_path, image, mode="raw", negate="1") == expected
 
 
-def test_the_mode_may_be_left_out(tmp_path: Path) -> None:
+def test_the_mode_of_a_map_is_optional(tmp_path: Path) -> None:
     assert (
         load_map(write_map(tmp_path)).digest == load_map(write_map(tmp_path, mode="trinary")).digest
     )

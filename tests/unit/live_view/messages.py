@@ -78,11 +78,11 @@ def scan(step: int, ranges: list[float], *, digest: str = "d1") -> Scan:
 
 
 def events(*numbers: int, term: int = 1) -> JobEvents:
-    told = tuple(
+    numbered = tuple(
         NumberedEvent(number=n, step=n, stamp_ns=n, event=Began(f"c{n}", "restart", 0.1))
         for n in numbers
     )
-    return JobEvents(sender="coordinator", events=told, term=term)
+    return JobEvents(sender="coordinator", events=numbered, term=term)
 
 
 def pose(step: int, *, term: int = 1, **changed: Any) -> PoseAnswer:

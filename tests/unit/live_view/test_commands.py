@@ -89,7 +89,7 @@ ME = {"sender": "me", "command_id": "id"}
         ),
     ],
 )
-def test_a_command_becomes_the_systems_own_message(
+def test_a_ros_command_becomes_the_message_of_the_protocol(
     command: Command, key: str, message: Message
 ) -> None:
     assert message_of(command, "me", "id") == (key, message)

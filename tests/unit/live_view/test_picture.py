@@ -213,6 +213,6 @@ def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> Non
 
 
 def test_the_probability_of_being_elsewhere_is_shown(picture: Picture) -> None:
-    told = msgspec.structs.replace(belief(6, 1), elsewhere_probability=0.25)
-    picture.on_belief(told)
+    reported = msgspec.structs.replace(belief(6, 1), elsewhere_probability=0.25)
+    picture.on_belief(reported)
     assert picture.changes()["step"]["elsewhere"] == 0.25

@@ -45,8 +45,8 @@ def live(step: int) -> Picture:
     """What the page of the running system showed."""
     picture = Picture({})
     picture.on_scan(step_scan(step))
-    told = belief(step, 4, 7)
-    picture.on_belief(msgspec.structs.replace(told, stamp_ns=step * 10**8))
+    reported = belief(step, 4, 7)
+    picture.on_belief(msgspec.structs.replace(reported, stamp_ns=step * 10**8))
     return picture
 
 
@@ -78,7 +78,7 @@ def test_a_flight_recording_is_shown_from_file_to_file(flight: RecordedRun) -> N
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(30))
 
 
-def test_each_step_has_its_places_pose_scan_and_events(flight: RecordedRun) -> None:
+def test_each_recorded_step_has_its_places_pose_scan_and_events(flight: RecordedRun) -> None:
     frames = past(flight, 20)
     step, pose = frames["step"], frames["pose"]
     assert (step["step"], pose["step"]) == (20, 20)

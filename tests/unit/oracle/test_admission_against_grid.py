@@ -85,12 +85,12 @@ def exact_log_weight(drive: Drive) -> float:
     near = np.hypot(grid.x - truth[0], grid.y - truth[1]) < REACH_M
     turn = np.angle(np.exp(1j * (grid.heading - truth[2])))
     share = float(grid.mass[near & (np.abs(turn) < REACH_RAD)].sum())
-    assert 0.1 < share < 0.999, "there is something to tell apart"
+    assert 0.1 < share < 0.999, "the places differ"
     return log_evidence + math.log(share)
 
 
 @pytest.mark.parametrize("shards", [1, 3])
-def test_a_new_place_is_as_probable_as_an_exact_filter_has_it(shards: int) -> None:
+def test_the_probability_of_a_new_place_agrees_with_an_exact_filter(shards: int) -> None:
     """B(elsewhere) when the search began x its evidence x share, beside what is tracked.
 
     The search's evidence is the average of its shards', however many they are.

@@ -32,10 +32,10 @@ EXACTLY = {"noise": 0.3, "share": 1.0 - math.exp(-MOVED_M / 0.4 - TURNED_RAD / 0
 STEPS, SEEDS = 6, range(16)
 GRID_ERROR = 0.02
 """Of a log ratio over all steps: a place and its mirror image differ by 0.016, finer grids less."""
-BESIDE = TRUTH + np.array([0.25, -0.1, 0.05])
+NEARBY = TRUTH + np.array([0.25, -0.1, 0.05])
 """Near enough to the truth to be merged with it."""
 ROOMS = {"plain": plain_room, "symmetric": symmetric_room}
-PLACES = {"truth": TRUTH, "mirrored": MIRRORED, "beside": BESIDE}
+PLACES = {"truth": TRUTH, "mirrored": MIRRORED, "beside": NEARBY}
 
 
 @cache
@@ -52,7 +52,7 @@ def evidence(room: str, place: str) -> Array:
 
 
 def log_odds(
-    room: str, first: dict[str, float], *, unheard: dict[int, str] | None = None, **belief: object
+    room: str, first: dict[str, float], *, missing: dict[int, str] | None = None, **belief: object
 ) -> list[list[float]]:
     """By seed, the log odds of the others against the first cluster after the last step.
 
@@ -63,10 +63,10 @@ def log_odds(
     odds = []
     for seed in SEEDS:
         given = settings(seed, **belief)
-        *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, unheard=unheard)
+        *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, missing=missing)
         logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
-        told = [math.exp(value) for value in logs.values()]
-        assert math.fsum([*told, outcome.elsewhere_probability]) == pytest.approx(1.0)
+        reported = [math.exp(value) for value in logs.values()]
+        assert math.fsum([*reported, outcome.elsewhere_probability]) == pytest.approx(1.0)
         others = [logs[cluster] for cluster in sorted(logs)[1:]]
         if given.belief.kidnapping_probability > 0.0:
             others.append(math.log(outcome.elsewhere_probability))
@@ -82,7 +82,7 @@ def exact_log_odds(
     share: float = 1.0,
     noise: float = 0.0,
     hazard: float = 0.0,
-    unheard: dict[int, int] | None = None,
+    missing: dict[int, int] | None = None,
 ) -> Array:
     """Bayes' rule over the places, in plain numbers; (K - 1,) log odds against the first.
 
@@ -94,22 +94,22 @@ def exact_log_odds(
         share: of a difference between places that counts.
         noise: differences within it count next to nothing [nat].
         hazard: that the robot is lifted elsewhere before a step.
-        unheard: by step from 1, the place without a report.
+        missing: by step from 1, the place without a report.
     """
     here = np.exp(logs) / np.exp(logs).sum()
     here, there = (here[:-1], here[-1]) if hazard > 0.0 else (here, 0.0)
     for step in range(evidence_of.shape[1]):
         there += hazard * NEWS * here.sum()
         here *= 1.0 - hazard * NEWS
-        told = np.full(len(here), True)
-        if unheard and step + 1 in unheard:
-            told[unheard[step + 1]] = False
-        gain, mass = evidence_of[: len(here)][told, step], here[told].sum()
-        scan = (here[told] * np.exp(gain)).sum() / mass
+        reported = np.full(len(here), True)
+        if missing and step + 1 in missing:
+            reported[missing[step + 1]] = False
+        gain, mass = evidence_of[: len(here)][reported, step], here[reported].sum()
+        scan = (here[reported] * np.exp(gain)).sum() / mass
         lost = gain.max() - gain
         lost = share * (lost if noise == 0.0 else lost * lost / (lost + noise))
-        fresh = here[told] * np.exp(-lost)
-        here[told] = mass * fresh / fresh.sum()
+        fresh = here[reported] * np.exp(-lost)
+        here[reported] = mass * fresh / fresh.sum()
         here = (1.0 - rho * NEWS) * here + rho * NEWS * here.sum() / len(here)
         if hazard > 0.0:
             there *= (np.exp(evidence_of[-1, step]) / scan) ** NEWS
@@ -118,7 +118,7 @@ def exact_log_odds(
 
 
 @pytest.mark.parametrize(
-    ("told", "exactly"),
+    ("reported", "exactly"),
     [
         ({}, {}),
         ({"transition_probability": 0.1}, {"rho": 0.1}),
@@ -127,8 +127,8 @@ def exact_log_odds(
     ],
     ids=["plain Bayes", "rho", "evidence model", "rho and evidence model"],
 )
-def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
-    told: dict[str, object], exactly: dict[str, float]
+def test_the_probability_of_a_better_place_agrees_with_the_exact_filter(
+    reported: dict[str, object], exactly: dict[str, float]
 ) -> None:
     shares = {"mirrored": 0.6, "truth": 0.4}
     exact = exact_log_odds(
@@ -136,7 +136,7 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
         np.stack([evidence("plain", place) for place in shares]),
         **exactly,  # type: ignore[arg-type] # keywords of the test
     )
-    found = [odds[0] for odds in log_odds("plain", shares, **told)]
+    found = [odds[0] for odds in log_odds("plain", shares, **reported)]
     assert_is_mean_of(exact[0], found, GRID_ERROR)
 
 
@@ -146,8 +146,8 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
     ids=["plain Bayes", "evidence model", "rho"],
 )
 @pytest.mark.parametrize("shares", [{"truth": 0.5, "mirrored": 0.3}, {"mirrored": 0.9}])
-def test_elsewhere_is_believed_as_much_as_it_should_be(
-    shares: dict[str, float], told: dict[str, object], exactly: dict[str, float]
+def test_the_probability_of_elsewhere_agrees_with_the_exact_filter(
+    shares: dict[str, float], reported: dict[str, object], exactly: dict[str, float]
 ) -> None:
     """Where the true place is among those that are tracked, and where it is not."""
     exact = exact_log_odds(
@@ -156,7 +156,7 @@ def test_elsewhere_is_believed_as_much_as_it_should_be(
         hazard=0.02,
         **exactly,  # type: ignore[arg-type] # keywords of the test
     )
-    found = log_odds("plain", shares, kidnapping_probability=0.02, **told)
+    found = log_odds("plain", shares, kidnapping_probability=0.02, **reported)
     for other in range(len(shares)):
         assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
 
@@ -179,16 +179,16 @@ def test_a_place_without_a_report_keeps_its_probability(hazard: float) -> None:
         np.log(list(shares.values())),
         np.stack([evidence("plain", place) for place in shares]),
         hazard=hazard,
-        unheard={2: 1, STEPS: 0},
+        missing={2: 1, STEPS: 0},
     )
     tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
     lost = {2: "c1", STEPS: "c0"}
-    found = log_odds("plain", tracked, unheard=lost, kidnapping_probability=hazard)
+    found = log_odds("plain", tracked, missing=lost, kidnapping_probability=hazard)
     for other in range(2):
         assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
 
 
-def test_places_that_merge_add_what_each_has_gathered() -> None:
+def test_merged_places_add_their_weights() -> None:
     """Looked for at step 3; from then on the more probable one's particles speak for both."""
     shares = {"mirrored": 0.45, "truth": 0.3, "beside": 0.25}
     gathered = np.stack([evidence("plain", place) for place in shares])
@@ -201,7 +201,7 @@ def test_places_that_merge_add_what_each_has_gathered() -> None:
     assert_is_mean_of(exact[0], [one[0] for one in found], GRID_ERROR)
 
 
-def test_a_cluster_is_where_the_grid_has_it_and_as_wide() -> None:
+def test_mean_and_covariance_of_a_cluster_agree_with_the_exact_grid() -> None:
     patch = exact_patch(TRUTH)
     exact_evidence(plain_room(), drive("plain"), patch)
     mean, covariance = patch.gaussian()

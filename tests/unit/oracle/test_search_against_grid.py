@@ -106,7 +106,7 @@ def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
     assert_is_mean_of(left, shares, GRID_ERROR)
 
 
-def test_where_all_is_searched_again_all_scans_count_where_odometry_places_them(
+def test_a_repeated_search_uses_all_scans_moved_by_odometry(
     drive: Drive,
 ) -> None:
     """So blunt that one scan leaves more possible than is kept: four scans are joined."""

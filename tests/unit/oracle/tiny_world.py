@@ -129,7 +129,7 @@ def ensemble_steps(
     places: Sequence[tuple[float, Array]],
     given: FilterSettings,
     *,
-    unheard: Mapping[int, str] | None = None,
+    missing: Mapping[int, str] | None = None,
 ) -> Iterator[tuple[Outcome, dict[str, TrackReport]]]:
     """The product: an `Ensemble` and the jobs that it begins, step by step.
 
@@ -138,7 +138,7 @@ def ensemble_steps(
         drive: what the robot measures.
         places: probability and mean pose of each place that the search is said to have found.
         given: all settings.
-        unheard: by step, the job whose report is lost.
+        missing: by step, the job whose report is lost.
     """
     model = computed_model(Grid(cells, CELL_M, np.zeros(3)), given.sensor)
     rng = np.random.default_rng(given.seed + 1000)
@@ -157,9 +157,9 @@ def ensemble_steps(
         for job_id in outcome.end:
             jobs.pop(job_id, None)
         reports = {job_id: job.advance(scan) for job_id, job in jobs.items()}
-        lost = (unheard or {}).get(scan.step)
-        heard = [report for job_id, report in reports.items() if job_id != lost]
-        outcome = ensemble.advance(scan.step, heard, DRIVE)
+        lost = (missing or {}).get(scan.step)
+        received = [report for job_id, report in reports.items() if job_id != lost]
+        outcome = ensemble.advance(scan.step, received, DRIVE)
         yield outcome, {j: r for j, r in reports.items() if isinstance(r, TrackReport)}
 
 

@@ -67,7 +67,7 @@ def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
     assert far - near > 0.3
 
 
-def test_a_view_of_the_past_tells_nothing_again() -> None:
+def test_a_view_seen_before_adds_no_information() -> None:
     first = ways_in(FLATS, ASKED)[0]
     at_its_views = np.zeros((40, 6), "<f4")
     chosen = np.linspace(0, len(first.poses) - 1, 40).astype(int)
@@ -77,7 +77,7 @@ def test_a_view_of_the_past_tells_nothing_again() -> None:
     assert all(end > 0.5 for end in ends)
 
 
-def test_equal_flats_cannot_be_told_apart() -> None:
+def test_no_way_distinguishes_equal_flats() -> None:
     ways, reach_m = finished(
         advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
     )
@@ -108,7 +108,7 @@ def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate((1.0 - shares) * points[:-1] + shares * points[1:])
 
 
-def test_a_closed_room_leaves_the_turn_only() -> None:
+def test_in_a_closed_room_ways_are_shorter_than_half_a_metre() -> None:
     cells = np.full((200, 200), OCCUPIED, np.int8)
     cells[94:106, 94:106] = FREE
     _, reach_m = finished(

@@ -13,7 +13,7 @@ K = 5
 ANY_LOGS = arrays(np.float64, K, elements=st.floats(-700.0, 50.0))
 
 
-def test_a_probability_of_1e_300_survives_and_comes_back() -> None:
+def test_a_place_with_probability_1e_300_is_kept_and_can_become_probable_again() -> None:
     log_prior = belief.normalised_logs(np.array([0.0, math.log(1e-300)]))
     posterior = belief.updated(log_prior, np.array([-400.0, 400.0]))
     assert math.exp(posterior[1]) == pytest.approx(1.0)
@@ -60,7 +60,7 @@ def test_the_transition_keeps_a_share_and_spreads_the_rest(
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-12)
 
 
-def test_no_transition_is_eq_14_to_the_letter() -> None:
+def test_a_transition_probability_of_zero_is_equation_14() -> None:
     before = belief.normalised_logs(np.array([0.0, -5.0, -700.0]))
     assert belief.mixed(before, 0.0) is before
 

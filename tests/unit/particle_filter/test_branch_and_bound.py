@@ -48,7 +48,7 @@ def brute_force() -> tuple[np.ndarray, np.ndarray]:
     return poses, exponent * scan_log_likelihood(poses, hits, ROOM.field)
 
 
-def test_it_finds_all_leaves_within_the_margin_and_no_others() -> None:
+def test_branch_and_bound_finds_all_leaves_within_the_margin_and_no_others() -> None:
     poses, scores = brute_force()
     margin = 6.0
     found = searched(SearchSettings(shards=1, poses=10_000_000, margin=margin))
@@ -128,14 +128,14 @@ SUMS = np.array([5, 9, 7, 300, 8], np.uint16)
 FREE = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [1, 0, 1, 0]], bool)
 
 
-def test_the_best_and_the_good_are_looked_for_among_free_leaves_of_all_runs() -> None:
+def test_the_best_and_good_leaves_are_found_among_free_leaves_of_all_runs() -> None:
     assert _best(RUNS, SUMS, FREE) == 9
     leaves, kept = _good(RUNS, SUMS, FREE, 7)
     assert leaves.tolist() == [0 * 4 + 2, 2 * 4 + 0, 2 * 4 + 2]
     assert kept.tolist() == [9, 7, 8]
 
 
-def test_good_tiles_with_small_gaps_between_them_are_one_run() -> None:
+def test_adjacent_good_tiles_with_small_gaps_are_scored_as_one_run() -> None:
     good = np.zeros(400, bool)
     good[[3, 5, 5 + _LARGEST_GAP, 6 + 2 * _LARGEST_GAP, 350, 399]] = True
     runs = np.array([[7, 10, 380], [8, 0, 20]])

@@ -66,11 +66,13 @@ def test_a_scan_moves_weights_as_far_as_the_robot_has_moved_and_is_evidence_in_f
     moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
     whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
-    told, in_full = (c.log_weights - cloud.log_weights for c in (result.particles, whole.particles))
-    np.testing.assert_allclose(told - told[0], share * (in_full - in_full[0]), atol=1e-9)
+    reported, in_full = (
+        c.log_weights - cloud.log_weights for c in (result.particles, whole.particles)
+    )
+    np.testing.assert_allclose(reported - reported[0], share * (in_full - in_full[0]), atol=1e-9)
 
 
-def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:
+def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
     model = model_of(plain_room(), SensorSettings(not_free_log_penalty=-2.0))
     poses = np.array([[1.0, 3.0, 0.3], [1.1, 3.0, 0.3], [0.01, 3.0, 0.3]])
     beams = seen_from(HERE, plain_room())
@@ -197,7 +199,7 @@ def test_particles_at_one_place_share_the_beams_among_them() -> None:
     parts = sharing.occluded(np.tile(HERE, (3, 1)), beams)
     assert whole > 10.0
     assert parts.mean() == pytest.approx(whole)
-    assert len(set(parts)) > 1, "not everybody followed the same ones"
+    assert len(set(parts)) > 1, "not all particles followed the same ones"
 
 
 def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:

@@ -24,7 +24,7 @@ EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
 ALL = np.ones(5, np.bool_)
 
 
-def test_differences_to_the_best_count_by_their_share_and_missing_reports_stay() -> None:
+def test_differences_to_the_best_are_scaled_and_clusters_without_report_stay() -> None:
     evidence = np.array([-11.0, np.nan, -10.0, -14.0])
     np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
     np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
@@ -35,7 +35,7 @@ def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> N
     np.testing.assert_allclose(tempered(evidence, ALL, 1.0, 0.0), evidence - evidence.max())
 
 
-def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
+def test_differences_within_monte_carlo_error_count_almost_nothing() -> None:
     evidence = -np.array([0.0, 0.003, 0.3, 3.0, 300.0])
     expected = [0.0, 0.003 * 0.003 / 0.303, 0.15, 9.0 / 3.3, 300.0 * 300.0 / 300.3]
     np.testing.assert_allclose(tempered(evidence, ALL, 0.5, 0.3), -0.5 * np.array(expected))
@@ -45,11 +45,11 @@ def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
 def test_a_better_fit_never_weighs_less_and_no_fit_weighs_more_than_its_difference(
     evidence: NDArray[np.float64], share: float, noise: float
 ) -> None:
-    told = tempered(evidence, ALL, share, noise)
-    assert np.all(np.diff(told[np.argsort(evidence)]) >= 0.0)
-    assert told.max() == 0.0
+    reported = tempered(evidence, ALL, share, noise)
+    assert np.all(np.diff(reported[np.argsort(evidence)]) >= 0.0)
+    assert reported.max() == 0.0
     lost = evidence.max() - evidence
-    assert np.all(-told <= lost * (1.0 + 1e-12))
+    assert np.all(-reported <= lost * (1.0 + 1e-12))
 
 
 def test_an_improbable_hypothesis_gains_as_much_as_a_probable_one_would_lose_to_it() -> None:
@@ -59,7 +59,7 @@ def test_an_improbable_hypothesis_gains_as_much_as_a_probable_one_would_lose_to_
 
 
 @given(EVIDENCE, st.floats(0.0, 2.0), st.floats(-1e6, 1e6))
-def test_what_contenders_gain_does_not_depend_on_what_is_no_contender(
+def test_the_gain_of_contenders_does_not_depend_on_other_places(
     evidence: NDArray[np.float64], noise: float, other: float
 ) -> None:
     contends = np.array([True, True, True, True, False])
@@ -92,16 +92,16 @@ def test_contenders_are_the_most_probable_with_99_percent_of_the_belief(
         assert contenders(logs + shift).tolist() == expected
 
 
-def test_less_counts_the_worse_the_best_one_fits() -> None:
+def test_evidence_weighs_less_the_worse_the_best_place_fits() -> None:
     shares = [evidence_weight(1.0, bad, RULES) for bad in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([1.0, 0.8, 0.5, 0.2])
     assert evidence_weight(0.3, 0.5, RULES) == pytest.approx(0.15)
-    assert evidence_weight(0.3, math.nan, RULES) == 0.3, "no beam said how it fits"
+    assert evidence_weight(0.3, math.nan, RULES) == 0.3, "no beam was weighed"
     literal = BeliefSettings(evidence_residual=math.inf)
     assert evidence_weight(1.0, 9.0, literal) == 1.0
 
 
-def test_residual_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> None:
+def test_the_residual_is_the_loss_against_beams_that_all_end_on_obstacles() -> None:
     sensor = SensorSettings(hit_weight=0.75, random_weight=0.25, hit_sigma_m=0.15, max_range_m=30.0)
     best = math.log(0.75 / (math.sqrt(2.0 * math.pi) * 0.15) + 0.25 / 30.0)
     assert residual(best, sensor) == 0.0
@@ -110,7 +110,7 @@ def test_residual_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> Non
     assert math.isnan(residual(math.nan, sensor))
 
 
-def test_the_way_is_as_the_robot_has_gone_and_turns_go_round() -> None:
+def test_the_way_of_a_motion_is_its_distance_and_its_wrapped_turn() -> None:
     before, after = np.array([3.0, 4.0, math.pi - 0.05]), np.array([3.3, 4.4, 0.05 - math.pi])
     assert way(between(before, after)) == pytest.approx((0.5, 0.1))
     assert way(between(after, before)) == pytest.approx((0.5, 0.1))
@@ -125,28 +125,26 @@ def fit_after(*scans: float) -> UsualFit:
     return fit
 
 
-def test_a_fit_that_falls_by_more_than_it_has_varied_is_noticed_within_two_scans() -> None:
+def test_a_fall_of_the_fit_beyond_its_variation_is_detected_within_two_scans() -> None:
     steady = [3.0, 3.2] * 20
     assert not fit_after(*steady).has_fallen
     assert fit_after(*steady, -2.0, -2.0).has_fallen
     assert not fit_after(*[-10.0, 3.0] * 20, -10.0, -10.0).has_fallen, "among people it varies"
 
 
-def test_a_fit_that_has_fallen_stays_so_until_scans_fit_again_or_it_is_usual() -> None:
+def test_a_fallen_fit_is_reported_until_scans_fit_again_or_it_becomes_usual() -> None:
     fallen = [3.0, 3.2] * 20 + [-5.0] * 5
     assert fit_after(*fallen).has_fallen
     assert not fit_after(*fallen, 3.1).has_fallen
     assert not fit_after(*fallen, *[-5.0] * 5).has_fallen
 
 
-def test_a_fit_that_falls_slowly_is_usual() -> None:
+def test_a_fit_that_falls_slowly_is_not_detected() -> None:
     assert not fit_after(*np.linspace(3.0, -3.0, 400).tolist()).has_fallen
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=50), st.floats(0.0, 1.0))
-def test_whatever_scans_fit_like_the_usual_fit_stays_finite(
-    scans: list[float], news: float
-) -> None:
+def test_the_usual_fit_stays_finite_for_any_scans(scans: list[float], news: float) -> None:
     fit = UsualFit()
     for scan in scans:
         fit = fit.after(scan, news)

@@ -31,7 +31,9 @@ weights = arrays(np.float64, 6, elements=st.floats(0.1, 10))
 
 
 @given(cloud=clouds, weight=weights)
-def test_it_agrees_with_the_written_out_sums(cloud: Poses, weight: NDArray[np.float64]) -> None:
+def test_the_fitted_gaussian_agrees_with_sums_written_out(
+    cloud: Poses, weight: NDArray[np.float64]
+) -> None:
     for found, expected in zip(
         fit_gaussian(cloud, weight), naive.fit_gaussian(cloud, weight), strict=True
     ):
@@ -60,7 +62,7 @@ def test_weights_that_sum_to_nothing_are_refused(weight: list[float]) -> None:
 
 def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() -> None:
     """Workers have one, programs of others as many as there are cores."""
-    said = {
+    printed = {
         subprocess.run(
             [sys.executable, "-I", "-c", SUMS],
             env={"OPENBLAS_NUM_THREADS": threads},
@@ -68,10 +70,10 @@ def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() 
         ).stdout
         for threads in ("1", "4")
     }  # fmt: skip
-    assert len(said) == 1
+    assert len(printed) == 1
 
 
-def test_each_part_has_the_gaussian_that_it_has_alone() -> None:
+def test_the_gaussian_of_a_part_equals_that_of_its_particles_alone() -> None:
     rng = np.random.default_rng(3)
     poses, weights = rng.normal(0.0, 2.0, (50, 3)), rng.exponential(1.0, 50)
     weights[40:45] = 0.0

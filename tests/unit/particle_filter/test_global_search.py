@@ -50,14 +50,14 @@ def is_near(pose: np.ndarray, truth: np.ndarray) -> bool:
 
 
 @pytest.mark.parametrize(("steps", "share"), [(1, 0.5), (2, 0.8), (10, 0.99)])
-def test_it_finds_the_one_place_from_the_first_scan_on(steps: int, share: float) -> None:
+def test_a_search_finds_a_unique_place_from_the_first_scan_on(steps: int, share: float) -> None:
     search = searched(plain_room(), steps, seed=0)
     best = finished(search.places(np.random.default_rng(0)))[0]
     assert is_near(best.mean, pose_at(steps - 1))
     assert best.share > share
 
 
-def test_it_finds_both_of_two_places_that_look_alike_in_ten_of_ten_runs() -> None:
+def test_a_search_finds_two_places_that_look_alike_in_ten_of_ten_runs() -> None:
     turned = pose_at(9) * [-1.0, -1.0, 1.0] + [6.0, 4.0, np.pi]
     for seed in range(10):
         places = finished(
@@ -181,16 +181,16 @@ class Corrected:
 
 
 def test_the_evidence_of_a_search_is_corrected_for_occlusion() -> None:
-    told = []
+    reported = []
     for correction in (0.0, 2.0):
         model: SensorModel = Corrected(plain_room(), correction)  # type: ignore[assignment] # a twin
         search = GlobalSearch(model, SETTINGS, shard=0)
         finished(
             search.advance(None, START, seen_from(START, plain_room()), np.random.default_rng(0))
         )
-        told.append(search.log_evidence)
+        reported.append(search.log_evidence)
     # Places with less than a hundredth are not looked at.
-    assert told[1] - told[0] == pytest.approx(-2.0, abs=0.1)
+    assert reported[1] - reported[0] == pytest.approx(-2.0, abs=0.1)
 
 
 class CorrectedFarSide(Corrected):
@@ -208,26 +208,26 @@ def standing(correction: float) -> tuple[list[float], list[float]]:
     model: SensorModel = CorrectedFarSide(symmetric_room(), correction)  # type: ignore[assignment] # a twin
     settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
     search, rng = GlobalSearch(model, settings, shard=0), np.random.default_rng(0)
-    seen, far_side, told = seen_from(START, symmetric_room()), [], []
+    seen, far_side, reported = seen_from(START, symmetric_room()), [], []
     before = None
     for _ in range(6):
         finished(search.advance(before, START, seen, rng))
         places = finished(search.places(np.random.default_rng(0)))
         far_side.append(sum(place.share for place in places if place.mean[0] > 3.0))
-        told.append(search.log_evidence)
+        reported.append(search.log_evidence)
         before = START
-    return far_side, told
+    return far_side, reported
 
 
 def test_a_correction_counts_once_for_a_standing_robot() -> None:
     """The robot stands: no scan after the first is a new view, so its places stay as they are."""
     _, as_given = standing(0.0)
-    far_side, told = standing(2.0)
+    far_side, reported = standing(2.0)
     assert far_side[0] == pytest.approx(math.exp(-2.0) / (1.0 + math.exp(-2.0)), abs=0.03)
     np.testing.assert_allclose(far_side, far_side[0], atol=0.02)
     # All scans are as likely as they are: what is taken back of them lacks in full.
     lost = math.log1p(far_side[0] * math.expm1(-2.0))
-    np.testing.assert_allclose(np.diff(told) - np.diff(as_given), lost, atol=0.08)
+    np.testing.assert_allclose(np.diff(reported) - np.diff(as_given), lost, atol=0.08)
 
 
 def test_heavy_poses_are_split_within_their_part_of_the_map() -> None:

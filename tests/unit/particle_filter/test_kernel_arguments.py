@@ -37,7 +37,7 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
 
 
 @pytest.mark.parametrize(("kernel", "call"), OF_POSES)
-def test_numbers_of_any_layout_and_precision_are_for_one_kernel(
+def test_arrays_of_any_layout_and_precision_use_one_compiled_kernel(
     kernel: Any, call: Callable[[NDArray[Any]], object]
 ) -> None:
     poses = np.random.default_rng(2).uniform(1.0, 3.0, (6, 3))
@@ -50,7 +50,7 @@ def test_numbers_of_any_layout_and_precision_are_for_one_kernel(
     assert len(kernel.signatures) == 1
 
 
-def test_cells_of_any_layout_are_for_one_kernel() -> None:
+def test_cells_of_any_memory_layout_use_one_compiled_kernel() -> None:
     cells = plain_room()
     for same in (np.asfortranarray(cells), cells.repeat(2, axis=0)[::2]):
         np.testing.assert_array_equal(ray_casting.jump_field(same), JUMPS)

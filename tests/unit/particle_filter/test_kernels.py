@@ -49,7 +49,7 @@ def test_machine_code_on_disk_is_not_used_when_a_callee_has_changed(
     assert answers == [2.0, 20.0]
 
 
-SAY = """
+PRINT = """
 from kernel_alone import one
 from particle_filter.kernels import cache_problems
 print(one(), *cache_problems)
@@ -70,7 +70,7 @@ def run_kernel(
     (folder / "kernel_alone.py").write_text(LIBRARY.format(value=3.0))
     search = os.pathsep.join([str(REPOSITORY), str(folder)])
     return subprocess.run(
-        [sys.executable, "-c", before + SAY],
+        [sys.executable, "-c", before + PRINT],
         env={**os.environ, "PYTHONPATH": search, **environment},
         capture_output=True, text=True, check=False,
     )  # fmt: skip

@@ -130,7 +130,7 @@ def test_a_scan_without_returns_is_refused() -> None:
         scan_log_likelihood(np.zeros((1, 3)), np.zeros((0, 2)), SHARED_FIELD)
 
 
-def test_a_field_with_hardly_any_contrast_keeps_its_value() -> None:
+def test_a_likelihood_field_with_little_contrast_keeps_its_values() -> None:
     flat = SensorSettings(max_obstacle_distance_m=1e-9)
     field = LikelihoodField.build(Grid(np.eye(4, dtype=np.int8), 1.0, ORIGIN), flat)
     found = scan_log_likelihood(np.ones((1, 3)), np.zeros((2, 2)), field)
@@ -148,7 +148,7 @@ def test_a_field_made_in_strips_is_that_of_the_whole_map() -> None:
     np.testing.assert_allclose(decoded(built)[::7], expected, atol=tolerance(1, built) + 1e-5)
 
 
-def test_codes_begin_at_the_likelihood_of_the_farthest_beam() -> None:
+def test_field_codes_begin_at_the_likelihood_of_the_farthest_beam() -> None:
     near = SensorSettings(max_obstacle_distance_m=2.0 * SENSOR.hit_sigma_m)
     sigma = near.hit_sigma_m
     hit = near.hit_weight * math.exp(-2.0) / (math.sqrt(2.0 * math.pi) * sigma)

@@ -52,8 +52,8 @@ NO_NOISE = np.zeros((3, 3))
 
 
 def test_the_variance_of_a_heading_is_bounded() -> None:
-    nobody_knows = np.diag([0.1, 0.2, 1e15])
-    moved = composed_covariance(np.zeros(3), nobody_knows, np.array([2.0, 0.0, 0.0]), NO_NOISE)
+    unknown_heading = np.diag([0.1, 0.2, 1e15])
+    moved = composed_covariance(np.zeros(3), unknown_heading, np.array([2.0, 0.0, 0.0]), NO_NOISE)
     any_heading = np.pi**2 / 3.0
     swung = [[0.2 + 4.0 * any_heading, 2.0 * any_heading], [2.0 * any_heading, any_heading]]
     np.testing.assert_allclose(moved[1:, 1:], swung)

@@ -25,13 +25,13 @@ def test_numbers_follow_the_normal_distribution() -> None:
     assert distance < 2.6 / sqrt(n) + 1 / n
 
 
-def test_tails_are_as_heavy_as_they_should_be() -> None:
+def test_normal_numbers_have_tails_of_the_right_weight() -> None:
     """Beyond 3 deviations: 810 of 300,000 are expected, 28 their deviation, 5.5 of them at most."""
     assert abs(int((np.abs(drawn(3, 100_000)) > 3.0).sum()) - 810) < 155
 
 
 @pytest.mark.parametrize("power", [1, 2])
-def test_rows_are_independent(power: int) -> None:
+def test_rows_of_normal_numbers_are_independent(power: int) -> None:
     """A row of 100,000 and its pair from the same words: correlations err by 0.003."""
     first, second, third, fourth = drawn(4, 100_000) ** power
     correlations = np.corrcoef([first, second, third, fourth])
@@ -47,7 +47,7 @@ def test_any_count_of_numbers_can_be_drawn(rows: int, count: int) -> None:
     np.testing.assert_array_equal(numbers, drawn(rows, count))
 
 
-def test_extreme_words_give_finite_numbers() -> None:
+def test_extreme_random_words_give_finite_numbers() -> None:
     normals = np.empty((2, 4), np.float32)
     _box_muller(np.array([0, 2**32 - 1, 2**64 - 2**32, 2**64 - 1], np.uint64), normals)
     assert np.isfinite(normals).all()

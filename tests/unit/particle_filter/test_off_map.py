@@ -38,13 +38,13 @@ def test_a_place_where_beams_end_on_obstacles_is_right() -> None:
     assert after([WRONG])[0] < -2.0
 
 
-def test_people_say_nothing() -> None:
+def test_short_beams_give_no_evidence() -> None:
     assert after([BeamClasses(0, 0, 0, 60)])[0] == pytest.approx(0.0)
     few, many = BeamClasses(20, 0, 0, 0), BeamClasses(20, 0, 0, 40)
-    assert after([few])[0] > after([many])[0] > 0.5, "fewer beams tell, but for the place"
+    assert after([few])[0] > after([many])[0] > 0.5, "fewer beams are evidence too"
 
 
-def test_a_view_that_was_seen_before_says_nothing() -> None:
+def test_a_view_seen_before_gives_no_evidence() -> None:
     odds, quality = log_odds_of_here(MapQuality(), ALL, [WRONG], 0.0)
     assert (odds, quality) == (0.0, MapQuality())
 
@@ -68,7 +68,7 @@ def test_the_share_of_beams_that_people_cut_short_is_learned() -> None:
     assert after([alone] * 30, new_view=0.0)[1] == MapQuality()
 
 
-def test_beams_alone_tell_right_places_from_wrong_ones() -> None:
+def test_beam_classes_alone_distinguish_right_and_wrong_places() -> None:
     right, people, wrong = probability_right(
         MapQuality(), [RIGHT, BeamClasses(20, 0, 0, 40), WRONG]
     )
@@ -78,7 +78,7 @@ def test_beams_alone_tell_right_places_from_wrong_ones() -> None:
     assert probability_right(MapQuality(), [BeamClasses(0, 0, 0, 60)])[0] == pytest.approx(0.5)
 
 
-def test_one_right_place_among_many_speaks_for_the_map() -> None:
+def test_one_right_place_among_many_is_evidence_for_being_on_the_map() -> None:
     shares = np.array([0.2, 0.8])
     odds, _ = log_odds_of_here(MapQuality(), shares, [RIGHT, WRONG], 1.0)
     assert odds > 0.0
@@ -86,7 +86,7 @@ def test_one_right_place_among_many_speaks_for_the_map() -> None:
 
 
 @hypothesis.given(st.lists(classes, min_size=1, max_size=4), st.floats(0.0, 1.0))
-def test_whatever_is_counted_stays_a_probability(seen: list[BeamClasses], new_view: float) -> None:
+def test_any_beam_counts_give_probabilities(seen: list[BeamClasses], new_view: float) -> None:
     shares = np.full(len(seen), 1.0 / len(seen))
     quality = MapQuality()
     for _ in range(5):
@@ -97,7 +97,9 @@ def test_whatever_is_counted_stays_a_probability(seen: list[BeamClasses], new_vi
         assert 0.0 <= quality.short <= 1.0
 
 
-def beside_decoy(differences: list[float], log_here: float = -0.1) -> tuple[float, MapQuality]:
+def compared_with_decoy(
+    differences: list[float], log_here: float = -0.1
+) -> tuple[float, MapQuality]:
     total, quality = 0.0, MapQuality()
     for difference in differences:
         odds, quality = log_odds_by_decoy(quality, difference, log_here, 0.3)
@@ -106,19 +108,19 @@ def beside_decoy(differences: list[float], log_here: float = -0.1) -> tuple[floa
 
 
 def test_a_place_that_fits_better_than_the_decoy_is_right() -> None:
-    assert beside_decoy([0.6] * 10)[0] > 1.0
-    assert beside_decoy([-0.3] * 10)[0] < -1.0
+    assert compared_with_decoy([0.6] * 10)[0] > 1.0
+    assert compared_with_decoy([-0.3] * 10)[0] < -1.0
 
 
-def test_a_map_that_is_its_own_mirror_image_says_nothing() -> None:
-    alike, quality = beside_decoy([0.0, 0.02, -0.01] * 10)
+def test_a_map_that_is_its_own_mirror_image_gives_no_evidence() -> None:
+    alike, quality = compared_with_decoy([0.0, 0.02, -0.01] * 10)
     assert quality.alike > 0.99
     odds, _ = log_odds_by_decoy(quality, 0.0, -0.1, 1.0)
     assert odds == pytest.approx(0.0, abs=0.01)
     assert alike > -1.0, "until that is known, little is lost"
 
 
-def test_a_decoy_says_nothing_of_a_view_that_was_seen_before() -> None:
+def test_a_decoy_gives_no_evidence_for_a_view_seen_before() -> None:
     odds, quality = log_odds_by_decoy(MapQuality(), -2.0, -0.1, 0.0)
     assert odds == pytest.approx(0.0)
     assert quality == MapQuality()
@@ -127,7 +129,7 @@ def test_a_decoy_says_nothing_of_a_view_that_was_seen_before() -> None:
 @hypothesis.given(
     st.floats(-50.0, 50.0), st.floats(-700.0, 0.0), st.floats(0.0, 1.0), st.floats(0.001, 0.999)
 )
-def test_what_a_decoy_says_is_bounded_and_the_quality_a_probability(
+def test_the_evidence_of_a_decoy_is_bounded_and_the_quality_a_probability(
     difference: float, log_here: float, new_view: float, alike: float
 ) -> None:
     quality = MapQuality(alike=alike)

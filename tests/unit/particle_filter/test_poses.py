@@ -47,7 +47,7 @@ def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
 
 
 @given(a=pose, b=pose)
-def test_between_leads_from_one_pose_to_the_other(a: Pose, b: Pose) -> None:
+def test_composing_a_pose_with_the_motion_between_gives_the_other_pose(a: Pose, b: Pose) -> None:
     assert_same_place(compose(a, between(a, b)), b)
 
 
@@ -59,7 +59,7 @@ def test_composing_multiplies_matrices(a: Pose, b: Pose) -> None:
 
 
 @given(many=poses, one=pose)
-def test_one_and_many_broadcast(many: Poses, one: Pose) -> None:
+def test_one_pose_and_many_poses_broadcast(many: Poses, one: Pose) -> None:
     for combine in (compose, between):
         np.testing.assert_array_equal(
             combine(one, many), np.array([combine(one, other) for other in many])

@@ -59,7 +59,7 @@ def test_a_jump_too_long_for_a_byte_becomes_several() -> None:
 
 @relaxed
 @given(cells=grids, seed=seeds)
-def test_jumping_finds_what_cutting_every_square_finds(cells: Cells, seed: int) -> None:
+def test_rays_with_jumps_are_as_long_as_naive_rays(cells: Cells, seed: int) -> None:
     poses = random_poses(seed)
     jumped = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
     naive = [
@@ -81,7 +81,7 @@ def test_lengths_that_are_not_positive_are_refused(cell_m: float, max_range_m: f
         cast_rays(box(), cell_m, np.zeros(3), np.zeros(1), max_range_m)
 
 
-def test_a_jump_field_that_fits_the_map_can_not_be_changed() -> None:
+def test_a_jump_field_that_fits_the_map_is_read_only() -> None:
     cells = np.zeros((3, 5), np.int8)
     jumps = checked_jumps(jump_field(cells), cells)
     with pytest.raises(ValueError, match="read-only"):
@@ -96,7 +96,7 @@ def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) ->
         checked_jumps(jumps, np.zeros((3, 5), np.int8))
 
 
-def test_a_direction_of_minus_zero_is_along_an_axis() -> None:
+def test_a_ray_direction_of_minus_zero_is_parallel_to_an_axis() -> None:
     cells = np.ones((5, 7), np.int8)
     cells[1:-1, 1:-1] = 0
     rays = ((1.0, -0.0), (-1.0, -0.0), (-0.0, 1.0), (-0.0, -1.0))

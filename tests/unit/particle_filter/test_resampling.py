@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**32)
 
 
 @given(log_weights=log_weights, count=st.integers(1, 60), seed=seeds)
-def test_it_draws_as_many_as_asked_in_order_and_none_of_weight_zero(
+def test_resampling_draws_the_given_number_in_order_and_none_of_weight_zero(
     log_weights: LogWeights, count: int, seed: int
 ) -> None:
     drawn = resample(log_weights, count, np.random.default_rng(seed))
@@ -120,7 +120,7 @@ def test_thinning_is_right_on_average_for_every_particle() -> None:
     st.integers(1, 4),
     st.floats(0.1, 8.0),
 )
-def test_heavy_are_those_above_the_even_share_of_the_rest_as_sorting_finds_them(
+def test_heavy_weights_are_those_that_sorting_finds(
     weights: NDArray[np.float64], count: int, power: float
 ) -> None:
     weights = weights**power + 1e-6

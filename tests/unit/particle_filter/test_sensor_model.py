@@ -64,7 +64,7 @@ def test_the_true_pose_fits_better_than_others(name: SensorModelName) -> None:
 @pytest.mark.parametrize(
     ("beams", "independent"), [(200, 20.0), (60, 6.0), (59, 6.0), (16, 6.0), (6, 6.0), (4, 4.0)]
 )
-def test_a_scan_of_few_beams_counts_as_six_independent_ones_or_as_all_it_has(
+def test_a_scan_of_few_beams_counts_as_six_independent_beams_or_as_many_as_it_has(
     beams: int, independent: float
 ) -> None:
     settings = SensorSettings(scan_likelihood_exponent=0.1, max_beams=60)
@@ -118,10 +118,10 @@ def test_several_lasers_sharing_particles_weigh_all_beams_equally(
         return whole(model, poses, seen)
 
     monkeypatch.setattr(LikelihoodFieldModel, "occluded", counted)
-    told = [field.correction(here, weights, beams, sharers) for sharers in (1, 4, 7, 100)]
+    reported = [field.correction(here, weights, beams, sharers) for sharers in (1, 4, 7, 100)]
     assert looked_from == [50, 15, 10, 5]
-    assert told == pytest.approx([told[0]] * 4)
-    assert told[0] > 0.5
+    assert reported == pytest.approx([reported[0]] * 4)
+    assert reported[0] > 0.5
 
 
 @every_model
@@ -171,7 +171,7 @@ def test_two_lasers_weigh_as_much_as_each_alone_together(name: SensorModelName) 
     np.testing.assert_allclose(sensor.log_likelihood(poses, merged), alone, rtol=1e-12)
 
 
-def test_each_lasers_rays_begin_where_it_is() -> None:
+def test_the_rays_of_each_laser_begin_at_its_mount() -> None:
     room = plain_room()
     field = model_of(room, SensorSettings(max_beams=200, visibility_beam_stride=1))
     poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
@@ -209,6 +209,6 @@ def test_each_laser_has_a_beam_however_few_are_scored_and_no_more() -> None:
     assert [len(laser.ranges) for laser in merged.lasers] == [1, 1]
 
 
-def test_a_grid_can_not_be_changed() -> None:
+def test_a_grid_is_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
         Grid(plain_room(), CELL_M, NO_OFFSET).cells[0, 0] = 0

@@ -65,7 +65,7 @@ def test_no_slice_of_a_search_does_more_than_its_share(monkeypatch: pytest.Monke
     assert counted.slices < 10 * whole / SLICE_WORK  # a slice takes longer than its overhead
 
 
-def test_where_slices_end_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_ends_of_slices_do_not_change_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     cells = plain_room()
 
     def found() -> np.ndarray:
@@ -87,7 +87,7 @@ def test_a_meter_ends_a_slice_when_it_is_full() -> None:
     assert ends == [0, 1, 0, 1, 0, 1]
 
 
-def test_finished_returns_the_result_of_slices() -> None:
+def test_finished_returns_the_result_of_all_slices() -> None:
     def three():  # type: ignore[no-untyped-def] # a generator of the test's own
         yield
         yield

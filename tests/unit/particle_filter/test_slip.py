@@ -38,7 +38,7 @@ def after_forwards() -> tuple[Poses, Poses]:
 
 
 def after_a_drive(
-    true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS, cut: slice = NONE
+    true_motion: Pose, settings: MotionSettings, reported_motion: Pose = FORWARDS, cut: slice = NONE
 ) -> MeasurementUpdate:
     """A step of a localized particle set; odometry reports a drive forwards.
 
@@ -47,7 +47,7 @@ def after_a_drive(
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
     beams.ranges[cut] *= 0.5
     cloud, rng = ParticleSet.even(particles()), np.random.default_rng(6)
-    return mcl_step(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
+    return mcl_step(cloud, reported_motion, beams, MODEL, settings, ClusterSettings(), rng)
 
 
 def error_m(result: MeasurementUpdate, true_motion: Pose) -> float:
@@ -141,7 +141,7 @@ def test_a_slip_has_to_fit_better_by_the_slip_gain() -> None:
     assert {True, False} == {gain > 0.15 for gain in gains if 0.0 < gain < 0.3}, "near it, too"
 
 
-def test_a_slipped_robot_is_behind_where_odometry_says() -> None:
+def test_a_slipped_robot_is_behind_its_odometry() -> None:
     before = np.tile([1.0, 2.0, math.pi / 2], (2000, 1))
     after = compose(before, np.array([0.4, 0.0, 0.1]))
     back = slipped(before, after, np.array([0.4, 0.0, 0.1]), np.random.default_rng(1))

@@ -26,7 +26,7 @@ def test_between_two_poses_it_is_interpolated() -> None:
     assert DRIVING.pose_at(seconds(1.25)) == pytest.approx((0.25, -0.5, 0.125))
 
 
-def test_a_known_pose_comes_back_exactly() -> None:
+def test_the_pose_at_a_known_time_is_returned_exactly() -> None:
     assert DRIVING.pose_at(seconds(2.0)) == (1, -2, 0.5)
 
 
@@ -49,25 +49,27 @@ def test_no_heading_in_between_is_farther_away_than_the_ends(
 
 
 @pytest.mark.parametrize(("stamp_s", "x"), [(0.8, -0.2), (2.25, 1.25)])
-def test_a_little_outside_the_motion_goes_on(stamp_s: float, x: float) -> None:
+def test_shortly_outside_the_known_times_the_motion_is_extrapolated(
+    stamp_s: float, x: float
+) -> None:
     pose = DRIVING.pose_at(seconds(stamp_s))
     assert pose is not None
     assert pose[0] == pytest.approx(x)
 
 
 @pytest.mark.parametrize("stamp_s", [0.7, 2.3, 100.0])
-def test_farther_outside_nothing_is_known(stamp_s: float) -> None:
+def test_far_outside_the_known_times_no_pose_is_returned(stamp_s: float) -> None:
     assert DRIVING.pose_at(seconds(stamp_s)) is None
 
 
-def test_of_one_pose_only_its_own_time_is_known() -> None:
+def test_a_trajectory_of_one_pose_knows_only_its_time() -> None:
     alone = through((1.0, (1, 2, 3)))
     assert alone.pose_at(seconds(1.2)) == (1, 2, 3)
     assert alone.pose_at(seconds(1.5)) is None
     assert Trajectory().pose_at(0) is None
 
 
-def test_a_gap_is_bridged_only_where_the_robot_stayed() -> None:
+def test_a_gap_in_odometry_is_interpolated_only_if_the_robot_stood() -> None:
     stayed = through((0.0, (0, 0, 0)), (200.0, (0.5, 0, 0)))
     assert stayed.pose_at(seconds(100.0)) == pytest.approx((0.25, 0, 0))
     moved = through((0.0, (0, 0, 0)), (200.0, (5.0, 0, 0)))
@@ -89,7 +91,7 @@ def test_two_poses_of_one_time_do_not_divide_by_zero() -> None:
     assert trajectory.pose_at(seconds(1.1)) == (1, 1, 0)
 
 
-def test_where_ends_hold_they_do_so_for_the_time_that_was_given() -> None:
+def test_end_poses_hold_for_the_given_time() -> None:
     held = through((10.0, (1, 0, 0)), (11.0, (2, 0, 0)), held_ns=S)
     assert [held.pose_at(9 * S), held.pose_at(12 * S)] == [(1, 0, 0), (2, 0, 0)]
     assert [held.pose_at(9 * S - 1), held.pose_at(12 * S + 1)] == [None, None]
@@ -97,7 +99,7 @@ def test_where_ends_hold_they_do_so_for_the_time_that_was_given() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [1, 10, 333])
-def test_what_is_thinned_is_known_at_any_time_of_the_last_seconds(rate_hz: int) -> None:
+def test_a_thinned_trajectory_has_a_pose_at_any_time_of_the_last_seconds(rate_hz: int) -> None:
     thinned = Trajectory(most=51, every_ns=S // 10)
     for tick in range(8 * rate_hz + 1):
         thinned.add(tick * S // rate_hz, (0.5 * tick / rate_hz, 0.0, 0.0))

@@ -34,7 +34,7 @@ def weights(
     return found
 
 
-def test_on_a_straight_drive_what_is_new_falls_off_as_the_way_since_the_last_scan() -> None:
+def test_on_a_straight_drive_the_new_share_depends_on_the_distance_since_the_last_scan() -> None:
     first, *others = weights([DRIVE] * 50, PERFECT)
     assert first == 1.0
     assert others == pytest.approx([1.0 - math.exp(-0.25)] * 50, rel=1e-5)
@@ -44,13 +44,13 @@ def test_a_robot_that_stands_sees_nothing_new() -> None:
     assert weights([(0.0, 0.0, 0.0)] * 9) == [1.0, *[0.0] * 9]
 
 
-def test_turning_on_the_spot_shows_everything_once() -> None:
+def test_turning_on_the_spot_shows_each_view_once() -> None:
     around = weights([TURN] * 31 * 15)
     assert 2.5 < math.fsum(around[:32]) < 2.0 * math.pi / 1.6 + 1.0
     assert math.fsum(around[32:]) < 0.5, "fourteen turns more"
 
 
-def test_pacing_shows_everything_once_in_whatever_order_it_comes() -> None:
+def test_going_back_and_forth_shows_each_view_once() -> None:
     there_and_back = [*[DRIVE] * 10, AROUND]
     seen, known = weights(there_and_back * 10), weights(there_and_back * 10, PERFECT)
     assert math.fsum(seen[22:]) < 0.5 * math.fsum(seen[:22]), "nine times as much of the way"
@@ -59,7 +59,7 @@ def test_pacing_shows_everything_once_in_whatever_order_it_comes() -> None:
     assert math.fsum(weights([*[DRIVE] * 10, (-2.0, 0.0, 0.0), *shuffled], PERFECT)[12:]) < 0.1
 
 
-def test_what_was_seen_long_ago_fades_with_odometrys_error() -> None:
+def test_old_views_fade_with_the_error_of_odometry() -> None:
     """After a loop of 40 m it is known that the robot is back; after one of 80 m it is not."""
 
     def seen_again(steps: int) -> float:
@@ -71,7 +71,7 @@ def test_what_was_seen_long_ago_fades_with_odometrys_error() -> None:
     assert seen_again(400) > 0.9
 
 
-def test_where_all_scans_count_nothing_is_remembered() -> None:
+def test_without_a_view_distance_no_view_is_remembered() -> None:
     every = BeliefSettings(view_distance_m=0.0)
     assert ViewMemory().after(np.zeros(3), ODOMETRY, every) == (1.0, ViewMemory())
 
@@ -81,13 +81,13 @@ MOTIONS = st.tuples(NUMBERS, NUMBERS, st.floats(-math.pi, math.pi))
 
 
 @hypothesis.given(st.lists(MOTIONS, max_size=30), st.sampled_from([ODOMETRY, PERFECT]))
-def test_however_the_robot_moves_weights_are_shares_and_the_memory_is_one(
+def test_for_any_motion_the_new_share_is_between_0_and_1(
     motions: list[Motion], odometry: MotionSettings
 ) -> None:
     assert all(0.0 <= weight <= 1.0 for weight in weights(motions, odometry))
 
 
-def test_the_memory_has_a_fixed_size_and_keeps_what_it_is_surest_of() -> None:
+def test_the_view_memory_has_a_fixed_size_and_keeps_its_most_certain_views() -> None:
     memory = ViewMemory()
     for _ in range(2 * MAX_VIEWS):
         _, memory = memory.after(np.array([0.8, 0.0, 0.0]), PERFECT, RULES)
@@ -96,7 +96,7 @@ def test_the_memory_has_a_fixed_size_and_keeps_what_it_is_surest_of() -> None:
     assert memory.after(np.array([500.0, 0.0, 0.0]), PERFECT, RULES)[0] == 1.0
 
 
-def test_a_memory_that_is_handed_on_goes_on_as_the_first_would_have() -> None:
+def test_a_view_memory_that_is_handed_on_continues_with_the_same_results() -> None:
     memory = ViewMemory()
     for _ in range(20):
         _, memory = memory.after(np.array(TURN), ODOMETRY, RULES)
@@ -121,6 +121,6 @@ def test_a_memory_that_is_handed_on_goes_on_as_the_first_would_have() -> None:
         ),
     ],
 )
-def test_what_no_robot_can_have_seen_is_refused(views: bytes) -> None:
+def test_impossible_seen_views_are_refused(views: bytes) -> None:
     assert ViewMemory(views).problem is not None
     assert ViewMemory(bytes(24)).problem is None

@@ -9,22 +9,24 @@ from hypothesis import strategies as st
 from process_runtime.logs import CauseCounter
 
 
-def test_a_cause_is_said_once_a_minute_with_how_often_it_happened() -> None:
+def test_a_cause_is_logged_once_a_minute_with_its_count() -> None:
     causes = CauseCounter(period_s=60.0)
-    said = [causes.count("malformed scan", now_s) for now_s in (0.0, 1.0, 59.9, 60.0, 61.0)]
-    assert said == [1, 0, 0, 3, 0]
+    counts = [causes.count("malformed scan", now_s) for now_s in (0.0, 1.0, 59.9, 60.0, 61.0)]
+    assert counts == [1, 0, 0, 3, 0]
     assert causes.total == {"malformed scan": 5}
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 500)), max_size=50))
-def test_no_occurrence_is_forgotten_or_said_twice(happened: list[tuple[str, float]]) -> None:
+def test_every_occurrence_is_counted_in_exactly_one_log_line(
+    happened: list[tuple[str, float]],
+) -> None:
     causes = CauseCounter()
-    said = {"a": 0, "b": 0}
+    counts = {"a": 0, "b": 0}
     for cause, now_s in sorted(happened, key=lambda item: item[1]):
-        said[cause] += causes.count(cause, now_s)
-    for cause, times in said.items():
-        said_at_the_end = causes.count(cause, 1000.0)
-        assert times + said_at_the_end == causes.total[cause]
+        counts[cause] += causes.count(cause, now_s)
+    for cause, times in counts.items():
+        last_counts = causes.count(cause, 1000.0)
+        assert times + last_counts == causes.total[cause]
 
 
 def test_a_warning_names_cause_count_and_detail(caplog: pytest.LogCaptureFixture) -> None:

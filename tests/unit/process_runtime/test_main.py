@@ -32,11 +32,11 @@ def test_the_body_gets_name_settings_and_its_own_arguments(tmp_path: Path) -> No
     assert (invocation.settings.robot.name, invocation.arguments.count) == ("r2", 3)
 
 
-def test_an_error_of_a_persons_making_is_one_line_and_exit_code_2(
+def test_a_users_mistake_is_one_line_and_exit_code_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def body(_: Invocation) -> None:
-        raise UnreachableError(who="router", problem="no router\nanywhere", waited_s=0.0)
+        raise UnreachableError(peer="router", problem="no router\nanywhere", waited_s=0.0)
 
     assert run(body, "--name", "t-1") == 2
     assert capsys.readouterr().err == "t-1: no router anywhere\n"
@@ -61,7 +61,9 @@ def test_being_stopped_while_waiting_is_no_error(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().err == ""
 
 
-def test_wrong_settings_are_said_before_the_body_runs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_settings_are_reported_before_the_body_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     got: list[Invocation] = []
     assert run(got.append, "--set", "cluster.particles=none") == 2
     assert capsys.readouterr().err == (
@@ -79,7 +81,7 @@ def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "*", "a$*", "../a", "a.b", "@a", "x" * 57, "a\n"])
-def test_a_name_that_no_key_or_file_could_bear_is_refused(
+def test_a_name_that_is_invalid_in_a_key_or_file_name_is_refused(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:
@@ -89,14 +91,14 @@ def test_a_name_that_no_key_or_file_could_bear_is_refused(
     assert capsys.readouterr().err.endswith(f"is not a valid name: {rule} (see --help)\n")
 
 
-def test_every_process_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_process_prints_its_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         run(lambda _: None, "--version")
     assert caught.value.code == 0
     assert capsys.readouterr().out == f"clustermcl {version('clustermcl')}\n"
 
 
-def test_the_command_says_its_version() -> None:
+def test_the_command_prints_its_version() -> None:
     ran = subprocess.run(
         [sys.executable, "-I", "-m", "clustermcl", "--version"], capture_output=True, text=True,
         check=True,

@@ -44,15 +44,15 @@ libc.fflush(ctypes.c_void_p(stream))
 
 def arenas(word: str) -> int:
     command = [sys.executable, "-I", "-c", ARENAS_PROGRAM, word]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return said.count("<heap nr=")
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return output.count("<heap nr=")
 
 
 def test_threads_share_a_few_arenas() -> None:
     assert arenas("shared") <= ARENAS < arenas("by itself")
 
 
-def test_memory_is_given_back_once_after_large_messages() -> None:
+def test_heap_memory_is_returned_once_after_large_messages() -> None:
     trimmer = HeapTrimmer()
     assert not trimmer.trim_if_due(100.0)
     trimmer.on_large_message(100.0)
@@ -62,11 +62,11 @@ def test_memory_is_given_back_once_after_large_messages() -> None:
     assert not trimmer.trim_if_due(200.0)
 
 
-def test_what_is_free_but_lies_before_what_is_used_is_given_back() -> None:
+def test_free_memory_below_used_memory_is_returned() -> None:
     """Some 115 MB were used; a heap shrinks by itself only from its end."""
-    said = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-I", "-c", PROGRAM], capture_output=True, text=True, check=True
     ).stdout
-    before_mb, after_mb = map(int, said.split())
+    before_mb, after_mb = map(int, output.split())
     assert before_mb > 100
     assert after_mb < before_mb - 90

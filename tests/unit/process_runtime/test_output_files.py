@@ -24,20 +24,22 @@ def test_a_file_that_can_be_written_is_not_touched(tmp_path: Path) -> None:
         ("folder", "it is a folder"),
     ],
 )
-def test_a_file_that_cannot_be_written_says_why(tmp_path: Path, name: str, problem: str) -> None:
+def test_the_error_of_a_file_that_cannot_be_written_has_the_reason(
+    tmp_path: Path, name: str, problem: str
+) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError, match=f"{name}: cannot be written: {problem}"):
         check_output_file(tmp_path / name)
 
 
-def test_where_no_file_can_be_made_none_can_be_written() -> None:
+def test_a_file_that_cannot_be_created_is_refused() -> None:
     """A folder of the kernel refuses new files even to root."""
     with pytest.raises(OutputError, match="cannot be written"):
         check_output_file(Path("/proc/x.json"))
 
 
-def test_what_cannot_be_written_in_the_end_is_one_clear_error(tmp_path: Path) -> None:
+def test_a_write_that_fails_at_the_end_raises_one_error(tmp_path: Path) -> None:
     write_output_file(tmp_path / "x", "ä\n")
     assert (tmp_path / "x").read_bytes() == b"\xc3\xa4\n"
     with pytest.raises(OutputError, match="cannot be written"):

@@ -43,7 +43,7 @@ def test_every_package_in_the_lock_has_one_exact_version_and_hashes() -> None:
         assert re.match(r"[a-z0-9-]+==[\w.]+ \\\n    --hash=sha256:[0-9a-f]{64}", package), package
 
 
-def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() -> None:
+def test_the_browser_lock_has_hashes_and_changes_no_other_package() -> None:
     browser, development = pinned(BROWSER_LOCK), pinned(LOCK)
     assert {normal(one) for one in PROJECT["project"]["optional-dependencies"]["browser"]} <= set(
         browser
@@ -55,7 +55,7 @@ def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() 
 
 
 @pytest.mark.parametrize("release", ["jazzy", "kilted"])
-def test_what_speaks_for_ros_is_locked_with_hashes(release: str) -> None:
+def test_the_ros_lock_has_hashes(release: str) -> None:
     text = (REPOSITORY / f"requirements-ros-{release}.lock").read_text()
     packages = pinned(text)
     assert {"ros-rclpy", "mcap-ros2-support"} <= set(packages)
@@ -63,7 +63,7 @@ def test_what_speaks_for_ros_is_locked_with_hashes(release: str) -> None:
     assert all(hashes for _, hashes in packages.values())
 
 
-def test_the_lock_names_no_place_to_fetch_from() -> None:
+def test_the_lock_names_no_package_index() -> None:
     assert not re.search(r"http|file:|^-|/", LOCK, re.MULTILINE)
 
 
@@ -77,13 +77,13 @@ def test_every_top_level_package_is_shipped_typed_checked_and_layered() -> None:
     assert set(layers.replace("|", " ").split()) == packages
 
 
-def test_what_runs_is_pinned_exactly_as_what_was_tested() -> None:
+def test_the_runtime_lock_pins_the_tested_versions() -> None:
     run, tested = pinned(RUN_LOCK), pinned(LOCK)
     assert run
     assert {name: tested[name] for name in run} == run
 
 
-def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development() -> None:
+def test_the_runtime_lock_has_all_dependencies_and_no_development_tools() -> None:
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
     run = [*project["dependencies"], *extras["metrics"], *extras["ros2"]]
@@ -93,7 +93,7 @@ def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development
     assert not (tools - needed) & pinned(RUN_LOCK).keys()
 
 
-def test_the_site_is_made_with_what_was_tested_and_packages_of_its_own() -> None:
+def test_the_lock_of_the_site_has_the_tested_versions_and_its_own_packages() -> None:
     docs, tested = pinned(DOCS_LOCK), pinned(LOCK)
     assert {name: tested[name] for name in docs.keys() & tested.keys()} == {
         name: docs[name] for name in docs.keys() & tested.keys()

@@ -14,14 +14,16 @@ def policy_after_asking() -> int:
     return os.sched_getscheduler(0)
 
 
-def test_it_is_of_the_thread_that_asks_and_of_no_other() -> None:
+def test_batch_scheduling_applies_to_the_calling_thread_alone() -> None:
     before = os.sched_getscheduler(0)
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(policy_after_asking).result() == os.SCHED_BATCH
     assert os.sched_getscheduler(0) == before
 
 
-def test_where_it_is_forbidden_work_goes_on_as_usual(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_continues_if_scheduling_as_batch_is_forbidden(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def forbidden(*_: object) -> None:
         raise PermissionError("not here")
 

@@ -106,17 +106,19 @@ def test_every_setting_is_written_with_unit_meaning_and_default() -> None:
         assert info.unit == "" or f"[{info.unit}]" in text
 
 
-def test_without_file_and_assignments_all_is_default() -> None:
+def test_without_file_and_assignments_all_settings_are_defaults() -> None:
     assert load_settings(None, []) == Settings()
 
 
-def test_the_command_line_goes_over_the_file_and_the_last_over_the_first(tmp_path: Path) -> None:
+def test_the_command_line_overrides_the_file_and_later_options_override_earlier_ones(
+    tmp_path: Path,
+) -> None:
     file = write(tmp_path, "seed = 1\n[cluster]\nparticles = 10\n")
     settings = load_settings(file, ["cluster.particles=20", "cluster.particles = 30"])
     assert (settings.seed, settings.cluster.particles) == (1, 30)
 
 
-def test_text_needs_no_quotes_on_the_command_line() -> None:
+def test_text_settings_need_no_quotes_on_the_command_line() -> None:
     given = ["robot.name=7", "bridge.map=maps/wean.dat", 'bridge.source="a b"', "log.level=debug"]
     settings = load_settings(None, given)
     assert settings.robot.name == "7"
@@ -130,7 +132,7 @@ def test_a_second_line_in_a_value_is_no_second_setting() -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignment", "says"),
+    ("assignment", "message"),
     [
         ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
         ("seeed=5", "unknown setting seeed, did you mean seed?"),
@@ -155,12 +157,12 @@ def test_a_second_line_in_a_value_is_no_second_setting() -> None:
         ("=1", "--set '=1': write section.key=value"),
     ],
 )
-def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, says: str) -> None:
-    assert says in complaint(assignment)
+def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, message: str) -> None:
+    assert message in complaint(assignment)
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("[motoin]\nmodel = 1", "unknown section [motoin], did you mean motion?"),
         ("[motion]\nmodle = 1", "unknown setting motion.modle, did you mean motion.model?"),
@@ -170,13 +172,13 @@ def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, say
     ],
 )
 def test_a_wrong_setting_in_a_file_is_named_with_the_file(
-    text: str, says: str, tmp_path: Path
+    text: str, message: str, tmp_path: Path
 ) -> None:
     file = write(tmp_path, text)
     with pytest.raises(SettingsError) as caught:
         load_settings(file, [])
     assert str(caught.value).startswith(f"{file}: ")
-    assert says in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_file_that_is_not_toml_is_named_with_the_line(tmp_path: Path) -> None:
@@ -206,19 +208,19 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["robot", "r-7", "R_7-b", "7", "x" * 64])
-def test_a_robot_may_be_called_so(name: str) -> None:
+def test_these_robot_names_are_valid(name: str) -> None:
     assert load_settings(None, [f"robot.name={name}"]).robot.name == name
 
 
 @pytest.mark.parametrize(
     "name", ["", "r/7", "*", "r$*", "@r", "r.7", "-r", "r--7", "Büro", "r 7", '"r\\n"', "x" * 65]
 )
-def test_a_robot_may_not_be_called_so(name: str) -> None:
+def test_these_robot_names_are_refused(name: str) -> None:
     with pytest.raises(SettingsError) as caught:
         load_settings(None, [f"robot.name={name}"])
-    said = "expected letters, digits, _ and single - between them, at most 64"
+    message = "expected letters, digits, _ and single - between them, at most 64"
     assert str(caught.value).startswith("--set: robot.name = ")
-    assert str(caught.value).endswith(said)
+    assert str(caught.value).endswith(message)
 
 
 def test_a_short_file_has_an_operators_settings_and_those_that_were_changed() -> None:

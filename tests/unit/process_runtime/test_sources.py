@@ -17,5 +17,7 @@ from process_runtime.sources import Live, Recorded, Simulated, SourceChoice, par
         ("sim/robot.log", Recorded("sim/robot.log")),
     ],
 )
-def test_what_the_setting_names(text: str, expected: SourceChoice) -> None:
+def test_a_source_is_parsed_as_simulation_recording_or_robot(
+    text: str, expected: SourceChoice
+) -> None:
     assert parsed_source(text) == expected

@@ -7,7 +7,7 @@ import pytest
 
 from process_runtime.stop import StopFlag, StoppedError
 
-TELLS_WHEN_STOPPED = """
+PRINTS_WHEN_STOPPED = """
 import os, signal
 from process_runtime.stop import stop_on_signals
 stop = stop_on_signals()
@@ -59,7 +59,7 @@ def test_check_raises_once_the_flag_is_set() -> None:
 
 def test_signals_set_the_flag_and_the_second_does_no_harm() -> None:
     ran = subprocess.run(
-        [sys.executable, "-I", "-c", TELLS_WHEN_STOPPED],
+        [sys.executable, "-I", "-c", PRINTS_WHEN_STOPPED],
         capture_output=True,
         text=True,
         timeout=30.0,
@@ -82,7 +82,7 @@ def test_a_terminal_that_closes_is_a_signal_to_stop_unless_it_is_ignored(
     assert ran.stdout == stops
 
 
-def test_a_process_that_hangs_after_the_signal_says_where_and_ends() -> None:
+def test_a_process_that_hangs_after_the_signal_prints_its_stack_and_ends() -> None:
     ran = subprocess.run(
         [sys.executable, "-I", "-c", HANGS],
         capture_output=True,

@@ -108,6 +108,6 @@ def test_columns_accept_only_numbers_that_a_single_place_accepts(
     sample = cloud_at(MEAN, 3)
     alone = Place(share=share, pose=mean, covariance=covariance, sample=sample)  # type: ignore[arg-type] # nine numbers
     one = FoundPlaces.of((0.0, 0.0, 0.0), [share], [mean], [covariance], [np.ones((2, 3))])
-    told = replace(tracked("c0", 3, 1.0, MEAN), parts=(alone,))
-    assert isinstance(told, TrackReport)
-    assert (refusal_of(report(one)) is None) == (refusal_of(told) is None)
+    reported = replace(tracked("c0", 3, 1.0, MEAN), parts=(alone,))
+    assert isinstance(reported, TrackReport)
+    assert (refusal_of(report(one)) is None) == (refusal_of(reported) is None)

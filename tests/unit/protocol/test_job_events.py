@@ -17,7 +17,7 @@ from protocol.job_events import (
 )
 
 
-def said(*events: JobEvent) -> JobEvents:
+def message_of(*events: JobEvent) -> JobEvents:
     numbered = (
         NumberedEvent(number=n, step=3, stamp_ns=7, event=event) for n, event in enumerate(events)
     )
@@ -42,7 +42,7 @@ def test_an_event_is_printed_as_a_short_text(event: JobEvent, text: str) -> None
 def test_every_cause_survives_encoding_and_has_a_text() -> None:
     began = [Began("c1", cause, 0.5) for cause in get_args(BeganCause)]
     ended = [Ended("c1", cause, ("c2",), 0.5) for cause in get_args(EndedCause)]
-    message = said(*began, *ended)
+    message = message_of(*began, *ended)
     assert decode(encode(message), JobEvents) == message
     assert len({event_text(event) for event in (*began, *ended)}) == len(began) + len(ended)
 
@@ -59,4 +59,4 @@ def test_every_cause_survives_encoding_and_has_a_text() -> None:
 )
 def test_an_impossible_event_is_refused(event: JobEvent, words: str) -> None:
     with pytest.raises(MalformedMessageError, match=words):
-        decode(encode(said(event)), JobEvents)
+        decode(encode(message_of(event)), JobEvents)

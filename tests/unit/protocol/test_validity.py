@@ -107,7 +107,7 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(SEARCHED, places=found_places([(math.nan, ORIGIN)])), "a share outside 0 to 1"),
         (
             changed(SEARCHED, places=found_places([(0.5, (1e12, 0.0, 0.0))])),
-            "not on Earth",
+            "out of range",
         ),
         (changed(scan(3), step=-1), "$.step"),
         (changed(scan(3), step=MAX_SCAN_STEP), "$.step"),

@@ -51,7 +51,7 @@ def test_an_invalid_map_message_is_refused(
         load_map(path)
 
 
-def test_a_bag_is_its_own_map_file_unless_another_is_named(tmp_path: Path) -> None:
+def test_a_bag_provides_the_map_unless_another_map_file_is_named(tmp_path: Path) -> None:
     path = str(written(tmp_path, "ros1", [grid(S, CELLS)]))
     assert map_file_of("", path) == path
     assert map_file_of("map.yaml", path) == "map.yaml"

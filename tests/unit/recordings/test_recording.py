@@ -61,7 +61,7 @@ def test_the_pose_of_an_flaser_is_the_odometry_not_the_corrected_pose(tmp_path: 
     np.testing.assert_allclose(scan.ranges.array(), RAMP, rtol=1e-6)
 
 
-def test_the_laser_sits_where_the_parameter_says(tmp_path: Path) -> None:
+def test_the_mount_of_the_laser_is_that_of_the_parameter(tmp_path: Path) -> None:
     parameter = "PARAM robot_frontlaser_offset 0.895 nohost 0"
     other = "PARAM robot_frontlaser_use on nohost 0"
     recording = recording_of(tmp_path, parameter, other, flaser(1, ranges=RAMP))
@@ -157,11 +157,11 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
         ("FLASER", "without its number of readings"),
         ("FLASER 0 0 0 0 0 0 0 1 host 1", "0 readings announced"),
         (flaser(1, ranges=["x", *RAMP[1:]]), "'x' is not a number"),
-        (flaser(1, odometry=("nan", 0, 0), ranges=RAMP), "(nan 0 0) is no pose"),
-        (flaser(1, odometry=(0, 1e300, 0), ranges=RAMP), "is no pose"),
+        (flaser(1, odometry=("nan", 0, 0), ranges=RAMP), "(nan 0 0) is not a pose"),
+        (flaser(1, odometry=(0, 1e300, 0), ranges=RAMP), "is not a pose"),
         (flaser("soon", ranges=RAMP), "the time 'soon' is not a number"),
-        (flaser("inf", ranges=RAMP), "the time 'inf' is no time"),
-        (flaser("1e30", ranges=RAMP), "is no time in seconds"),
+        (flaser("inf", ranges=RAMP), "the time 'inf' is not a time"),
+        (flaser("1e30", ranges=RAMP), "is not a time in seconds"),
         ("ODOM 1 2", "3 words, this ODOM line needs 10"),
         ("PARAM robot_frontlaser_offset far nohost 0", "'far' is not a number"),
         (raw_laser(1, RAMP).replace(" 2 7 8", " 9 7 8"), "9 readings announced"),

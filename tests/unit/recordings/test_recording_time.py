@@ -8,7 +8,7 @@ STAMPS = st.lists(st.integers(-(10**18), 10**18), max_size=30)
 
 
 @given(STAMPS)
-def test_mended_times_never_decrease(stamps: list[int]) -> None:
+def test_corrected_times_never_decrease(stamps: list[int]) -> None:
     assert np.all(np.diff(mended(np.array(stamps, np.int64))) >= 0)
 
 

@@ -201,8 +201,8 @@ def test_the_tf_of_another_robot_is_not_used(tmp_path: Path) -> None:
 
 
 def test_the_robots_frame_is_the_child_of_odom_above_the_laser(tmp_path: Path) -> None:
-    beside = [tf(t * S, "odom", "navigation", (50 + t, 0, 0)) for t in range(4)]
-    assert len(odometry_of(opened(tmp_path, [MOUNT, *beside, *drive()]))) == 10
+    other_frame = [tf(t * S, "odom", "navigation", (50 + t, 0, 0)) for t in range(4)]
+    assert len(odometry_of(opened(tmp_path, [MOUNT, *other_frame, *drive()]))) == 10
 
 
 def test_a_named_base_frame_applies_to_odometry_and_mount(tmp_path: Path) -> None:

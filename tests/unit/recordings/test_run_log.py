@@ -26,8 +26,8 @@ from recordings.run_log import (
     BELIEF,
     GRID,
     JOB_EVENTS,
-    LogFile,
     RunLog,
+    RunLogReader,
     is_run_log,
     last_map,
     map_in,
@@ -60,8 +60,8 @@ def write_run(path: Path) -> None:
             later = seen.stamp_ns + 10**7
             reading = OdometryReading(sender="r", stamp_ns=later, odom_from_robot=(0.1, 0.2, 0.3))
             log.on_odometry(reading)
-            told = belief(step, 4, 7) if step else belief(step)
-            log.on_belief(msgspec.structs.replace(told, stamp_ns=seen.stamp_ns))
+            reported = belief(step, 4, 7) if step else belief(step)
+            log.on_belief(msgspec.structs.replace(reported, stamp_ns=seen.stamp_ns))
             log.write(JOB_EVENTS, EVENTS, seen.stamp_ns)
             log.flush()
 
@@ -201,30 +201,30 @@ def test_only_its_owner_may_read_a_run(run: Path) -> None:
 
 def test_a_truncated_file_is_read_up_to_its_last_complete_chunk(run: Path, tmp_path: Path) -> None:
     data, cut = run.read_bytes(), tmp_path / "cut.mcap"
-    whole = list(LogFile(run).messages())
+    whole = list(RunLogReader(run).messages())
     read_last = 0
     for length in range(0, len(data), 97):
         cut.write_bytes(data[:length])
-        log = LogFile(cut)
+        log = RunLogReader(cut)
         read = list(log.messages())
         assert read == whole[: len(read)]
         assert log.cut
         assert len(read) >= read_last
         read_last = len(read)
     assert read_last == len(whole)
-    log = LogFile(run)
+    log = RunLogReader(run)
     list(log.messages())
     assert not log.cut
 
 
 def test_changed_bytes_of_a_file_are_never_read_as_messages(run: Path, tmp_path: Path) -> None:
     rng, data = random.Random(1), run.read_bytes()
-    right, path = list(LogFile(run).messages()), tmp_path / "broken.mcap"
+    right, path = list(RunLogReader(run).messages()), tmp_path / "broken.mcap"
     for _ in range(300):
         broken = bytearray(data)
         broken[rng.randrange(60, len(data))] ^= rng.randrange(1, 256)
         path.write_bytes(broken)
-        read = list(LogFile(path).messages())
+        read = list(RunLogReader(path).messages())
         assert read == right[: len(read)]
 
 
@@ -233,10 +233,10 @@ def test_a_file_that_is_not_a_run_log_is_refused(tmp_path: Path, data: bytes) ->
     path = tmp_path / "run.mcap"
     path.write_bytes(data)
     assert not is_run_log(path)
-    with pytest.raises(RecordingError, match="is no MCAP file"):
-        list(LogFile(path).messages())
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
+        list(RunLogReader(path).messages())
     with pytest.raises(RecordingError, match="no such file"):
-        list(LogFile(tmp_path / "none").messages())
+        list(RunLogReader(tmp_path / "none").messages())
 
 
 def test_another_mcap_file_is_refused_and_a_bomb_never_unpacked(tmp_path: Path) -> None:
@@ -244,20 +244,20 @@ def test_another_mcap_file_is_refused_and_a_bomb_never_unpacked(tmp_path: Path) 
     path.write_bytes(bomb(1_000))
     assert not is_run_log(path)
     with pytest.raises(RecordingError, match="not written by clustermcl"):
-        list(LogFile(path).messages())
+        list(RunLogReader(path).messages())
     ours = struct.pack("<I", 10) + b"clustermcl" + struct.pack("<I", 0)
     theirs = bomb(1_000)
     after_header = 8 + 9 + 12  # magic, opcode and length, two strings: "ros2" and ""
     path.write_bytes(theirs[:9] + struct.pack("<Q", len(ours)) + ours + theirs[after_header:])
     assert is_run_log(path)
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    log = LogFile(path)
+    log = RunLogReader(path)
     assert list(log.messages()) == []
     assert "unpacks to more than" in log.cut
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
 
 
-def test_a_run_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
+def test_a_run_is_read_without_loading_it_whole(tmp_path: Path) -> None:
     """A file of some kilobytes that holds 2 GB."""
     path = tmp_path / "long.mcap"
     with RunLog(path) as log:
@@ -265,7 +265,7 @@ def test_a_run_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
             log.write("/log", msgspec.Raw(bytes(2_000_000)), 0, packed=True)
     assert path.stat().st_size < 2_000_000
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    assert sum(1 for _ in LogFile(path).messages()) == 1_000
+    assert sum(1 for _ in RunLogReader(path).messages()) == 1_000
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
 
 
@@ -277,12 +277,12 @@ def test_endless_topics_messages_and_runs_are_refused(
     with RunLog(path) as log:
         for number in range(400):
             log.write("/" + chr(97 + number % 26) * 60_000 + str(number), {}, 0)
-    names = LogFile(path)
+    names = RunLogReader(path)
     assert 200 < len(list(names.messages())) < 400
     assert "names of topics are too long" in names.cut
     with RunLog(path) as log:
         log.write(BELIEF, msgspec.Raw(b"[" + b"0," * 2**23 + b"0]"), 0)
-    long = LogFile(path)
+    long = RunLogReader(path)
     assert list(long.messages()) == []
     assert "a message of /belief is too long" in long.cut
     write_run(path)
@@ -309,7 +309,7 @@ def test_malformed_messages_are_refused_in_one_line(
 
 
 def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_path: Path) -> None:
-    message = next(one for one in LogFile(run).messages() if one.topic == GRID)
+    message = next(one for one in RunLogReader(run).messages() if one.topic == GRID)
     grid = msgspec.json.decode(message.data)
     grid["column_count"] += 1
     bent = message._replace(data=msgspec.json.encode(grid))

@@ -39,7 +39,7 @@ def check_it_drives_and_hits_nothing(ground: GridMap, seed: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["cross_feature", "gates", "hall"])
-def test_a_robot_wanders_on_and_on_and_hits_nothing(name: str) -> None:
+def test_a_wandering_robot_never_hits_an_obstacle(name: str) -> None:
     check_it_drives_and_hits_nothing(world(name).truth, seed=1)
 
 

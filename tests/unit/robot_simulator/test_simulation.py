@@ -20,7 +20,7 @@ from robot_simulator.worlds.world import world_from_map
 HALL = world("hall")
 ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
 """From (0, 0) to (6, 4) m."""
-NOBODY = np.zeros((0, 2))
+NO_PEOPLE = np.zeros((0, 2))
 PERFECT = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.0, 0.0, 0.0))
 
 
@@ -118,7 +118,7 @@ def test_after_manual_driving_the_robot_wanders_again() -> None:
 
 def test_beams_end_at_the_walls_of_the_true_map() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
-    seen = lidar.scan((2.0, 1.0, pi / 2), NOBODY, RADIUS_M)
+    seen = lidar.scan((2.0, 1.0, pi / 2), NO_PEOPLE, RADIUS_M)
     assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
 
 
@@ -126,9 +126,9 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
     model = replace(PERFECT, range_noise_m=0.05, drop_out_share=0.1)
     lidar, clean = (Lidar(m, ROOM, np.random.default_rng(1)) for m in (model, PERFECT))
     pose = (2.0, 1.0, 0.3)
-    scans = np.array([lidar.scan(pose, NOBODY, RADIUS_M) for _ in range(60)])
+    scans = np.array([lidar.scan(pose, NO_PEOPLE, RADIUS_M) for _ in range(60)])
     lost = np.isinf(scans)
-    errors = (scans - clean.scan(pose, NOBODY, RADIUS_M))[~lost]
+    errors = (scans - clean.scan(pose, NO_PEOPLE, RADIUS_M))[~lost]
     # 10,860 beams: five standard errors of the share are 0.015, of the deviation 0.0018.
     assert lost.mean() == pytest.approx(0.1, abs=0.015)
     assert errors.std() == pytest.approx(0.05, abs=0.0018)
@@ -136,7 +136,7 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
 
 def test_obstacles_beyond_the_range_give_no_return() -> None:
     short_sighted = LidarModel(range_max_m=2.5, drop_out_share=0.0)
-    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0), NOBODY, RADIUS_M)
+    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0), NO_PEOPLE, RADIUS_M)
     assert np.isinf(seen).any()
     assert seen[np.isfinite(seen)].max() < 2.5
 
@@ -144,7 +144,7 @@ def test_obstacles_beyond_the_range_give_no_return() -> None:
 def test_a_person_occludes_the_beams_behind() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
     person = np.array([[4.0, 1.0], [1.0, 1.0]])  # the second one is behind
-    alone = lidar.scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
+    alone = lidar.scan((2.0, 1.0, 0.0), NO_PEOPLE, RADIUS_M)
     seen = lidar.scan((2.0, 1.0, 0.0), person, RADIUS_M)
     assert seen[90] == pytest.approx(2.0 - RADIUS_M)
     hidden = np.flatnonzero(seen != alone)

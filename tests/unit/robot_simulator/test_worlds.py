@@ -76,7 +76,7 @@ def test_the_hall_looks_different_from_its_turned_self_almost_everywhere() -> No
     assert np.count_nonzero(unlike) * 0.05**2 > 10.0  # m2
 
 
-def test_since_last_year_a_tenth_of_the_walls_was_moved() -> None:
+def test_the_map_of_last_year_differs_in_a_tenth_of_the_walls() -> None:
     rebuilt = world("hall_last_year")
     assert rebuilt.start is None
     assert np.array_equal(rebuilt.truth.cells, world("hall").truth.cells)

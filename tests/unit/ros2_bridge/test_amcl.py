@@ -86,8 +86,8 @@ class Robot:
         return self.odometry(stamp_ns, at) + self.scan(stamp_ns)
 
     def believe(self, stamp_ns: int, state: Any = "localized") -> list[Output]:
-        told = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
-        return [*self.amcl.on_belief(told), *self.amcl.all_places()]
+        reported = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
+        return [*self.amcl.on_belief(reported), *self.amcl.all_places()]
 
 
 def readings(outputs: list[Output]) -> list[LaserReading]:
@@ -106,10 +106,10 @@ def map_from_odom(outputs: list[Output]) -> list[tuple[int, PoseTuple]]:
     """Stamp and pose of each transform from map to odom."""
     sent = []
     for one in published(outputs, topics.Topics(Ros2Settings()).tf):
-        told = one.transforms[0]
-        assert (told.header.frame_id, told.child_frame_id) == ("map", "odom")
-        turn, at = told.transform.rotation, told.transform.translation
-        stamp_ns = told.header.stamp.sec * SECOND + told.header.stamp.nanosec
+        reported = one.transforms[0]
+        assert (reported.header.frame_id, reported.child_frame_id) == ("map", "odom")
+        turn, at = reported.transform.rotation, reported.transform.translation
+        stamp_ns = reported.header.stamp.sec * SECOND + reported.header.stamp.nanosec
         sent.append((stamp_ns, (at.x, at.y, 2.0 * float(np.arctan2(turn.z, turn.w)))))
     return sent
 
@@ -169,8 +169,8 @@ def test_the_last_valid_ros_time_can_be_published() -> None:
     last_ns = 2**31 * SECOND - 1
     robot = Robot()
     robot.drive(last_ns, (0.0, 0.0, 0.0))
-    told = robot.believe(last_ns) + robot.drive(last_ns, (0.0, 0.0, 0.0)) + robot.scan(last_ns)
-    sent = [one for one in told if isinstance(one, Publish)]
+    reported = robot.believe(last_ns) + robot.drive(last_ns, (0.0, 0.0, 0.0)) + robot.scan(last_ns)
+    sent = [one for one in reported if isinstance(one, Publish)]
     assert {one.topic.name for one in sent} >= {"amcl_pose", "/tf"}
     for one in sent:
         if not isinstance(one.message, bytes):
@@ -181,8 +181,8 @@ def test_leading_slashes_of_frames_are_ignored() -> None:
     slashes = {"global_frame": "/map", "odom_frame": "/odom", "base_frame": "/base_footprint"}
     robot = Robot(Ros2Settings(**slashes))
     (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
-    (told, *_) = published(robot.believe(reading.stamp_ns), topics.AMCL_POSE)
-    assert told.header.frame_id == "map"
+    (reported, *_) = published(robot.believe(reading.stamp_ns), topics.AMCL_POSE)
+    assert reported.header.frame_id == "map"
     assert [at for at, _ in map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))] == [3 * SECOND]
     message = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "/map")
     (given,) = robot.amcl.on_initial_pose(message)
@@ -346,15 +346,15 @@ def test_map_to_odom_is_exact_after_odometry_has_jumped() -> None:
     robot.believe(SECOND)
     outputs = robot.drive(SECOND + SECOND // 10, (0.0, 0.0, 0.0))
     assert causes(outputs) == ["odometry jumped"]
-    ((_, told),) = map_from_odom(outputs)
-    np.testing.assert_allclose(told, PLACE, atol=1e-12)  # it stands where it stood
+    ((_, reported),) = map_from_odom(outputs)
+    np.testing.assert_allclose(reported, PLACE, atol=1e-12)  # it stands where it stood
     outputs = robot.drive(SECOND + SECOND // 5, (0.5, 0.0, 0.0))
-    ((_, told),) = map_from_odom(outputs)
-    np.testing.assert_allclose(told, PLACE, atol=1e-12)
+    ((_, reported),) = map_from_odom(outputs)
+    np.testing.assert_allclose(reported, PLACE, atol=1e-12)
     robot.believe(SECOND + SECOND // 5)
-    ((_, told),) = map_from_odom(robot.drive(2 * SECOND, (0.5, 0.0, 0.0)))
+    ((_, reported),) = map_from_odom(robot.drive(2 * SECOND, (0.5, 0.0, 0.0)))
     expected = compose(np.array(PLACE), inverse(np.array((0.5, 0.0, 0.0))))
-    np.testing.assert_allclose(told, expected, atol=1e-12)
+    np.testing.assert_allclose(reported, expected, atol=1e-12)
 
 
 def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jumps() -> None:
@@ -370,12 +370,12 @@ def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jump
         scans += 1
         if tick % 7 == 0:  # now the one, now the other place is more probable: ambiguous
             more, less = (there, here) if tick % 2 else (here, there)
-            told = ((more[0], 0.6, more[2]), (less[0], 0.4, less[2]))
-            list(robot.amcl.on_belief(belief(stamp_ns, *told)))
+            reported = ((more[0], 0.6, more[2]), (less[0], 0.4, less[2]))
+            list(robot.amcl.on_belief(belief(stamp_ns, *reported)))
     assert [stamp_ns for (stamp_ns, _), _ in sent] == [
         2 * SECOND + tick * SECOND // 10 for tick in range(1, scans + 1)
     ]
-    places = [compose(np.array(told), np.array(at)) for (_, told), at in sent]
+    places = [compose(np.array(reported), np.array(at)) for (_, reported), at in sent]
     np.testing.assert_allclose(places, [PLACE] * len(places), atol=1e-9)
 
 
@@ -408,9 +408,9 @@ def test_without_tf_broadcast_only_the_transform_is_missing() -> None:
 def test_the_pose_has_the_scans_stamp_and_the_covariance_of_ros() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
-    (told,) = published(robot.believe(SECOND), topics.AMCL_POSE)
-    assert (told.header.stamp.sec, told.header.frame_id) == (1, "map")
-    wide = np.reshape(told.pose.covariance, (6, 6))
+    (reported,) = published(robot.believe(SECOND), topics.AMCL_POSE)
+    assert (reported.header.stamp.sec, reported.header.frame_id) == (1, "map")
+    wide = np.reshape(reported.pose.covariance, (6, 6))
     np.testing.assert_array_equal(
         wide[np.ix_((0, 1, 5), (0, 1, 5))], np.reshape(COVARIANCE, (3, 3))
     )
@@ -424,8 +424,8 @@ def test_all_places_are_published_with_their_probabilities() -> None:
     (state,) = published(outputs, topics.STATE)
     (probability,) = published(outputs, topics.PROBABILITY)
     assert (state.data, probability.data) == ("ambiguous", 0.95)
-    (told,) = published(outputs, topics.HYPOTHESIS_DETECTION)
-    results = [(one.hypothesis.class_id, one.hypothesis.score) for one in told.results]
+    (reported,) = published(outputs, topics.HYPOTHESIS_DETECTION)
+    results = [(one.hypothesis.class_id, one.hypothesis.score) for one in reported.results]
     assert results == [("1", 0.95), ("2", 0.05)]
     (places,) = published(outputs, topics.HYPOTHESIS_POSES)
     assert [(one.position.x, one.position.y) for one in places.poses] == [PLACE[:2], (0.0, 0.0)]
@@ -450,10 +450,12 @@ def test_particles_are_moved_by_odometry_and_weighted_by_cluster() -> None:
     assert published(robot.believe(SECOND), topics.PARTICLE_CLOUD) == []
     robot.amcl.on_particles(1, cloud)
     (data,) = published(robot.believe(SECOND), topics.PARTICLE_CLOUD)
-    told = decode(data, types.PARTICLE_CLOUD)
-    assert len(told.particles) == 1900
-    assert {(one.pose.position.x, one.pose.position.y) for one in told.particles} == {(2.0, 2.0)}
-    assert sum(one.weight for one in told.particles) == pytest.approx(1.0)
+    reported = decode(data, types.PARTICLE_CLOUD)
+    assert len(reported.particles) == 1900
+    assert {(one.pose.position.x, one.pose.position.y) for one in reported.particles} == {
+        (2.0, 2.0)
+    }
+    assert sum(one.weight for one in reported.particles) == pytest.approx(1.0)
 
 
 def test_a_belief_of_an_older_term_is_ignored() -> None:
@@ -592,7 +594,7 @@ def test_while_inactive_scans_are_not_used_and_nothing_is_published() -> None:
 # --- the map
 
 
-def test_a_map_is_given_once_and_again_when_it_changes() -> None:
+def test_a_map_is_returned_once_and_again_when_it_changes() -> None:
     amcl = Amcl(Ros2Settings())
     (given,) = amcl.on_map(grid())
     assert isinstance(given, MapReading)

@@ -18,7 +18,7 @@ def test_a_node_is_configured_activated_paused_and_reset() -> None:
     assert lifecycle.available() == []
 
 
-def test_each_change_is_two_steps_with_ros_own_numbers() -> None:
+def test_each_lifecycle_change_is_two_transitions_with_the_numbers_of_ros() -> None:
     steps = Lifecycle().change(1)
     assert [(one.number, one.label) for one in steps] == [
         (1, "configure"),

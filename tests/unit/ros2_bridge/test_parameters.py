@@ -87,7 +87,7 @@ bt_navigator:
 """
 
 
-def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
+def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
     values, notes = read_nav2_params(write(tmp_path, STOCK))
     settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=values)
     assert settings.motion.turn_noise_per_turn == 0.5
@@ -227,8 +227,8 @@ def get(parameters: Parameters, *names: str) -> list[Any]:
 
 
 def parameter(name: str, number: int, **value: Any) -> Any:
-    told = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
-    return new("rcl_interfaces/msg/Parameter", name=name, value=told)
+    reported = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
+    return new("rcl_interfaces/msg/Parameter", name=name, value=reported)
 
 
 def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
@@ -301,15 +301,15 @@ def test_set_parameters_atomically_sets_all_or_none() -> None:
     names = new(request_of(types.GET_PARAMETERS), names=["publish"])
     response, _ = services.call("~/get_parameters", names)
     assert response.values[0].string_value == "held"
-    result, (told,) = set_at_once(best, tolerance)
+    result, (reported,) = set_at_once(best, tolerance)
     assert result.successful
-    assert told.topic == PARAMETER_EVENTS
-    assert (told.message.node, told.message.stamp.sec, told.message.stamp.nanosec) == (
+    assert reported.topic == PARAMETER_EVENTS
+    assert (reported.message.node, reported.message.stamp.sec, reported.message.stamp.nanosec) == (
         "/amcl",
         7,
         5,
     )
-    assert told.message.changed_parameters == [best, tolerance]
+    assert reported.message.changed_parameters == [best, tolerance]
     response, _ = services.call("~/get_parameters", names)
     assert response.values[0].string_value == "best"
 
@@ -319,10 +319,10 @@ def test_only_accepted_parameters_are_published_as_changed() -> None:
     taken = parameter("tf_broadcast", BOOL, bool_value=False)
     refused = parameter("max_particles", INTEGER, integer_value=9)
     request = new(request_of(types.SET_PARAMETERS), parameters=[refused, taken])
-    _, (told,) = services.call("~/set_parameters", request)
-    assert told.message.changed_parameters == [taken]
-    assert told.message.node == "/robot1/amcl"
-    data = encode(told.message, types.PARAMETER_EVENT)
+    _, (reported,) = services.call("~/set_parameters", request)
+    assert reported.message.changed_parameters == [taken]
+    assert reported.message.node == "/robot1/amcl"
+    data = encode(reported.message, types.PARAMETER_EVENT)
     assert decode(data, types.PARAMETER_EVENT).changed_parameters[0].name == "tf_broadcast"
 
 
@@ -346,14 +346,14 @@ def test_names_are_listed_by_prefix_and_depth(prefixes: list[str], depth: int, f
     assert len(Parameters(Settings()).names(request).result.names) == found
 
 
-def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> None:
+def test_descriptions_of_parameters_name_the_setting_and_whether_it_can_be_set() -> None:
     names = ["transform_tolerance", "max_beams", "pf_err", "what"]
     request = new(request_of(types.DESCRIBE_PARAMETERS), names=names)
-    told = Parameters(Settings()).describe(request).descriptors
-    assert [one.read_only for one in told] == [False, False, True, False]
-    assert told[0].description == "ros2.transform_tolerance_s"
-    assert told[2].description.startswith("without effect: all places share belief.particles")
-    assert told[3].type == 0
+    reported = Parameters(Settings()).describe(request).descriptors
+    assert [one.read_only for one in reported] == [False, False, True, False]
+    assert reported[0].description == "ros2.transform_tolerance_s"
+    assert reported[2].description.startswith("without effect: all places share belief.particles")
+    assert reported[3].type == 0
 
 
 def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
@@ -369,8 +369,8 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
     services.change(DEACTIVATE)
     events = [one for one in services.change(CLEAN_UP) if one.topic == PARAMETER_EVENTS]
-    (told,) = (one.message.changed_parameters for one in events)
-    assert [(one.name, one.value.double_value) for one in told] == [
+    (reported,) = (one.message.changed_parameters for one in events)
+    assert [(one.name, one.value.double_value) for one in reported] == [
         ("initial_pose.x", 5.0),
         ("initial_pose.y", -3.0),
         ("initial_pose.yaw", 0.5),
@@ -413,13 +413,15 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
     value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
-    told = set_live(services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value))
+    reported = set_live(
+        services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value)
+    )
     names = new(request_of(types.GET_PARAMETERS), names=[name])
     response, _ = services.call("~/get_parameters", names)
     (found,) = value.values()
     assert found == pytest.approx(getattr(response.values[0], next(iter(value))))
     if not PARAMETERS[name].setting.startswith("ros2."):
-        (reconfigured,) = told
+        (reconfigured,) = reported
         setting = PARAMETERS[name].setting.rpartition(".")[2]
         expected = {setting: PARAMETERS[name].converted(found)}
         assert reconfigured.settings == LiveSettings(**expected)
@@ -428,8 +430,8 @@ def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> Non
 def test_all_live_settings_are_sent_together() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
     set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
-    (told,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
-    assert told.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
+    (reported,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
+    assert reported.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
     assert set_live(services, parameter("tf_broadcast", BOOL, bool_value=False)) == []
 
 
@@ -440,7 +442,7 @@ def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
     names = new(request_of(types.GET_PARAMETERS), names=["max_beams"])
     response, _ = services.call("~/get_parameters", names)
     assert response.values[0].integer_value == 31
-    (told,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
-    assert told.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
-    assert services.on_live_settings(told.settings) == []
-    assert services.on_live_settings(LiveSettings()) == [told]
+    (reported,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
+    assert reported.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
+    assert services.on_live_settings(reported.settings) == []
+    assert services.on_live_settings(LiveSettings()) == [reported]

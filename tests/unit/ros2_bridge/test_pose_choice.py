@@ -15,7 +15,7 @@ SURE_OF_2 = belief(3, (2, 0.93, B), (1, 0.07, A), state="localized")
 NOWHERE = belief(4, state="searching")
 
 
-def told(publish: Publish, *beliefs: Belief) -> list[int | None]:
+def reported(publish: Publish, *beliefs: Belief) -> list[int | None]:
     choice = PoseChoice(publish)
     chosen = [choice.choose(one, A) for one in beliefs]
     return [one.cluster if one else None for one in chosen]
@@ -31,17 +31,17 @@ def told(publish: Publish, *beliefs: Belief) -> list[int | None]:
 )
 def test_each_publish_rule_chooses_its_place(publish: Publish, clusters: list[int | None]) -> None:
     beliefs = (RATHER_2, SURE_OF_1, RATHER_2, SURE_OF_2, RATHER_2, NOWHERE, RATHER_2)
-    assert told(publish, *beliefs) == clusters
+    assert reported(publish, *beliefs) == clusters
 
 
 def test_the_held_place_follows_its_cluster_into_a_merge() -> None:
     merged = belief(2, (2, 0.6, B), (3, 0.4, C))
-    assert told("held", SURE_OF_1, merged) == [1, 3]
+    assert reported("held", SURE_OF_1, merged) == [1, 3]
 
 
 def test_without_a_place_near_the_ended_one_the_most_probable_is_held() -> None:
     ended = belief(2, (2, 0.6, B), (3, 0.4, B))
-    assert told("held", SURE_OF_1, ended) == [1, 2]
+    assert reported("held", SURE_OF_1, ended) == [1, 2]
 
 
 def test_the_covariance_includes_the_other_places_until_the_robot_is_localized() -> None:

@@ -16,10 +16,10 @@ def test_lines_left_out_are_counted_and_named_and_the_first_is_explained() -> No
     )
 
 
-def test_of_very_many_lines_the_first_ten_are_named() -> None:
-    said = left_out(recording(*(SkippedLine(number, "cut") for number in range(1, 40))))
-    assert said is not None
-    assert "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)" in said
+def test_the_first_ten_of_many_bad_lines_are_named() -> None:
+    output = left_out(recording(*(SkippedLine(number, "cut") for number in range(1, 40))))
+    assert output is not None
+    assert "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)" in output
 
 
 def test_a_recording_without_bad_lines_gives_no_warning() -> None:

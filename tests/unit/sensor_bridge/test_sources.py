@@ -38,7 +38,7 @@ def judged(sources: Sources, seen: Observation, belief: Belief = SURE, of: Sourc
     return sources.is_broken(of)
 
 
-def test_two_wrong_sights_break_a_source_and_right_ones_mend_it() -> None:
+def test_two_wrong_observations_mark_a_source_as_broken_and_right_ones_restore_it() -> None:
     sources = Sources(TAGS)
     assert [judged(sources, sight(WRONG)) for _ in range(3)] == [False, True, True]
     for _ in range(20):
@@ -50,7 +50,7 @@ def test_two_wrong_sights_break_a_source_and_right_ones_mend_it() -> None:
 
 
 @pytest.mark.parametrize("mean", [AT[:2], AT])
-def test_poses_are_judged_too(mean: tuple[float, ...]) -> None:
+def test_sources_of_poses_are_checked_too(mean: tuple[float, ...]) -> None:
     sources, gnss = Sources(()), ("gnss", "")
     for _ in range(10):
         assert not judged(sources, sight(mean, landmark=""), of=gnss)
@@ -58,12 +58,12 @@ def test_poses_are_judged_too(mean: tuple[float, ...]) -> None:
     assert [judged(sources, sight(away, landmark=""), of=gnss) for _ in range(20)][-1]
 
 
-def test_a_repeated_sight_counts_by_what_is_new() -> None:
+def test_a_repeated_observation_counts_by_its_new_share() -> None:
     sources = Sources(TAGS)
     assert not any(judged(sources, sight(WRONG, share=0.02)) for _ in range(50))
 
 
-def test_an_uncertain_belief_judges_nothing() -> None:
+def test_an_uncertain_belief_does_not_update_sources() -> None:
     sources = Sources(TAGS)
     for belief in (replace(SURE, state="ambiguous"), replace(SURE, hypotheses=())):
         assert not any(judged(sources, sight(WRONG), belief) for _ in range(5))

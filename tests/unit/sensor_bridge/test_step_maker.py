@@ -38,7 +38,7 @@ def test_the_first_scan_is_a_step_and_the_next_after_enough_driving() -> None:
     assert [step.odom_from_robot[0] for step in steps] == [0.0, 0.2, 0.41]
 
 
-def test_the_turn_of_the_gate_is_measured_the_short_way_round() -> None:
+def test_the_turn_of_the_motion_gate_is_wrapped() -> None:
     headings = (3.0, 3.1, -3.1, -3.0)  # 3.0 to -3.1 is 0.183 rad across the half turn
     steps = made_of(*(laser_reading(i, (0, 0, h)) for i, h in enumerate(headings)))
     assert [step.odom_from_robot[2] for step in steps] == [3.0, -3.0]
@@ -228,8 +228,8 @@ def test_a_clock_that_was_set_back_is_followed_after_a_while() -> None:
 def test_a_jump_of_odometry_is_removed() -> None:
     maker = a_maker()
     before = [laser_reading(t, (t + 40.0, 0.0, 0.0)) for t in (10.0, 11.0)]
-    counting_anew = [laser_reading(t, (t - 11.9, 0.0, 0.0)) for t in (12.0, 13.0)]
-    steps = made_of(*before, *counting_anew, maker=maker)
+    restarted = [laser_reading(t, (t - 11.9, 0.0, 0.0)) for t in (12.0, 13.0)]
+    steps = made_of(*before, *restarted, maker=maker)
     # the robot drove on: 50, 51, no motion over the jump, one metre more
     assert [step.odom_from_robot[0] for step in steps] == pytest.approx([50.0, 51.0, 52.0])
     assert maker.dropped == {"odometry_jumped": 1}
@@ -323,7 +323,7 @@ def test_a_jump_is_a_motion_that_no_robot_can_make(
 # --- a robot that stands -----------------------------------------------------------------------
 
 
-def test_a_robot_stands_that_has_moved_less_than_a_quarter_of_the_gate() -> None:
+def test_a_robot_that_has_moved_less_than_a_quarter_of_the_gate_counts_as_standing() -> None:
     gate = MotionGate(BridgeSettings(gate_distance_m=0.2, gate_turn_rad=0.2))
     assert not gate.has_hardly_moved((0.0, 0.0, 0.0))
     assert gate.on_scan((1.0, 0.0, 0.0))

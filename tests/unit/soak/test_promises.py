@@ -68,7 +68,7 @@ def question(
     (9, (12.9 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), True),
     (9, (13.1 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), False),
 ])  # fmt: skip
-def test_one_question_in_a_thousand_outside_outages_may_go_unanswered(
+def test_one_query_in_a_thousand_outside_outages_may_go_unanswered(
     answers: int,
     asked_s: tuple[float, ...],
     excuses: tuple[tuple[Kind, float, float], ...],
@@ -86,7 +86,7 @@ def test_one_question_in_a_thousand_outside_outages_may_go_unanswered(
     (9.9, 0.1, True, True), (8.5, 1.5, False, True), (8.5, 1.5, True, False),
     (9.9, 3.0, False, False), (3610.0, 0.0, True, False),
 ])  # fmt: skip
-def test_the_age_is_true_and_old_data_is_not_fresh(
+def test_a_wrong_age_or_an_old_fresh_pose_breaks_the_promise(
     stamp_s: float, age_s: float, fresh: bool, kept: bool
 ) -> None:
     promise = AgeTrue(stale_after_s=1.0)
@@ -151,7 +151,7 @@ class Robot:
     (rooms(c7=COPIES[0]), [7]),
     ([place(-1 - n, 1 / PLACES, copy) for n, copy in enumerate(COPIES)], [*range(PLACES)]),
 ])  # fmt: skip
-def test_each_room_is_held_within_a_metre_and_twenty_degrees_from_the_first_complete_belief(
+def test_each_room_is_tracked_within_a_metre_and_twenty_degrees_after_the_first_complete_belief(
     held: list[Hypothesis], lost: list[int]
 ) -> None:
     robot = Robot(START).believes(1, *rooms()[1:])  # type: ignore[arg-type] # it is there
@@ -243,7 +243,7 @@ def test_a_seed_gives_one_schedule_that_begins_with_one_fault_of_each_kind() -> 
 
 
 @pytest.mark.parametrize("to_router", [True, False])
-def test_what_is_said_over_a_cut_cable_arrives_when_it_is_whole_again(
+def test_bytes_sent_over_a_cut_link_arrive_when_it_returns(
     tmp_path: Path, *, to_router: bool
 ) -> None:
     control = tmp_path / "control"
@@ -257,16 +257,16 @@ def test_what_is_said_over_a_cut_cable_arrives_when_it_is_whole_again(
         far = stack.enter_context(router.accept()[0])
         for link in (own, far):
             link.settimeout(20.0)
-        said, heard = (own, far) if to_router else (far, own)
+        source, sink = (own, far) if to_router else (far, own)
         set_cables(control, [os.getpid()], to_router=not to_router, from_router=to_router)
         relay.receive_command(20.0)
-        said.sendall(b"?")
-        heard.sendall(b"!")
-        assert said.recv(1) == b"!", "the other direction is whole"
-        heard.settimeout(0.2)
+        source.sendall(b"?")
+        sink.sendall(b"!")
+        assert source.recv(1) == b"!", "the other direction is whole"
+        sink.settimeout(0.2)
         with pytest.raises(TimeoutError):
-            heard.recv(1)
-        heard.settimeout(20.0)
+            sink.recv(1)
+        sink.settimeout(20.0)
         set_cables(control, [os.getpid()], to_router=True, from_router=True)
         relay.receive_command(20.0)
-        assert heard.recv(1) == b"?"
+        assert sink.recv(1) == b"?"

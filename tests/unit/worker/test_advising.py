@@ -53,14 +53,14 @@ def answer_to(asked: AdviceQuestion) -> Advice:
 
 def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
-    told = answer_to(asked)
-    assert told.ways
-    assert told.clusters == (0, 1)
-    assert (told.step, told.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
-    assert all(len(way.sight_ranges_m) == 2 for way in told.ways)
+    reported = answer_to(asked)
+    assert reported.ways
+    assert reported.clusters == (0, 1)
+    assert (reported.step, reported.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
+    assert all(len(way.sight_ranges_m) == 2 for way in reported.ways)
 
 
-def test_without_a_second_place_a_note_says_why() -> None:
+def test_without_a_second_place_a_note_has_the_reason() -> None:
     assert "only one place" in answer_to(question((0.0, 3.7, -1.57))).note
     assert "no place" in answer_to(question()).note
 
@@ -71,9 +71,9 @@ def test_a_probable_elsewhere_is_noted() -> None:
 
 
 def test_places_in_walls_have_no_common_way() -> None:
-    told = answer_to(question((5.0, 5.0, 0.0), (-5.0, -5.0, 0.0)))
-    assert told.ways == ()
-    assert told.note == "no way is free at all 2 places"
+    reported = answer_to(question((5.0, 5.0, 0.0), (-5.0, -5.0, 0.0)))
+    assert reported.ways == ()
+    assert reported.note == "no way is free at all 2 places"
 
 
 def test_a_worker_without_a_map_answers_at_once() -> None:

@@ -44,16 +44,16 @@ def begun(model: SensorModel, seed: int = 0, first_step: int = 1, poses: int = 2
     return running(job, model, given, sender="w")
 
 
-def told(job: RunningJob, drive: Drive) -> list[float]:
+def reported(job: RunningJob, drive: Drive) -> list[float]:
     reports = [job.advance(scan) for scan in drive.scans]
     assert all(isinstance(report, ElsewhereReport) for report in reports)
     return [r.log_likelihood for r in reports if isinstance(r, ElsewhereReport)]
 
 
-def test_it_reports_the_average_likelihood_over_the_free_space(
+def test_a_search_reports_the_average_likelihood_over_the_free_space(
     model: SensorModel, drive: Drive
 ) -> None:
-    by_seed = np.array([told(begun(model, seed, poses=20_000), drive) for seed in range(16)])
+    by_seed = np.array([reported(begun(model, seed, poses=20_000), drive) for seed in range(16)])
     for step, exact in enumerate(exact_elsewhere(plain_room(), drive)):
         assert_is_mean_of(exact, list(by_seed[:, step]), GRID_ERROR)
 
@@ -88,10 +88,10 @@ def test_the_likelihood_elsewhere_is_corrected_for_occlusion(drive: Drive) -> No
 
 def test_poses_elsewhere_differ_by_step_and_seed(model: SensorModel, drive: Drive) -> None:
     job = begun(model)
-    (first, *_), again = told(job, drive), begun(model)
+    (first, *_), again = reported(job, drive), begun(model)
     same = replace(drive.scans[0], step=2)
     assert again.advance(same) != replace(again.advance(drive.scans[0]), step=2)
-    assert told(begun(model, seed=1), drive)[0] != first
+    assert reported(begun(model, seed=1), drive)[0] != first
 
 
 def test_another_worker_carries_on_with_the_same_numbers(model: SensorModel, drive: Drive) -> None:
@@ -106,7 +106,9 @@ def test_another_worker_carries_on_with_the_same_numbers(model: SensorModel, dri
     assert [other.advance(scan) for scan in drive.scans[2:]] == all_of_them[2:]
 
 
-def test_a_scan_without_beams_is_as_likely_anywhere(model: SensorModel, drive: Drive) -> None:
+def test_a_scan_without_beams_has_the_same_likelihood_everywhere(
+    model: SensorModel, drive: Drive
+) -> None:
     nothing = ArrayBlob.of(np.full(12, np.nan), "float32")
     report = begun(model).advance(replace(drive.scans[0], ranges=nothing))
     assert isinstance(report, ElsewhereReport)

@@ -120,7 +120,7 @@ def test_a_repeated_order_does_not_restart_a_job(model: SensorModel) -> None:
     assert table.summary() == (("c0", 1, 2),)
 
 
-def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
+def test_a_missed_step_loses_only_its_own_evidence(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     table.on_scan(scan(1))
@@ -144,20 +144,20 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
         Assignment(job_id="s0.1", epoch=1, job=SearchJob(search=0, shard=1, first_step=1)),
     )
     at_once, in_slices = JobTable("w"), JobTable("w")
-    told: dict[JobTable, list[Report]] = {at_once: [], in_slices: []}
-    for table in told:
+    reported: dict[JobTable, list[Report]] = {at_once: [], in_slices: []}
+    for table in reported:
         table.follow(order_of_both, model, SETTINGS)
     for step in range(1, 5):
-        told[at_once] += at_once.on_scan(scan(step)) + searched(at_once)
-        told[in_slices] += in_slices.on_scan(scan(step)) + in_slices.search_on()
-    told[in_slices] += searched(in_slices)
+        reported[at_once] += at_once.on_scan(scan(step)) + searched(at_once)
+        reported[in_slices] += in_slices.on_scan(scan(step)) + in_slices.search_on()
+    reported[in_slices] += searched(in_slices)
 
     def of(kind: type, reports: list[Report]) -> list[bytes]:
         return [encode(report) for report in reports if isinstance(report, kind)]
 
-    assert len(of(SearchReport, told[at_once])) == 4
+    assert len(of(SearchReport, reported[at_once])) == 4
     for kind in (SearchReport, TrackReport):
-        assert of(kind, told[in_slices]) == of(kind, told[at_once])
+        assert of(kind, reported[in_slices]) == of(kind, reported[at_once])
 
 
 def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:

@@ -44,7 +44,7 @@ def test_clusters_do_not_share_the_noise_of_their_start(model: SensorModel) -> N
     assert not np.intersect1d(first, second).size
 
 
-def test_a_cluster_that_has_seen_nothing_is_handed_on_as_it_was_given(model: SensorModel) -> None:
+def test_a_cluster_without_a_scan_is_handed_on_unchanged(model: SensorModel) -> None:
     """Whoever begins it draws the same particles, and takes its first scan as the first."""
     job = begun("c0", model)
     assert job.handed_on() == job.assignment
@@ -136,12 +136,12 @@ def test_a_handed_over_place_is_drawn_by_its_weights(model: SensorModel) -> None
 
 
 def test_each_cluster_reports_particles_at_its_own_steps(model: SensorModel) -> None:
-    told = {}
+    reported = {}
     for job_id in ("c0", "c1"):
         job = running(track(job_id, cloud()), model, SETTINGS, sender="w", snapshot_every_steps=3)
         reports = [job.advance(scan(step)) for step in range(1, 7)]
-        told[job_id] = [r.step for r in reports if isinstance(r, TrackReport) and r.snapshot]
-    assert told == {"c0": [3, 6], "c1": [1, 4]}
+        reported[job_id] = [r.step for r in reports if isinstance(r, TrackReport) and r.snapshot]
+    assert reported == {"c0": [3, 6], "c1": [1, 4]}
 
 
 def test_a_cluster_in_two_parts_reports_them_at_its_steps(model: SensorModel) -> None:

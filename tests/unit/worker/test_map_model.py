@@ -191,7 +191,7 @@ def test_a_folder_that_cannot_be_written_costs_only_a_warning(
     assert field_of(model).codes.shape == (32, 42)
 
 
-def test_of_many_processes_one_computes_and_the_others_read(
+def test_one_of_many_processes_computes_the_field_and_the_others_read_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed: list[GridMap] = []
@@ -223,7 +223,7 @@ def test_a_full_disk_leaves_nothing_behind(
     assert [left.name for left in tmp_path.iterdir()] == ["lock"]
 
 
-def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path) -> None:
+def test_files_of_a_killed_process_are_removed_at_the_next_start(tmp_path: Path) -> None:
     left = tmp_path / "tmpabcd.part"
     left.mkdir()
     (left / "codes.npy").write_bytes(b"half of i")

@@ -19,10 +19,10 @@ def checkpoint(term: int, serial: int, *, founded: bool = True) -> Checkpoint:
 
 
 def test_a_take_over_or_a_checkpoint_fences_lower_terms() -> None:
-    asked, told = TermFence(), TermFence()
+    asked, reported = TermFence(), TermFence()
     asked.on_term(7)
-    told.on_checkpoint(checkpoint(7, 0))
-    for term_fence in (asked, told):
+    reported.on_checkpoint(checkpoint(7, 0))
+    for term_fence in (asked, reported):
         with pytest.raises(OldTermError, match="current term is 7"):
             term_fence.check(order(6, 1))
 

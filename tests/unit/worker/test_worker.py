@@ -49,10 +49,12 @@ from worker.worker import (
     Worker,
 )
 
-NOBODY = UnreachableError(who="map", problem="no answer on 'map': nobody is there", waited_s=30.0)
+NO_ANSWER = UnreachableError(
+    peer="map", problem="no answer on 'map': nobody is there", waited_s=30.0
+)
 
 
-def told(worker: Worker, *events: Event) -> list[Instruction]:
+def handled(worker: Worker, *events: Event) -> list[Instruction]:
     """The instructions after the last of some events."""
     return [event(worker) for event in events][-1]
 
@@ -106,50 +108,50 @@ def fresh() -> Worker:
 @pytest.fixture
 def tracking(fresh: Worker, model: SensorModel) -> Worker:
     """Has the map, and a job that begins after step 0."""
-    told(fresh, asked(1, track("c0", cloud())), on_map(grid()), on_model("map", model))
-    assert told(fresh, on_history(MissingScans(1, None), ())) == []
+    handled(fresh, asked(1, track("c0", cloud())), on_map(grid()), on_model("map", model))
+    assert handled(fresh, on_history(MissingScans(1, None), ())) == []
     return fresh
 
 
 # --- scans
 
 
-def test_a_scan_of_another_map_is_counted_and_nothing_else(tracking: Worker) -> None:
+def test_a_scan_of_another_map_is_only_counted(tracking: Worker) -> None:
     other = msgspec.structs.replace(scan(1), map_digest="another")
     expected = Warn("scan of another map", "step 1 is of map another")
-    assert told(tracking, on_scan(other)) == [expected]
-    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
+    assert handled(tracking, on_scan(other)) == [expected]
+    assert reported(handled(tracking, on_scan(scan(1)))) == [("c0", 1)]
 
 
 def test_a_repeated_scan_repeats_its_reports(tracking: Worker) -> None:
-    first = told(tracking, on_scan(scan(1)))
+    first = handled(tracking, on_scan(scan(1)))
     assert reported(first) == [("c0", 1)]
-    assert told(tracking, on_scan(scan(1))) == first
-    assert told(tracking, on_scan(scan(2)), on_scan(scan(1))) == [], "it is past"
+    assert handled(tracking, on_scan(scan(1))) == first
+    assert handled(tracking, on_scan(scan(2)), on_scan(scan(1))) == [], "it is past"
 
 
 def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Worker) -> None:
     lost = MissingScans(2, 4)
-    asking = told(tracking, on_scan(scan(1)), on_scan(scan(5)))
+    asking = handled(tracking, on_scan(scan(1)), on_scan(scan(5)))
     assert asking == [FetchScans(lost, LOST_SCANS_TIMEOUT_S)]
-    assert told(tracking, on_scan(scan(6))) == []
-    caught_up = told(tracking, on_history(lost, (scan(2), scan(3), scan(4))))
+    assert handled(tracking, on_scan(scan(6))) == []
+    caught_up = handled(tracking, on_history(lost, (scan(2), scan(3), scan(4))))
     assert reported(caught_up) == [("c0", step) for step in range(2, 7)]
-    assert reported(told(tracking, on_scan(scan(7)))) == [("c0", 7)]
+    assert reported(handled(tracking, on_scan(scan(7)))) == [("c0", 7)]
 
 
 def test_scans_that_stay_lost_cost_only_their_steps(tracking: Worker) -> None:
-    told(tracking, on_scan(scan(1)), on_scan(scan(3)))
-    failed = told(tracking, on_no_history(MissingScans(2, 2), "no answer"))
+    handled(tracking, on_scan(scan(1)), on_scan(scan(3)))
+    failed = handled(tracking, on_no_history(MissingScans(2, 2), "no answer"))
     assert failed[0] == Warn("no scan history", "no answer")
     assert reported(failed) == [("c0", 3)]
-    assert reported(told(tracking, on_scan(scan(4)))) == [("c0", 4)]
+    assert reported(handled(tracking, on_scan(scan(4)))) == [("c0", 4)]
 
 
 def test_a_worker_that_falls_behind_skips_scans_and_requests_none(tracking: Worker) -> None:
-    told(tracking, on_scan(scan(1)))
-    assert reported(told(tracking, on_scan(scan(5), dropped=3))) == [("c0", 5)]
-    later = told(tracking, on_scan(scan(8), dropped=3))
+    handled(tracking, on_scan(scan(1)))
+    assert reported(handled(tracking, on_scan(scan(5), dropped=3))) == [("c0", 5)]
+    later = handled(tracking, on_scan(scan(8), dropped=3))
     assert later == [FetchScans(MissingScans(6, 7), LOST_SCANS_TIMEOUT_S)], "lost on the way"
 
 
@@ -165,9 +167,9 @@ def reports(instructions: list[Instruction]) -> list[Report]:
 
 
 def test_a_live_motion_model_holds_from_its_scan_on(tracking: Worker, model: SensorModel) -> None:
-    told(tracking, on_scan(scan(1)))
+    handled(tracking, on_scan(scan(1)))
     noisy = {"drive_noise_per_metre": 0.5, "turn_noise_per_metre": 0.7}
-    (report,) = reports(told(tracking, on_scan(live(2, **noisy))))
+    (report,) = reports(handled(tracking, on_scan(live(2, **noisy))))
     motion = msgspec.structs.replace(SETTINGS.motion, **noisy)
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
@@ -181,14 +183,14 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
 ) -> None:
     wide = msgspec.structs.replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
     values = {"hit_sigma_m": 0.4, "max_beams": 9}
-    told(tracking, on_scan(scan(1)))
-    (build,) = told(tracking, on_scan(live(2, **values)))
+    handled(tracking, on_scan(scan(1)))
+    (build,) = handled(tracking, on_scan(live(2, **values)))
     assert isinstance(build, BuildModel)
     assert build.settings == wide
-    assert told(tracking, on_scan(live(3, **values))) == []
-    assert told(tracking, on_scan(scan(4))) == []  # and back again
+    assert handled(tracking, on_scan(live(3, **values))) == []
+    assert handled(tracking, on_scan(scan(4))) == []  # and back again
     other = computed_model(model.grid, wide)
-    *published, again = told(tracking, on_model("map", other))
+    *published, again = handled(tracking, on_model("map", other))
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
     alone.use(other, msgspec.structs.replace(SETTINGS, sensor=wide))
@@ -196,17 +198,19 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
     assert isinstance(again, BuildModel)
     assert again.settings == SETTINGS.sensor
     alone.use(model, SETTINGS)
-    assert reports(told(tracking, on_model("map", model))) == [alone.advance(scan(4))]
+    assert reports(handled(tracking, on_model("map", model))) == [alone.advance(scan(4))]
 
 
 def test_a_new_job_uses_the_live_settings(tracking: Worker, model: SensorModel) -> None:
     values = {"max_beams": 9}
     fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
-    told(tracking, on_scan(live(1, **values)), on_model("map", computed_model(model.grid, fewer)))
-    answered = told(tracking, asked(2, track("c1", cloud()), keep=(("c0", 1),)))
+    handled(
+        tracking, on_scan(live(1, **values)), on_model("map", computed_model(model.grid, fewer))
+    )
+    answered = handled(tracking, asked(2, track("c1", cloud()), keep=(("c0", 1),)))
     assert not any(isinstance(one, BuildModel) for one in answered)
     assert answers(answered)[2].problem == ""
-    assert {one.job_id for one in reports(told(tracking, on_scan(live(2, **values))))} == {
+    assert {one.job_id for one in reports(handled(tracking, on_scan(live(2, **values))))} == {
         "c0",
         "c1",
     }
@@ -215,14 +219,14 @@ def test_a_new_job_uses_the_live_settings(tracking: Worker, model: SensorModel) 
 def test_a_model_that_failed_is_requested_again_with_the_next_scan(
     tracking: Worker, model: SensorModel
 ) -> None:
-    told(tracking, on_scan(live(1, max_beams=9)))
-    assert told(tracking, on_map_failure(NOBODY)) == []
-    (fetch,) = told(tracking, on_scan(live(2, max_beams=9)))
+    handled(tracking, on_scan(live(1, max_beams=9)))
+    assert handled(tracking, on_map_failure(NO_ANSWER)) == []
+    (fetch,) = handled(tracking, on_scan(live(2, max_beams=9)))
     assert fetch == FetchMap()
-    (build,) = told(tracking, on_map(grid()))
+    (build,) = handled(tracking, on_map(grid()))
     assert isinstance(build, BuildModel)
     built = computed_model(model.grid, build.settings)
-    assert reported(told(tracking, on_model("map", built))) == [("c0", 1), ("c0", 2)]
+    assert reported(handled(tracking, on_model("map", built))) == [("c0", 1), ("c0", 2)]
 
 
 # --- orders
@@ -232,9 +236,9 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
     fresh: Worker, model: SensorModel
 ) -> None:
     order = asked(1, track("c0", cloud()))
-    assert told(fresh, order) == [FetchMap()]
-    assert told(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
-    done = told(fresh, on_model("map", model))
+    assert handled(fresh, order) == [FetchMap()]
+    assert handled(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
+    done = handled(fresh, on_model("map", model))
     expected = OrderAnswer(sender="w", order=1, term=1, jobs=(("c0", 1, 0),))
     assert done == [Answer(1, expected), FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S)]
 
@@ -242,16 +246,16 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
 def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, on_scan(scan(0)), asked(1, track("c0", cloud())), on_scan(scan(1)))
-    told(fresh, on_map(grid()), on_scan(scan(2)))
-    assert reported(told(fresh, on_model("map", model))) == [("c0", 1), ("c0", 2)]
+    handled(fresh, on_scan(scan(0)), asked(1, track("c0", cloud())), on_scan(scan(1)))
+    handled(fresh, on_map(grid()), on_scan(scan(2)))
+    assert reported(handled(fresh, on_model("map", model))) == [("c0", 1), ("c0", 2)]
 
 
 def test_state_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
-    told(fresh, asked(4, track("c0", cloud())))
+    handled(fresh, asked(4, track("c0", cloud())))
     nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
-    assert told(fresh, on_state_query(9)) == [Answer(9, nothing)]
-    (answer,) = told(fresh, on_state_query(10, TakeOver(sender="next", term=2)))
+    assert handled(fresh, on_state_query(9)) == [Answer(9, nothing)]
+    (answer,) = handled(fresh, on_state_query(10, TakeOver(sender="next", term=2)))
     assert isinstance(answer, Answer)
     assert isinstance(answer.message, WorkerState)
     assert (answer.message.term, answer.message.holds) == (2, ())
@@ -260,19 +264,19 @@ def test_state_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
 def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
     fresh: Worker, model: SensorModel
 ) -> None:
-    assert told(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
-    again = told(fresh, asked(2, track("c0", cloud())))
+    assert handled(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
+    again = handled(fresh, asked(2, track("c0", cloud())))
     before = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert again == [Answer(1, before)], "and the map is not asked for again"
-    done = told(fresh, on_map(grid()), on_model("map", model))
+    done = handled(fresh, on_map(grid()), on_model("map", model))
     assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
 
 
 def test_an_order_superseded_while_it_waits_is_never_followed(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, asked(1, track("c0", cloud())), asked(2, track("c1", cloud())))
-    told(fresh, on_map(grid()), on_model("map", model))
+    handled(fresh, asked(1, track("c0", cloud())), asked(2, track("c1", cloud())))
+    handled(fresh, on_map(grid()), on_model("map", model))
     assert jobs(fresh) == ["c1"]
 
 
@@ -280,56 +284,60 @@ def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     tracking: Worker, model: SensorModel
 ) -> None:
     other = msgspec.to_builtins(SETTINGS.sensor) | {"visibility_particles": 0}
-    asking = told(tracking, asked(2, track("c1", cloud()), sensor=other))
+    asking = handled(tracking, asked(2, track("c1", cloud()), sensor=other))
     assert [type(do) for do in asking] == [BuildModel]
-    done = told(tracking, asked(3, keep=(("c0", 1),)))
+    done = handled(tracking, asked(3, keep=(("c0", 1),)))
     assert {question: a.order for question, a in answers(done).items()} == {2: 1, 3: 3}
-    assert told(tracking, on_model("map", model)) == []
+    assert handled(tracking, on_model("map", model)) == []
     assert jobs(tracking) == ["c0"]
 
 
 def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> None:
-    told(fresh, asked(1, track("c0", cloud())))
-    done = told(fresh, asked(2))
+    handled(fresh, asked(1, track("c0", cloud())))
+    done = handled(fresh, asked(2))
     assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
-    assert told(fresh, on_map(grid())) == [], "nobody wants it any more"
+    assert handled(fresh, on_map(grid())) == [], "no job needs it any more"
 
 
-def test_a_map_that_never_comes_refuses_the_order_and_the_next_asks_again(fresh: Worker) -> None:
-    told(fresh, asked(1, track("c0", cloud())))
-    refused = told(fresh, on_map_failure(NOBODY))
+def test_an_order_whose_map_never_arrives_is_refused_and_the_next_one_queries_it_again(
+    fresh: Worker,
+) -> None:
+    handled(fresh, asked(1, track("c0", cloud())))
+    refused = handled(fresh, on_map_failure(NO_ANSWER))
     assert causes(refused) == ["order refused"]
-    assert answers(refused)[1].problem == str(NOBODY)
-    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
+    assert answers(refused)[1].problem == str(NO_ANSWER)
+    assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
 
 
 def test_another_map_than_the_orders_is_refused_with_both_digests(fresh: Worker) -> None:
-    refused = told(fresh, asked(1, track("c0", cloud())), on_map(grid("another")))
+    refused = handled(fresh, asked(1, track("c0", cloud())), on_map(grid("another")))
     assert causes(refused) == ["order for another map"]
     assert answers(refused)[1].problem == "'w' has map another, expected map"
-    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
+    assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
 
 
-def test_a_map_of_which_no_model_can_be_built_refuses_the_order(fresh: Worker) -> None:
-    told(fresh, asked(1, track("c0", cloud())), on_map(grid()))
-    refused = told(fresh, on_map_failure(ValueError("the map has no obstacle")))
+def test_an_order_is_refused_if_no_sensor_model_of_its_map_can_be_built(fresh: Worker) -> None:
+    handled(fresh, asked(1, track("c0", cloud())), on_map(grid()))
+    refused = handled(fresh, on_map_failure(ValueError("the map has no obstacle")))
     assert answers(refused)[1].problem == "the map has no obstacle"
-    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], "it may be another by now"
+    assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], (
+        "it may be another by now"
+    )
 
 
 def test_an_order_for_another_map_fetches_that_and_its_model(
     tracking: Worker, model: SensorModel
 ) -> None:
-    told(tracking, asked(2, track("c1", cloud()), digest="new"))
-    assert told(tracking, on_map(grid("new"))) == [BuildModel(grid("new"), SETTINGS.sensor)]
-    told(tracking, on_model("new", model))
+    handled(tracking, asked(2, track("c1", cloud()), digest="new"))
+    assert handled(tracking, on_map(grid("new"))) == [BuildModel(grid("new"), SETTINGS.sensor)]
+    handled(tracking, on_model("new", model))
     assert jobs(tracking) == ["c1"]
-    assert causes(told(tracking, on_scan(scan(1)))) == ["scan of another map"]
+    assert causes(handled(tracking, on_scan(scan(1)))) == ["scan of another map"]
 
 
 def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) -> None:
-    told(tracking, asked(1, keep=(("c0", 1),), term=5))
-    refused = told(tracking, asked(9, term=4))
+    handled(tracking, asked(1, keep=(("c0", 1),), term=5))
+    refused = handled(tracking, asked(9, term=4))
     assert causes(refused) == ["order of an old term"]
     assert (answers(refused)[9].term, jobs(tracking)) == (5, ["c0"])
 
@@ -337,36 +345,38 @@ def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) 
 def test_an_order_whose_coordinator_is_taken_over_from_while_it_waits_is_refused(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, asked(1, track("c0", cloud())), on_state_query(9, TakeOver(sender="next", term=2)))
-    refused = told(fresh, on_map(grid()), on_model("map", model))
+    handled(
+        fresh, asked(1, track("c0", cloud())), on_state_query(9, TakeOver(sender="next", term=2))
+    )
+    refused = handled(fresh, on_map(grid()), on_model("map", model))
     assert causes(refused) == ["order of an old term"]
     assert jobs(fresh) == []
 
 
 def test_an_overtaken_order_is_ignored(tracking: Worker) -> None:
-    told(tracking, asked(3, keep=(("c0", 1),)))
-    left_out = told(tracking, asked(2))
+    handled(tracking, asked(3, keep=(("c0", 1),)))
+    left_out = handled(tracking, asked(2))
     assert causes(left_out) == ["order overtaken"]
     assert (answers(left_out)[2].order, jobs(tracking)) == (3, ["c0"])
 
 
 def test_an_order_that_changes_nothing_repeats_the_last_reports(tracking: Worker) -> None:
-    (report,) = told(tracking, on_scan(scan(1)))
-    assert told(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
+    (report,) = handled(tracking, on_scan(scan(1)))
+    assert handled(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
 
 
 def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -> None:
-    refused = told(tracking, asked(900, sensor={"no_such": 1}))
+    refused = handled(tracking, asked(900, sensor={"no_such": 1}))
     assert causes(refused) == ["order refused"]
     assert "no_such" in answers(refused)[900].problem
-    refused = told(tracking, asked(901, sensor={"model": "not_here"}))
+    refused = handled(tracking, asked(901, sensor={"model": "not_here"}))
     assert "no sensor_model 'not_here' is installed" in answers(refused)[901].problem
-    assert answers(told(tracking, asked(2)))[2].order == 2
+    assert answers(handled(tracking, asked(2)))[2].order == 2
 
 
 def test_invalid_particles_are_refused_and_change_nothing(tracking: Worker) -> None:
     broken = msgspec.structs.replace(cloud(), log_weights=cloud().map_from_robot)
-    refused = told(tracking, asked(2, track("c1", broken)))
+    refused = handled(tracking, asked(2, track("c1", broken)))
     assert "no particle set" in answers(refused)[2].problem
     assert answers(refused)[2].order == 1
     assert jobs(tracking) == ["c0"]
@@ -374,7 +384,7 @@ def test_invalid_particles_are_refused_and_change_nothing(tracking: Worker) -> N
 
 def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
-    refused = told(fresh, on_broken_order(3, error))
+    refused = handled(fresh, on_broken_order(3, error))
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
 
@@ -385,42 +395,42 @@ def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) 
 def test_a_job_that_begins_behind_waits_for_history_while_others_continue(tracking: Worker) -> None:
     for step in range(1, 71):  # more than are kept at hand
         on_scan(scan(step))(tracking)
-    begun = told(tracking, asked(2, track("c1", cloud(step=3)), keep=(("c0", 1),)))
+    begun = handled(tracking, asked(2, track("c1", cloud(step=3)), keep=(("c0", 1),)))
     missing = MissingScans(4, 6)
     assert begun[1:] == [FetchScans(missing, HISTORY_TIMEOUT_S)]
-    assert reported(told(tracking, on_scan(scan(71)))) == [("c0", 71)]
-    caught_up = told(tracking, on_history(missing, tuple(map(scan, (4, 5, 6)))))
+    assert reported(handled(tracking, on_scan(scan(71)))) == [("c0", 71)]
+    caught_up = handled(tracking, on_history(missing, tuple(map(scan, (4, 5, 6)))))
     assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
 
 
 def test_without_history_a_job_begins_with_the_scans_at_hand(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
-    begun = told(fresh, on_model("map", model))
+    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    begun = handled(fresh, on_model("map", model))
     assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
-    assert told(fresh, on_scan(scan(6))) == []
-    failed = told(fresh, on_no_history(MissingScans(3, 4), "nobody is there"))
+    assert handled(fresh, on_scan(scan(6))) == []
+    failed = handled(fresh, on_no_history(MissingScans(3, 4), "nobody is there"))
     assert causes(failed) == ["no scan history"]
     assert reported(failed) == [("c0", 5), ("c0", 6)]
 
 
 def test_repeated_orders_request_past_scans_once(fresh: Worker, model: SensorModel) -> None:
-    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
-    told(fresh, on_model("map", model))
-    again = told(fresh, asked(2, track("c0", cloud(step=2))))
+    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    handled(fresh, on_model("map", model))
+    again = handled(fresh, asked(2, track("c0", cloud(step=2))))
     assert [type(do) for do in again] == [Answer]
-    caught_up = told(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4))))
+    caught_up = handled(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4))))
     assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
 
 
 def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: SensorModel) -> None:
-    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
-    told(fresh, on_model("map", model))
-    wider = told(fresh, on_scan(scan(8)))
+    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    handled(fresh, on_model("map", model))
+    wider = handled(fresh, on_scan(scan(8)))
     assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
-    assert told(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
-    caught_up = told(fresh, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
+    assert handled(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
+    caught_up = handled(fresh, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
     assert reported(caught_up) == [("c0", step) for step in range(3, 9)]
 
 
@@ -429,13 +439,13 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: Sens
 
 def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(tracking: Worker) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
-    said = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
-    assert told(tracking, on_checkpoint(checkpoint)) == []
-    (answer,) = told(tracking, on_state_query(9, TakeOver(sender="next", term=2, since=1)))
+    returned = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
+    assert handled(tracking, on_checkpoint(checkpoint)) == []
+    (answer,) = handled(tracking, on_state_query(9, TakeOver(sender="next", term=2, since=1)))
     assert isinstance(answer, Answer)
     state = answer.message
     assert isinstance(state, WorkerState)
     assert state.term == 2
     assert (state.terms, state.founded) == ((1, 2), 1)
     assert [held.job_id for held in state.holds] == ["c0"]
-    assert len(state.reports) == len(said) - 1
+    assert len(state.reports) == len(returned) - 1

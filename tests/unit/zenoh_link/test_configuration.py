@@ -32,7 +32,7 @@ REPOSITORY = Path(__file__).parents[3]
         "unixsock-stream//run/clustermcl/router.sock",
     ],
 )
-def test_these_are_endpoints(endpoint: str) -> None:
+def test_valid_endpoints_are_accepted(endpoint: str) -> None:
     check_endpoint(endpoint)
 
 
@@ -53,7 +53,7 @@ def test_these_are_endpoints(endpoint: str) -> None:
         ("unixsock-stream//" + "x" * 107, "at most 107 bytes"),
     ],
 )
-def test_these_are_not_and_the_error_says_what_to_write(endpoint: str, hint: str) -> None:
+def test_invalid_endpoints_are_refused_with_a_remedy(endpoint: str, hint: str) -> None:
     with pytest.raises(SettingsError) as caught:
         check_endpoint(endpoint)
     assert hint in str(caught.value)
@@ -89,7 +89,7 @@ def test_a_robots_name_that_cannot_be_a_key_is_refused(name: str) -> None:
     assert ".rs" not in str(caught.value)
 
 
-def test_zenohs_message_is_stripped_of_places_in_its_source() -> None:
+def test_source_positions_are_removed_from_zenohs_messages() -> None:
     with pytest.raises(zenoh.ZError) as caught:
         zenoh.Config().insert_json5("mode", '"routre"')
     assert ".rs" not in readable(caught.value)
@@ -115,7 +115,7 @@ def test_a_tls_listener_is_patient_by_default(endpoint: str, listened_at: str) -
     assert patient(endpoint) == listened_at
 
 
-def test_a_configuration_survives_being_a_file(tmp_path: Path) -> None:
+def test_a_configuration_written_to_a_file_is_read_back_unchanged(tmp_path: Path) -> None:
     configuration = router_configuration(ZenohSettings())
     file = tmp_path / "router.json5"
     file.write_text(json.dumps(configuration))

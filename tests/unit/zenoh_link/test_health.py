@@ -38,7 +38,7 @@ def test_ages_are_since_the_last_occurrence() -> None:
     assert (health.done["steps"], health.uptime_s) == (3, 5.0)
 
 
-def test_nothing_grows_with_time() -> None:
+def test_counts_of_the_past_do_not_grow_with_time() -> None:
     process = Process()
     for _ in range(10_000):
         process.now_s += 1.0

@@ -19,7 +19,7 @@ def drain(inbox: Inbox[tuple[str, int]]) -> list[tuple[str, int]]:
 
 
 @given(puts=PUTS, scans=st.integers(1, 4), odometries=st.integers(1, 4), events=st.integers(1, 9))
-def test_what_is_kept_comes_out_in_the_order_of_arrival(
+def test_kept_events_are_returned_in_the_order_of_arrival(
     puts: list[tuple[str, int]], scans: int, odometries: int, events: int
 ) -> None:
     inbox: Inbox[tuple[str, int]] = Inbox(
@@ -41,7 +41,7 @@ def test_what_is_kept_comes_out_in_the_order_of_arrival(
     assert sum(inbox.dropped().values()) == lost
 
 
-def test_of_what_only_the_newest_is_wanted_nothing_is_lost() -> None:
+def test_an_inbox_for_the_newest_state_always_has_the_last_one() -> None:
     inbox: Inbox[str] = Inbox({"odometry": 1})
     for number in range(9):
         inbox.put_newest("odometry", f"pose {number}")
@@ -68,7 +68,7 @@ def test_a_refused_event_is_reported_to_the_caller_and_counted() -> None:
     assert inbox.put("third")
 
 
-def test_a_closed_inbox_hands_out_what_it_has_and_takes_no_more() -> None:
+def test_a_closed_inbox_returns_its_waiting_events_and_accepts_no_more() -> None:
     inbox: Inbox[str] = Inbox({"scan": 2})
     inbox.put_newest("scan", "before")
     inbox.close()
@@ -113,7 +113,7 @@ def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
         assert [number for thread, number in taken if thread == i] == list(range(2000))
 
 
-def test_bounds_below_one_and_unknown_kinds_are_mistakes() -> None:
+def test_bounds_below_one_and_unknown_kinds_raise_an_error() -> None:
     with pytest.raises(ValueError, match="at least one"):
         Inbox[str]({"scan": 0})
     with pytest.raises(KeyError):

@@ -60,7 +60,7 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
         ("clustermcl_workers", ()): 2.0,
         ("clustermcl_worker_jobs", (("worker", "worker-0"),)): 2.0,
         ("clustermcl_process_uptime_seconds", worker): 9.0,
-        ("clustermcl_process_heard_age_seconds", worker): 0.5,
+        ("clustermcl_process_health_age_seconds", worker): 0.5,
         ("clustermcl_process_info", process("worker-0", "worker", version="1.1")): 1.0,
         ("clustermcl_process_done_total", process("worker-0", "worker", what="reports")): 80.0,
         ("clustermcl_process_idle_seconds", process("worker-0", "worker", what="reports")): 0.75,

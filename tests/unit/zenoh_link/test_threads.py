@@ -18,7 +18,7 @@ def test_zenohs_variable_is_set_while_it_opens_and_not_for_children() -> None:
     assert VARIABLE not in os.environ
 
 
-def test_it_is_taken_back_when_there_is_no_router_yet() -> None:
+def test_zenohs_variable_is_removed_if_the_session_does_not_open() -> None:
     with pytest.raises(ZeroDivisionError), receiving_threads(ONE_LINK):
         raise ZeroDivisionError
     assert VARIABLE not in os.environ
@@ -31,7 +31,7 @@ def test_only_the_first_session_of_a_process_sets_the_variable() -> None:
         assert VARIABLE not in os.environ
 
 
-def test_what_a_person_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_variable_set_by_the_user_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "(rx: (worker_threads: 40))")
     with receiving_threads(MANY_LINKS):
         assert os.environ[VARIABLE] == "(rx: (worker_threads: 40))"

@@ -8,10 +8,10 @@ from zenoh_link.session import open_session
 
 def body(invocation: Invocation) -> None:
     """Hear until stopped; ``crash`` on the key ``test`` is a bug with the session open."""
-    heard: list[str] = []
+    received: list[str] = []
 
     def on_sample(sample: zenoh.Sample) -> None:
-        heard.append(sample.payload.to_string())
+        received.append(sample.payload.to_string())
 
     settings = invocation.settings
     print("starting", flush=True)
@@ -19,8 +19,8 @@ def body(invocation: Invocation) -> None:
         session.declare_subscriber("test", on_sample)
         print("subscribed", flush=True)
         while not invocation.stop.wait(0.01):
-            while heard:
-                text = heard.pop(0)
+            while received:
+                text = received.pop(0)
                 print(f"heard {text}", flush=True)
                 if text == "crash":
                     raise ZeroDivisionError(text)

@@ -41,7 +41,7 @@ def test_the_list_names_the_experiments() -> None:
         (["--summary"], InputFileError, "cannot be read as a table"),
     ],
 )
-def test_a_wrong_word_is_refused_before_anything_runs(
+def test_a_wrong_argument_is_refused_before_anything_runs(
     tmp_path: Path, arguments: list[str], kind: type[Exception], words: str
 ) -> None:
     out = tmp_path / "runs.csv"
@@ -62,11 +62,11 @@ def test_runs_go_into_the_table_once_and_are_summarised(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert sorted(row["algorithm"] for row in rows) == ["cluster-mcl", "mcl"]
     assert {row["settings"] for row in rows} == {"cluster.particles=300"}
-    told = CliRunner().invoke(app, ["--summary", "--output", out])
-    assert told.exit_code == 0, told.exception
-    assert told.output.startswith("experiment,role,algorithm,settings,runs,localized")
-    assert "hall,training,cluster-mcl,cluster.particles=300,1,1" in told.output
-    told = CliRunner().invoke(app, ["--summary", "--output", out, "--tables", str(tmp_path)])
-    assert told.exit_code == 0, told.exception
+    reported = CliRunner().invoke(app, ["--summary", "--output", out])
+    assert reported.exit_code == 0, reported.exception
+    assert reported.output.startswith("experiment,role,algorithm,settings,runs,localized")
+    assert "hall,training,cluster-mcl,cluster.particles=300,1,1" in reported.output
+    reported = CliRunner().invoke(app, ["--summary", "--output", out, "--tables", str(tmp_path)])
+    assert reported.exit_code == 0, reported.exception
     assert (tmp_path / "summary.csv").read_text().startswith("experiment,role,")
     assert (tmp_path / "starts.csv").read_text().startswith("recording,start_step,")

@@ -21,7 +21,7 @@ from tests.unit.benchmarks.experiments.made_up import (
 from tests.unit.evaluation.places import outcome
 
 
-def test_a_step_notes_which_copy_has_which_probability() -> None:
+def test_a_step_records_the_probability_of_each_copy() -> None:
     step = facts(1, at(0.4), at(0.3, OPPOSITE), at(0.2, (5.5, 0.5, 0.1)), at(0.1, NOWHERE))
     assert step.copies == pytest.approx((0.6, 0.3))
     claims = [(place.probability, place.right) for place in step.facts.claims]
@@ -31,13 +31,13 @@ def test_a_step_notes_which_copy_has_which_probability() -> None:
     assert step.leader == 0
 
 
-def test_the_first_right_ones_need_five_in_a_row() -> None:
+def test_first_right_requires_five_right_estimates_in_a_row() -> None:
     assert first_right(right_or_wrong("rrrrwrrrrr")) == 6
     assert first_right(right_or_wrong("rrrrwrrrr")) is None
     assert first_right(right_or_wrong("ssrraar")) == 3
 
 
-def test_the_entropy_of_two_copies() -> None:
+def test_the_entropy_of_two_copies_is_normalised() -> None:
     assert entropy_of_copies(facts(1, at(0.5), at(0.5, OPPOSITE))) == pytest.approx(1.0)
     uneven = facts(1, at(0.6), at(0.2, OPPOSITE), at(0.2, NOWHERE))
     three_to_one = -(0.75 * math.log2(0.75) + 0.25 * math.log2(0.25))
@@ -57,7 +57,7 @@ def test_changes_of_the_leader_pass_over_updates_without_one() -> None:
     assert leader_changes(run) == 2
 
 
-def test_shares_count_from_the_end_of_the_first_search() -> None:
+def test_shares_of_tracking_begin_after_the_first_search() -> None:
     run = right_or_wrong("sssaaarrww")
     made = measures_of(run)
     assert made.bootstrap_update == 4
@@ -69,12 +69,12 @@ def test_shares_count_from_the_end_of_the_first_search() -> None:
     assert made.localized_wrong_share == pytest.approx(0.2)
 
 
-def test_tracking_is_judged_from_when_it_first_held() -> None:
+def test_tracking_is_measured_from_the_first_step_with_a_right_place() -> None:
     assert measures_of(right_or_wrong("swwwrrrrraw")).kept_share == pytest.approx(6 / 7)
     assert measures_of(right_or_wrong("swwwrrrr")).kept_share is None
 
 
-def test_what_happens_after_a_kidnapping_is_counted_from_it() -> None:
+def test_measures_after_a_kidnapping_are_counted_from_it() -> None:
     run = right_or_wrong("rrrrrr" + "WWWaa" + "wrrrrrr")
     made = measures_of(run, kidnapped_at_update=6, right_before_kidnap=False)
     assert made.alarm_after_kidnap == 4
@@ -83,7 +83,7 @@ def test_what_happens_after_a_kidnapping_is_counted_from_it() -> None:
     assert never.right_after_kidnap is None
 
 
-def test_before_the_feature_is_seen_is_a_share_of_its_own() -> None:
+def test_tracking_before_the_feature_is_seen_has_a_share_of_its_own() -> None:
     run = right_or_wrong("saaaarrr")
     made = measures_of(run, seen_at_update=6)
     assert made.all_tracked_until_seen_share == 1.0
@@ -110,7 +110,7 @@ def test_scores_add_up_right_places_and_the_log_score_is_bounded(
     assert made.brier == pytest.approx(brier)
 
 
-def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
+def test_shares_of_states_and_of_elsewhere_are_over_all_updates() -> None:
     states: list[State] = ["searching", "ambiguous", "lost", "localized", "localized"]
     run = [
         update_of(

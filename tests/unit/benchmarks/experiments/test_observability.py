@@ -35,8 +35,8 @@ def test_places_differ_by_the_map_not_by_the_measured_scan() -> None:
     cells[19:22, 36] = 1
     observability = ScanObservability(GridMap(cells, 0.25, (0.0, 0.0, 0.0)))
     scan, _ = next(steps("cross", 1))
-    before, beside = (4.0, 5.1, 0.0), (4.0, 2.0, 0.0)
-    assert observability.distinguishes(scan, (before, beside))
+    before, after = (4.0, 5.1, 0.0), (4.0, 2.0, 0.0)
+    assert observability.distinguishes(scan, (before, after))
     assert not observability.distinguishes(scan, (before, before))
     with pytest.raises(ValueError, match="no other place"):
         observability.distinguishes(scan, (before,))

@@ -53,7 +53,7 @@ def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
     assert measures.right_before_kidnap is True
 
 
-def test_a_robot_is_kidnapped_after_the_step_that_a_person_names() -> None:
+def test_a_robot_is_kidnapped_after_the_step_given_as_option() -> None:
     watching = observer(case(robot=lifted(AfterStep(1))))
     watching.on_step(SCAN, RIGHT, TRUTH)
     assert not watching.kidnap_now

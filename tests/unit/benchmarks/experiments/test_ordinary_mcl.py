@@ -61,7 +61,7 @@ def test_a_kidnapped_robot_is_found_again_only_with_random_particles(tmp_path: P
     assert without.right_after_kidnap is None
 
 
-def test_while_all_fits_there_are_no_random_particles(tmp_path: Path) -> None:
+def test_no_random_particles_are_drawn_while_scans_fit(tmp_path: Path) -> None:
     assert beliefs("amcl", tmp_path) == beliefs("mcl", tmp_path)
 
 
@@ -94,7 +94,7 @@ def drawn(before: ParticleSet, random_share: float, *, kld: bool = False) -> Par
     return followed._redrawn(before, np.random.default_rng(7))
 
 
-def test_of_a_cloud_the_random_share_is_drawn_anywhere() -> None:
+def test_the_random_share_of_a_particle_set_is_drawn_from_the_whole_map() -> None:
     before = cloud((1.0, 1.0, 0.5))
     after = drawn(before, 0.25)
     moved = np.any(after.map_from_robot != before.map_from_robot, axis=1)
@@ -127,7 +127,7 @@ def spread(sigma_m: float) -> np.ndarray:
     return rng.normal(0.0, 1.0, (2000, 3)) * np.array([sigma_m, sigma_m, 0.05])
 
 
-def test_bins_differ_in_position_or_heading() -> None:
+def test_kld_bins_differ_in_position_or_heading() -> None:
     bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
     poses = (bins + 0.5) * np.array([KLD_BIN_M, KLD_BIN_M, KLD_BIN_RAD])
     k = 7 * 5 * 3 - 1
@@ -152,7 +152,7 @@ def visible(most_poses: int = 10) -> VisibleFieldModel:
     )
 
 
-def test_each_pose_loses_a_share_of_what_it_was_given_beyond_what_is_tolerated() -> None:
+def test_each_pose_loses_a_share_of_its_occluded_score_beyond_the_tolerance() -> None:
     model, beams = visible(), THROUGH_THE_BOX
     field = model_of(WITH_BOX, model.settings)
     hidden = field.occluded(POSES, beams)

@@ -12,7 +12,7 @@ from tests.unit.particle_filter.rooms import model_of, plain_room
 from tests.unit.worker.test_job_table import scan
 
 
-def test_only_departures_from_the_paper_are_changed() -> None:
+def test_the_settings_of_the_paper_change_only_departures_from_it() -> None:
     plain = FilterSettings()
     letter = baselines.to_the_letter(plain)
     assert (letter.motion, letter.search, letter.seed) == (plain.motion, plain.search, plain.seed)

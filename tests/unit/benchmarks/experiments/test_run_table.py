@@ -32,7 +32,7 @@ def test_a_row_holds_the_run_and_its_measures(tmp_path: Path) -> None:
     assert [row["claims_0"], row["right_0"], row["claimed_9"]] == ["0.0", "10.0", "29.0"]
 
 
-def test_a_table_is_continued_and_knows_what_it_has(tmp_path: Path) -> None:
+def test_a_table_of_runs_is_continued_and_lists_its_runs(tmp_path: Path) -> None:
     file = tmp_path / "runs.csv"
     RunTable(file).append(task(0), finished())
     again = RunTable(file)

@@ -85,7 +85,7 @@ def test_steps_of_starts_count_from_0() -> None:
     assert table["sure_and_right_at_step"].tolist() == [2, pd.NA]
 
 
-def test_an_experiment_is_behind_where_a_baseline_scores_better() -> None:
+def test_an_experiment_is_listed_as_behind_if_a_baseline_scores_better() -> None:
     table = pd.concat(
         [
             runs(name, algorithm, log_score=[score])
@@ -98,7 +98,7 @@ def test_an_experiment_is_behind_where_a_baseline_scores_better() -> None:
     assert worse["lead"] == pytest.approx(0.4)
 
 
-def test_over_all_compares_the_same_experiments() -> None:
+def test_the_overall_table_compares_the_same_experiments() -> None:
     table = pd.concat(
         [
             runs("a", "cluster-mcl", log_score=[-1.0]),

@@ -26,7 +26,7 @@ SETTINGS = FilterSettings(
 )
 HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
-BESIDE = (0.7, 0.0, 0.0)
+NEARBY = (0.7, 0.0, 0.0)
 """From the held place: no longer the same, but too near for a search to separate them."""
 NO_EVIDENCE = -math.inf
 
@@ -78,7 +78,7 @@ def test_places_of_a_finished_search_have_at_least_the_configured_probability() 
     found = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST))
     trial = {FAR: 0.01, FARTHER: 0.002}
     assert on_trial(found, NO_EVIDENCE) == pytest.approx(trial), "0.0008 is too improbable"
-    assert entered(found, NO_EVIDENCE) == {}, "it may yet see what tells them apart"
+    assert entered(found, NO_EVIDENCE) == {}, "it may yet see what distinguishes them"
     assert on_trial(found, NO_EVIDENCE, candidate_probability=0.0) == {}
     earned = {FAR: 0.05, FARTHER: 0.01, LEAST: 0.004}
     assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
@@ -94,7 +94,7 @@ def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability
 
 
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
-    found = pool((0.6, BESIDE), (0.4, FAR))
+    found = pool((0.6, NEARBY), (0.4, FAR))
     came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
     assert [place.pose for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
@@ -108,13 +108,13 @@ def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
         is_over=False,
         holds_own=True,
     )
-    assert [place.pose for place in came.entering] == [FAR], "nor does a search tell headings"
+    assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
 
 
 def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:
-    found = pool((0.6, BESIDE), (0.4, FAR))
+    found = pool((0.6, NEARBY), (0.4, FAR))
     assert on_trial(found, NO_EVIDENCE) == pytest.approx({FAR: 0.008})
-    assert on_trial(found, math.log(0.1)) == pytest.approx({BESIDE: 0.06, FAR: 0.04})
+    assert on_trial(found, math.log(0.1)) == pytest.approx({NEARBY: 0.06, FAR: 0.04})
 
 
 def test_a_place_is_near_only_in_place_and_heading() -> None:

@@ -37,7 +37,7 @@ def first(*shares: float, **belief: object) -> ClusterSet:
     return made
 
 
-def told(*likelihoods: float, fit: float = 0.0) -> dict[str, TrackReport]:
+def reports_of(*likelihoods: float, fit: float = 0.0) -> dict[str, TrackReport]:
     return {
         f"c{i}": tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit)
         for i, value in enumerate(likelihoods)
@@ -48,7 +48,7 @@ def probabilities(made: ClusterSet) -> list[float]:
     return [*(cluster.probability for cluster in made.all()), made.elsewhere]
 
 
-def test_before_anything_is_found_the_robot_is_elsewhere() -> None:
+def test_before_the_first_place_the_robot_is_elsewhere() -> None:
     made = ClusterSet(literal_bayes(), SensorSettings())
     assert probabilities(made) == [1.0]
     assert made.weigh({}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
@@ -58,23 +58,23 @@ def test_before_anything_is_found_the_robot_is_elsewhere() -> None:
 
 def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() -> None:
     made = first(0.6, 0.3)
-    said = made.weigh(told(0.2, 0.1), math.log(0.05))
+    log_scan = made.weigh(reports_of(0.2, 0.1), math.log(0.05))
     after = [0.6 * 0.99 * 0.2, 0.3 * 0.99 * 0.1, (0.1 * 0.99 + 0.01) * 0.05]
-    assert said == pytest.approx(math.log(math.fsum(after)))
+    assert log_scan == pytest.approx(math.log(math.fsum(after)))
     assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
 
 
-def test_a_standing_robot_is_not_kidnapped_or_mixed_up_and_learns_nothing() -> None:
+def test_the_belief_of_a_standing_robot_does_not_change() -> None:
     made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
-        made.weigh(told(0.9, 0.1), 5.0, new_view=0.0, news=news_of(np.zeros(3)))
+        made.weigh(reports_of(0.9, 0.1), 5.0, new_view=0.0, news=news_of(np.zeros(3)))
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
-def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up() -> None:
+def test_kidnapping_and_transition_probabilities_scale_with_the_new_share_of_a_view() -> None:
     made = first(0.6, 0.4, transition_probability=0.1)
     half = news_of(np.array([NEWS_M * math.log(2.0), 0.0, 0.0]))
-    made.weigh(told(0.1, 0.1), math.log(0.1), news=half)
+    made.weigh(reports_of(0.1, 0.1), math.log(0.1), news=half)
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx(
         [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
@@ -83,23 +83,23 @@ def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up()
 
 def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
     made = first(0.6, 0.3)
-    assert made.weigh(told(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
+    assert made.weigh(reports_of(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
 
 
 def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     """Its worker may not have received the order yet, or there was no coordinator to send it."""
     both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
-    reports = told(0.2, 0.1, 0.9, fit=-1.0)
+    reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
-    assert both.weigh(reports, -3.0) == one.weigh(told(0.2, 0.1, fit=-1.0), -3.0)
+    assert both.weigh(reports, -3.0) == one.weigh(reports_of(0.2, 0.1, fit=-1.0), -3.0)
     assert probabilities(both) == probabilities(one)
 
 
 def test_elsewhere_is_impossible_if_the_robot_is_never_kidnapped() -> None:
     made = first(0.6, 0.3, kidnapping_probability=0.0)
     assert probabilities(made) == pytest.approx([2 / 3, 1 / 3, 0.0])
-    made.weigh(told(0.1, 0.2))
+    made.weigh(reports_of(0.1, 0.2))
     assert probabilities(made) == pytest.approx([0.5, 0.5, 0.0])
     made.admit([(place(1.0, EAST, 1), "given")], 1)
     assert made.elsewhere == 0.0
@@ -116,10 +116,10 @@ def test_evidence_between_places_is_tempered_and_evidence_against_elsewhere_is_n
         0.5, 0.3, kidnapping_probability=1e-9,
         evidence_residual=residual(best, SensorSettings()),
     )  # fmt: skip
-    said = made.weigh(told(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
+    log_scan = made.weigh(reports_of(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
     scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
     here, there = 0.8 * scan, 0.2 * 0.05
-    assert said == pytest.approx(math.log(here + there), abs=1e-4)
+    assert log_scan == pytest.approx(math.log(here + there), abs=1e-4)
     assert made.elsewhere == pytest.approx(there / (here + there), abs=1e-4)
     one, other, _ = probabilities(made)
     assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
@@ -139,7 +139,7 @@ def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
     """However well the third one fits."""
     rules = {"evidence_noise": 0.3, "evidence_residual": 0.25}
     likelihoods = [math.exp(nat) for nat in (a, b, c)]
-    reports = told(*likelihoods)
+    reports = reports_of(*likelihoods)
     for (job, report), fit in zip(reports.items(), (fit_a, fit_b, fit_c), strict=True):
         reports[job] = replace(report, log_likelihood_per_beam=fit)
     two = first(share, 1.0 - share, **rules)
@@ -150,11 +150,11 @@ def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
     assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
 
 
-def test_an_improbable_place_that_fits_far_better_rises_by_what_explains_the_scan() -> None:
+def test_an_improbable_place_that_fits_far_better_gains_by_its_evidence() -> None:
     """Its own fit, not that of the probable places, which do not explain the scan."""
     rules = {"evidence_noise": 0.3, "evidence_residual": 0.25, "kidnapping_probability": 0.0}
     made = first(0.997, 0.003, **rules)
-    reports = told(math.exp(-9.0), 1.0, fit=-1.0)
+    reports = reports_of(math.exp(-9.0), 1.0, fit=-1.0)
     good = math.log(0.75 / (math.sqrt(2.0 * math.pi) * SensorSettings().hit_sigma_m))
     reports["c1"] = replace(reports["c1"], log_likelihood_per_beam=good)
     made.weigh(reports)
@@ -165,7 +165,7 @@ def test_an_improbable_place_that_fits_far_better_rises_by_what_explains_the_sca
 
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
-    made.weigh(told(0.5), math.log(0.1), news=0.5)
+    made.weigh(reports_of(0.5), math.log(0.1), news=0.5)
     assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
         math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
     )
@@ -180,7 +180,7 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     for beams, likelihood, elsewhere in ((usual, 1.0, -17.0),) * 40 + (
         ((3, 0, 4, 53), math.exp(-26.0), -17.0),
     ) * 2:
-        report = replace(told(likelihood)["c0"], beam_classes=beams)
+        report = replace(reports_of(likelihood)["c0"], beam_classes=beams)
         made.weigh({"c0": report}, elsewhere, new_view=0.25, news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
 
@@ -189,14 +189,14 @@ def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
     clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
     clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)
     for made in (clear, crude):
-        made.weigh(told(math.exp(2.0), 1.0))
+        made.weigh(reports_of(math.exp(2.0), 1.0))
     odds = [math.log(a.probability / b.probability) for a, b in (clear.all(), crude.all())]
     assert odds == pytest.approx([2.0, 1.0], abs=0.001)
 
 
-def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
+def test_the_transition_moves_probability_between_clusters_and_never_to_elsewhere() -> None:
     made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
-    made.weigh(told(0.1, 0.1), math.log(0.1))
+    made.weigh(reports_of(0.1, 0.1), math.log(0.1))
     assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
 
 
@@ -209,7 +209,7 @@ def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     made.take_from_elsewhere(1.0)
     made.admit([], 1)
     assert probabilities(made) == pytest.approx([5 / 7, 2 / 7, 0.0])
-    made.weigh(told(0.1, 0.1), math.nan)
+    made.weigh(reports_of(0.1, 0.1), math.nan)
     assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
 
 
@@ -246,7 +246,7 @@ def test_every_removed_cluster_has_an_event_if_protection_had_kept_too_many() ->
     assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
 
 
-def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
+def test_a_place_whose_probability_underflows_keeps_the_least_probability() -> None:
     made = first(1.0, 0.0)
     first_one, second = made.by_probability()
     assert (first_one.cluster, second.cluster) == (0, 1)
@@ -304,8 +304,8 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         clusters = made.by_probability()
         match deed:
             case "weigh":
-                heard = dict(zip(made.job_ids, values, strict=False))
-                reports = {job: tracked(job, step, v, NORTH) for job, v in heard.items()}
+                values_by_job = dict(zip(made.job_ids, values, strict=False))
+                reports = {job: tracked(job, step, v, NORTH) for job, v in values_by_job.items()}
                 made.weigh(reports, math.log(value) if hazard > 0.0 else math.nan)
             case "admit":
                 made.take_from_elsewhere(value)
@@ -359,7 +359,7 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
     assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])
 
 
-def test_parts_of_a_cluster_are_as_old_as_it_was() -> None:
+def test_parts_of_a_split_cluster_keep_its_age() -> None:
     made = first(1.0)
     made.protect_alternatives(20)
     made.split("c0", [place(0.7, SOUTH, 5), place(0.3, NORTH, 5)], 5)

@@ -61,7 +61,7 @@ def test_a_robot_that_is_surely_on_the_map_has_no_decoy() -> None:
     assert [event.job_id for event in ended] == ["d0", "d1", "d2"]
 
 
-def test_further_decoys_are_searched_for_while_the_question_is_open() -> None:
+def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain() -> None:
     decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + PATIENCE
@@ -78,8 +78,8 @@ def test_the_best_decoy_counts() -> None:
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
     fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}
-    told = {job: tracked(job, step, 1.0, (2.0, 0.0, 0.0), fit=fit) for job, fit in fits.items()}
-    best = decoy.best_of(told)
+    reported = {job: tracked(job, step, 1.0, (2.0, 0.0, 0.0), fit=fit) for job, fit in fits.items()}
+    best = decoy.best_of(reported)
     assert best is not None
     assert best.job_id == "d1"
     assert {one.pose for one in decoy.places} == {(2.0, 0.0, 0.0)}
@@ -131,7 +131,7 @@ def candidates(weight: float) -> list[Candidate]:
 
 @pytest.mark.parametrize("weight", [1e-3, 1.0, 1e40])
 @pytest.mark.parametrize("off_map", [0.001, 0.5, 1.0 - 1e-9])
-def test_a_chosen_good_fit_is_no_evidence_for_being_on_the_map(
+def test_places_selected_by_a_search_are_no_evidence_for_being_on_the_map(
     weight: float, off_map: float
 ) -> None:
     made = clusters(off_map)
@@ -142,7 +142,7 @@ def test_a_chosen_good_fit_is_no_evidence_for_being_on_the_map(
     assert new.probability <= max(made.off_map * 2e-4, 1.0 - max(off_map, 0.5)) * (1.0 + 1e-6)
 
 
-def test_a_lifted_robot_is_found_as_before() -> None:
+def test_a_lifted_robot_is_found_with_off_the_map_as_without() -> None:
     made = clusters(1e-6)
     made.keep_off_map(candidates(1e3), math.log(0.6), math.log(0.03))
     made.admit(candidates(1e3), 1)

@@ -103,7 +103,7 @@ def test_after_a_kidnapping_it_is_lost_at_once_and_found_by_the_search_that_begi
     assert outcome.state == "ambiguous"
 
 
-def test_a_fit_that_suddenly_falls_begins_a_search_at_once_and_its_finds_are_alternatives() -> None:
+def test_a_sudden_fall_of_the_fit_begins_a_search_whose_places_become_alternatives() -> None:
     """At a place that looks alike but for furniture a scan still fits far better than elsewhere."""
     made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
     for step in range(1, 30):
@@ -117,7 +117,7 @@ def test_a_fit_that_suddenly_falls_begins_a_search_at_once_and_its_finds_are_alt
     assert believed(outcome)[1] == pytest.approx(PERHAPS_LIFTED / (1.0 + PERHAPS_LIFTED), abs=0.05)
 
 
-def test_a_fall_that_a_search_cannot_explain_is_usual_afterwards() -> None:
+def test_a_fall_of_the_fit_that_a_search_cannot_explain_becomes_the_usual_fit() -> None:
     made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
     for step in range(1, 30):
         made.advance(step, at_north(step, 3.0, -17.0))
@@ -169,7 +169,7 @@ def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
     assert believed(outcome) == pytest.approx({0: north / total, 1: weight / total})
 
 
-def test_a_building_that_has_changed_for_good_does_not_leave_it_lost_for_ever() -> None:
+def test_a_robot_in_a_permanently_changed_building_does_not_stay_lost() -> None:
     """From one day on scans fit 5 nat worse at the true place; elsewhere they never fit well.
 
     The search that begins for it never reports.
@@ -201,7 +201,7 @@ def test_a_given_pose_takes_its_share_from_elsewhere_too() -> None:
     assert believed(certain)[3] == pytest.approx(1.0)
 
 
-def test_elsewhere_is_transferred_with_its_gathered_evidence() -> None:
+def test_a_successor_receives_the_evidence_of_elsewhere() -> None:
     made = bootstrapped({NORTH: 0.95}, search_every_steps=1)
     made.advance(1, at_north(1, -2.0, -2.0))
     made.advance(2, at_north(2, -3.0, -4.0))
@@ -212,7 +212,7 @@ def test_elsewhere_is_transferred_with_its_gathered_evidence() -> None:
     assert again.advance(3, reports) == made.advance(3, reports)
 
 
-def test_a_robot_among_more_look_alikes_than_can_be_tracked_was_never_lost() -> None:
+def test_a_robot_among_more_look_alikes_than_clusters_is_never_lost() -> None:
     """It stands: its first search ends with most of it elsewhere, and the next one begins."""
     rules = literal_bayes(kidnapping_probability=HAZARD, max_clusters=2, view_distance_m=0.8)
     search = SearchSettings(shards=1, max_steps=1)

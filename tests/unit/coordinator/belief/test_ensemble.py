@@ -49,7 +49,7 @@ def test_places_of_the_first_search_become_clusters_by_their_share_of_points() -
     assert list(outcome.begin) == ["c0", "c1", "c2"]
 
 
-def test_probable_places_get_more_of_the_particles_that_all_share() -> None:
+def test_probable_places_get_more_of_the_shared_particles() -> None:
     made = ensemble(particles=4_000)
     made.begin_at(0)
     places = {NORTH: 0.7, SOUTH: 0.25, EAST: 0.05}
@@ -60,7 +60,7 @@ def test_probable_places_get_more_of_the_particles_that_all_share() -> None:
     assert [job.particles for job in jobs] == [2_000, 1_000, 500]
 
 
-def test_a_place_that_wins_gets_the_particles_of_those_that_lose() -> None:
+def test_a_place_that_becomes_probable_gets_particles_from_improbable_ones() -> None:
     made = ensemble(particles=4_000)
     made.begin_at(0)
     reports = [searched(f"s0.{n}", 0, {NORTH: 0.7, SOUTH: 0.2, EAST: 0.1}) for n in range(2)]
@@ -81,7 +81,7 @@ def test_a_place_that_wins_gets_the_particles_of_those_that_lose() -> None:
     assert sizes == {20: {"c0": (500, 30), "c1": (2_000, 30)}}
 
 
-def test_particles_stay_where_a_probability_only_wavers() -> None:
+def test_numbers_of_particles_do_not_change_while_a_probability_fluctuates() -> None:
     made = ensemble(particles=4_000)
     made.begin_at(0)
     reports = [searched(f"s0.{n}", 0, {NORTH: 0.74, SOUTH: 0.26}) for n in range(2)]
@@ -125,15 +125,15 @@ def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leav
     assert sum(probabilities(outcome).values()) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("heard_of", [(), ("c0",), ("c0", "c1")])
-def test_a_search_is_compared_with_where_odometry_says_that_clusters_are(
-    heard_of: tuple[str, ...],
+@pytest.mark.parametrize("reporting", [(), ("c0",), ("c0", "c1")])
+def test_a_search_is_compared_with_clusters_moved_by_odometry(
+    reporting: tuple[str, ...],
 ) -> None:
     """The robot drove on while workers were late: what the search finds looks new, and is not."""
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
     made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
     moved: dict[str, PoseTuple] = {"c0": (2.0, 5.0, 0.0), "c1": (2.0, -5.0, 0.0)}
-    reports: list[Report] = [tracked(job, 2, 0.1, moved[job]) for job in heard_of]
+    reports: list[Report] = [tracked(job, 2, 0.1, moved[job]) for job in reporting]
     found = {moved["c0"]: 0.6, moved["c1"]: 0.4}
     reports += [searched(f"s1.{n}", 2, found) for n in range(2)]
     outcome = made.advance(2, reports, np.array([2.0, 0.0, 0.0]))
@@ -183,7 +183,7 @@ def test_a_given_pose_is_localized_when_a_scan_is_likelier_there_than_elsewhere(
     unlikely, likely = tracked("c2", 1, 0.1, EAST), tracked("c2", 3, 0.3, EAST)
     assert made.advance(1, [unlikely, elsewhere(1, math.log(0.2))]).state == "searching"
     silent = made.advance(2, [tracked("c2", 2, 0.3, EAST)])
-    assert silent.state == "searching", "nobody has weighed what is elsewhere"
+    assert silent.state == "searching", "no worker has weighed what is elsewhere"
     done = made.advance(3, [likely, elsewhere(3, math.log(0.2))])
     assert (done.state, done.hypotheses[0].cluster) == ("localized", 2)
     assert made.advance(4, []).state == "localized", "and it stays"
@@ -312,8 +312,8 @@ def test_a_search_from_before_a_kidnapping_begins_again(evidence: float, goes_on
     made.advance(1, [tracked("c0", 1, 1e-9, NORTH), elsewhere(1, math.log(1e-3))])
     outcome = lifted(made, 2, search=1, evidence=evidence)
     assert (Ended("s1.0", "search stopped") in outcome.events) == (not goes_on)
-    anew = SearchJob(search=2, shard=0, first_step=3)
-    assert outcome.begin.get("s2.0") == (None if goes_on else anew)
+    second = SearchJob(search=2, shard=0, first_step=3)
+    assert outcome.begin.get("s2.0") == (None if goes_on else second)
 
 
 def test_a_search_waits_until_there_is_room_for_its_places() -> None:

@@ -64,7 +64,7 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     weights = np.exp(logs - np.logaddexp.reduce(logs))
     of_second = float(weights[poses[:, 0] > 1.1].sum())
     assert of_second == pytest.approx(0.75), "by evidence, whatever the number of points"
-    assert near.pose[0] == pytest.approx(1.2), "as the shard has it that says more of it"
+    assert near.pose[0] == pytest.approx(1.2), "the pose of the shard with the larger share"
     assert pool.finished(pooled, 2)
     assert not pool.finished(pooled, 1)
 
@@ -173,11 +173,11 @@ def test_a_new_place_has_no_seen_views() -> None:
     made = two_places()
     turned(made, 1, 1)
     made.set_pose(place(0.5, EAST, 31))
-    told = []
+    reported = []
     for step in (32, 33):
         reports = [tracked("c1", step, 0.25, SOUTH), tracked("c2", step, 0.5, EAST)]
-        told.append(probabilities(made.advance(step, reports, TURN))[2])
-    assert told[1] > told[0] > 0.5
+        reported.append(probabilities(made.advance(step, reports, TURN))[2])
+    assert reported[1] > reported[0] > 0.5
 
 
 def test_the_scan_by_which_a_place_was_found_is_not_used_twice() -> None:

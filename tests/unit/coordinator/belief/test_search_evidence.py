@@ -10,8 +10,8 @@ from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
 
 def test_the_weight_of_a_search_is_that_of_elsewhere_times_the_likelihood_ratio() -> None:
     evidence = SearchEvidence(math.log(0.2))
-    for step, told in ((4, -1.0), (5, -2.5), (6, -0.5)):
-        evidence.gather(step, told)
+    for step, reported in ((4, -1.0), (5, -2.5), (6, -0.5)):
+        evidence.gather(step, reported)
     assert evidence.log_weight(6, -3.0) == pytest.approx(math.log(0.2) - 3.0 + 4.0)
     assert evidence.log_weight(5, -3.0) == pytest.approx(math.log(0.2) - 3.0 + 3.5)
 

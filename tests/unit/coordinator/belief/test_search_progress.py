@@ -19,7 +19,7 @@ def progress(share: float, left_out: float, step: int) -> float:
     return search.progress
 
 
-def test_search_progress_is_the_held_share_of_the_required_weight() -> None:
+def test_search_progress_is_the_weight_of_its_places_over_the_required_weight() -> None:
     assert progress(0.4, 1e-9, 1) == pytest.approx(0.5)
     assert progress(0.9, 1e-9, 1) == 1.0
 

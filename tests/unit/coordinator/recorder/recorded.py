@@ -17,7 +17,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
 from protocol.codec import encode
-from recordings.run_log import LogFile, RunLog
+from recordings.run_log import RunLog, RunLogReader
 
 VERSION = "test"
 
@@ -46,10 +46,10 @@ def head(version: str = VERSION) -> Head:
 
 def events_in(folder: Path) -> list[Event]:
     """All that were written, in order."""
-    messages = (message for file in files_in(folder) for message in LogFile(file).messages())
+    messages = (message for file in files_in(folder) for message in RunLogReader(file).messages())
     decode = msgspec.msgpack.Decoder(list[RecordedEvent]).decode
     batches = [decode(message.data) for message in messages if message.topic == EVENTS]
-    return [told.event for batch in batches for told in batch]
+    return [reported.event for batch in batches for reported in batch]
 
 
 def write_file(path: Path, head: Head | msgspec.Raw, *events: RecordedEvent | msgspec.Raw) -> None:
@@ -105,5 +105,5 @@ def beliefs(happenings: list[Happening]) -> list[Belief]:
     return [happening.belief for happening in found]
 
 
-def as_bytes(told: list[Belief]) -> list[bytes]:
-    return [encode(belief) for belief in told]
+def as_bytes(reported: list[Belief]) -> list[bytes]:
+    return [encode(belief) for belief in reported]

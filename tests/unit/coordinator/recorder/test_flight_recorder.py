@@ -113,7 +113,9 @@ def test_a_full_disk_is_not_filled_with_empty_files(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_thread_writes_while_the_loop_runs_and_writes_all_at_its_end(tmp_path: Path) -> None:
+def test_the_recorders_thread_writes_while_the_loop_runs_and_the_rest_at_its_end(
+    tmp_path: Path,
+) -> None:
     recorder = FlightRecorder(STARTED.coordinator(), Ring(tmp_path, 7, 60_000))
     deadline_s = time.monotonic() + 10.0
     with recorder.running():

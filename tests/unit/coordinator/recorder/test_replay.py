@@ -64,8 +64,8 @@ def live(living: Living, actions: list[tuple[str, int]]) -> None:
             living.map_digest, living.scans = f"map {value}", []
 
 
-def heard(living: Living) -> set[bytes]:
-    return set(as_bytes([belief for told in living.beliefs.values() for belief in told]))
+def published_by(living: Living) -> set[bytes]:
+    return set(as_bytes([belief for reported in living.beliefs.values() for belief in reported]))
 
 
 def test_a_replay_follows_the_bridge_into_another_map(model: SensorModel) -> None:
@@ -76,7 +76,7 @@ def test_a_replay_follows_the_bridge_into_another_map(model: SensorModel) -> Non
         assert living.coordinator is not None
         assert living.coordinator.map_digest == "map 1"
         replayed_beliefs = beliefs(recordings.replay())
-    assert heard(living) == set(as_bytes(replayed_beliefs))
+    assert published_by(living) == set(as_bytes(replayed_beliefs))
     assert replayed_beliefs[-1].step == 31
     assert replayed_beliefs[-1].state != "searching", "located in the new map"
 
@@ -105,7 +105,7 @@ def test_a_replay_publishes_the_recorded_beliefs_whatever_fails(
         live(living, [*[("drive", 0)] * 8, *actions])
         happenings = recordings.replay()
     # A coordinator that died between two instructions had made decisions that it never sent.
-    assert heard(living) <= set(as_bytes(beliefs(happenings)))
+    assert published_by(living) <= set(as_bytes(beliefs(happenings)))
 
 
 @hypothesis.settings(deadline=None, max_examples=6)
@@ -161,7 +161,7 @@ def test_a_full_ring_is_replayed_from_its_oldest_file(model: SensorModel, tmp_pa
     )  # the newest passes by a head
     assert isinstance(happenings[0], Happened)
     assert happenings[0].kind == "not recorded"
-    told = beliefs(happenings)
-    steps = [belief.step for belief in told]
+    reported = beliefs(happenings)
+    steps = [belief.step for belief in reported]
     assert steps == list(range(steps[0], 100))
-    assert as_bytes(told) == as_bytes([living.beliefs[step][0] for step in steps])
+    assert as_bytes(reported) == as_bytes([living.beliefs[step][0] for step in steps])

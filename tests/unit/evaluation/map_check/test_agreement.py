@@ -33,12 +33,12 @@ def wandering(steps: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def with_odometry_errors(poses: np.ndarray, distance: float, turn: float) -> np.ndarray:
-    told = [np.zeros(3)]
+    drifted = [np.zeros(3)]
     for before, after in itertools.pairwise(poses):
         turned = after[2] - before[2]
         drift = np.array([0.2 * distance, 0.0, (turned + np.pi) % (2 * np.pi) - np.pi])
-        told.append(compose(told[-1], drift * (1.0, 1.0, turn)))
-    return np.array(told)
+        drifted.append(compose(drifted[-1], drift * (1.0, 1.0, turn)))
+    return np.array(drifted)
 
 
 def test_the_mount_and_the_scales_of_odometry_are_found() -> None:
@@ -59,13 +59,13 @@ def test_a_robot_that_never_turns_reveals_nothing_of_its_laser() -> None:
     assert mount_of(straight[:6], straight[:6]) is None
 
 
-def recorded(told: PoseTuple) -> Iterator[Scan]:
-    """A robot in the hall whose laser is at MOUNT and is said to be at another pose."""
+def recorded(robot_from_laser: PoseTuple) -> Iterator[Scan]:
+    """A robot in the hall whose laser is at MOUNT and is recorded at another pose."""
     hall = world("hall")
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=MOUNT))
     source = SimulatedSource(robot, steps=120)
     for scan, _ in simulated_steps(source, BridgeSettings(), hall.map.digest):
-        yield msgspec.structs.replace(scan, robot_from_laser=told)
+        yield msgspec.structs.replace(scan, robot_from_laser=robot_from_laser)
 
 
 def remarks(agreement: Agreement) -> tuple[str, ...]:
@@ -86,7 +86,9 @@ def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
     assert remarks(right) == ()
     wrong = agreement_of(recorded((0.0, 0.0, 0.0)), plan, settings)
     (remark,) = remarks(wrong)
-    assert remark.startswith("the laser is told to be at 0.00 m ahead, 0.00 m left, 0 deg, the map")
+    assert remark.startswith(
+        "the laser's mount is given as 0.00 m ahead, 0.00 m left, 0 deg, the map"
+    )
 
 
 def test_a_recording_of_another_building_is_noticed() -> None:

@@ -38,8 +38,8 @@ def test_landmarks_are_drawn_and_those_outside_the_map_are_remarked(tmp_path: Pa
     lines = "- {id: in, x: 0.0, y: 0.0}\n- {id: far, x: 900.0, y: 0.0}\n"
     (tmp_path / "landmarks.yaml").write_text(f"landmarks:\n{lines}")
     assert ImageColor.getrgb(LANDMARK) in colours_of("cross", tmp_path)
-    said = CliRunner().invoke(app, ["check", str(tmp_path / "cross.yaml"), "--places", "1"])
-    assert "1 of 2 landmarks lie outside the map, such as far" in said.output
+    printed = CliRunner().invoke(app, ["check", str(tmp_path / "cross.yaml"), "--places", "1"])
+    assert "1 of 2 landmarks lie outside the map, such as far" in printed.output
 
 
 def test_an_unwritable_picture_is_refused_before_the_check(tmp_path: Path) -> None:

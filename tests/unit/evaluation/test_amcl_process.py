@@ -3,7 +3,7 @@
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.beside import Follower, beside_name
+from evaluation.amcl_process import Follower, amcl_name
 from evaluation.run import ALGORITHMS
 from grid_maps.map_message import to_message
 from particle_filter.sensor_model import SensorModel
@@ -100,5 +100,5 @@ def test_a_restart_of_steps_restarts_the_filter(follower: Follower, scans: list[
 
 @pytest.mark.parametrize("robot", ["robot", "a" * LONGEST_NAME, "a" * 58 + "-bcdef"])
 def test_the_second_robot_name_is_valid_and_different(robot: str) -> None:
-    assert is_name(beside_name(robot))
-    assert beside_name(robot) != robot
+    assert is_name(amcl_name(robot))
+    assert amcl_name(robot) != robot

@@ -33,7 +33,7 @@ _MAP_WITHIN_S = 120.0
 _KEPT = 1024
 
 
-def beside_name(robot: str) -> str:
+def amcl_name(robot: str) -> str:
     """Return the name of the second robot, as which AMCL's belief is published."""
     return robot[: LONGEST_NAME - len(_SUFFIX)].rstrip("-") + _SUFFIX
 
@@ -41,14 +41,14 @@ def beside_name(robot: str) -> str:
 def main() -> None:
     process_main(
         "amcl",
-        run_beside,
+        run_amcl,
         describe="Localizes a robot by augmented MCL, as AMCL does, for the page of a demo.",
     )
 
 
-def run_beside(invocation: Invocation) -> None:
+def run_amcl(invocation: Invocation) -> None:
     settings, stop, name = invocation.settings, invocation.stop, invocation.process
-    own_robot = msgspec.structs.replace(settings.robot, name=beside_name(settings.robot.name))
+    own_robot = msgspec.structs.replace(settings.robot, name=amcl_name(settings.robot.name))
     own_settings = msgspec.structs.replace(settings, robot=own_robot)
     robot, own = (
         Node(name, "baseline", each, stop, peers=None) for each in (settings, own_settings)

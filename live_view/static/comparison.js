@@ -5,7 +5,7 @@ import { MapView } from "./map_view.js";
 
 const $ = (id) => document.getElementById(id);
 
-export class Beside {
+export class Comparison {
   /** @param first the view of the first map, whose section is shown here, too */
   constructor(first) {
     Object.assign(this, { first, view: null, step: null, at: null, isOn: false });
@@ -15,14 +15,14 @@ export class Beside {
   toggle(name) {
     this.isOn = !this.isOn;
     if (this.isOn && !this.view) this.open(`/robot/${name}/`);
-    document.documentElement.toggleAttribute("data-beside", this.isOn);
-    $("beside").hidden = $("beside-label").hidden = !this.isOn;
+    document.documentElement.toggleAttribute("data-comparison", this.isOn);
+    $("comparison").hidden = $("comparison-label").hidden = !this.isOn;
     $("with-amcl").setAttribute("aria-pressed", String(this.isOn));
     this.first.fit();
   }
 
   open(path) {
-    this.view = new MapView($("beside"));
+    this.view = new MapView($("comparison"));
     this.connection = new Connection((frames) => this.take(frames), () => {}, () => false, path);
     this.connection.open();
   }
@@ -51,8 +51,8 @@ export class Beside {
     const best = step?.places[0], { truth } = step ?? {};
     const off = best && truth ? Math.hypot(best.pose[0] - truth[0], best.pose[1] - truth[1]) : null;
     const text = `AMCL: ${step?.state ?? "no step yet"}${off === null ? "" : `, ${off.toFixed(1)} m off the truth`}`;
-    if ($("beside-label").textContent !== text) $("beside-label").textContent = text;
-    $("beside-label").classList.toggle("bad", off > 1 && step.state === "localized");
+    if ($("comparison-label").textContent !== text) $("comparison-label").textContent = text;
+    $("comparison-label").classList.toggle("bad", off > 1 && step.state === "localized");
   }
 
   /** Show the section and the layers of the first map. */
