@@ -7,7 +7,7 @@ Each row is a simulated condition; the docstring of its function describes it.
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
@@ -21,8 +21,10 @@ from particle_filter.grid import Grid
 from particle_filter.observation_likelihood import ObservationArrays, log_ratios
 from particle_filter.observations import Landmarks, Observation
 from particle_filter.poses import compose
+from protocol import steps
+from protocol.message import PoseTuple
 from protocol.steps import Landmark
-from robot_simulator.observing import Camera, Gnss
+from robot_simulator.observing import Camera
 from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.office import office
@@ -35,6 +37,44 @@ REFLECTORS = (
     (12.2, 2.0), (12.0, 7.5), (5.0, 8.2), (-2.0, 8.3), (-11.0, 8.1), (-12.3, 5.0),
 )  # fmt: skip
 """x, y in the symmetric hall [m]; they are not symmetric."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gnss(Camera):
+    """A receiver of satellite positions in place of the camera, one fix a second.
+
+    Args:
+        sigma_m: standard deviation of a fix along each axis.
+        bias_m: constant error in x and y.
+        outliers: share of fixes that are wrong by 50 m in a random direction.
+    """
+
+    sigma_m: float = 5.0
+    bias_m: tuple[float, float] = (0.0, 0.0)
+    outliers: float = 0.1
+
+    def observe(
+        self,
+        stamp_ns: int,
+        map_from_robot: PoseTuple,
+        _landmarks: Sequence[Landmark],
+        rng: np.random.Generator,
+    ) -> Iterator[steps.Observation]:
+        """Yield the fix of a second, at the first tenth of it."""
+        if stamp_ns % 10**9 >= 10**8:
+            return
+        angle = rng.uniform(-np.pi, np.pi)
+        wrong_m = 50.0 * float(rng.random() < self.outliers)
+        error = wrong_m * np.array([np.cos(angle), np.sin(angle)])
+        fix = map_from_robot[:2] + np.array(self.bias_m) + error
+        yield steps.Observation(
+            sender="gnss",
+            stamp_ns=stamp_ns,
+            mean=tuple((fix + self.sigma_m * rng.standard_normal(2)).tolist()),
+            covariance=(self.sigma_m**2, 0.0, 0.0, self.sigma_m**2),
+            outlier_probability=max(self.outliers, 0.05),
+            correlation_s=0.5,
+        )
 
 
 @dataclass(frozen=True)
@@ -167,7 +207,7 @@ def replace_landmark(tag: Landmark, x: float) -> Landmark:
 
 def gnss(seeds: int) -> str:
     """An office of 50,000 m2 and fixes of 5 m, 10 % of them wrong by 50 m: right within 5 steps."""
-    large = replace(office(14, 54), gnss=Gnss())
+    large = replace(office(14, 54), camera=Gnss())
     texts = []
     for observes in (True, False):
         firsts = []
@@ -198,7 +238,7 @@ def reflectors(seeds: int) -> str:
 
 def biased_fix(seeds: int) -> str:
     """A hall and fixes of 5 m with a constant error of 3 m: error while tracked, of the laser's."""
-    hall = replace(world("hall"), gnss=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
+    hall = replace(world("hall"), camera=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
     rms = []
     for observes in (True, False):
         steps = [

@@ -11,7 +11,6 @@ import pytest
 import zenoh
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from grid_maps.ros_map import write_map
 from process_runtime.settings import BridgeSettings, WorkerSettings
 from protocol import keys
 from protocol.answers import Belief
@@ -19,6 +18,7 @@ from protocol.codec import decode
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
+from tests.maps import write_map
 from zenoh_link.wire import Publisher
 
 PARTICLES = 1_000

@@ -1,4 +1,4 @@
-"""Reads maps of ROS's map_server, a YAML file and an image, as nav2_map_server does; writes them.
+"""Reads maps of ROS's map_server, a YAML file and an image, as nav2_map_server does.
 
 A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
 probability 1 - shade (`negate`: shade).
@@ -33,7 +33,6 @@ MAX_HEADER_BYTES = 64 * 1024
 _STRIP_ROWS = 512
 _IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
 _BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
-_FREE_GREY, _UNKNOWN_GREY, _OCCUPIED_GREY = 254, 205, 0
 
 _Probability: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
@@ -82,23 +81,6 @@ def load_ros_map(content: bytes, path: Path) -> GridMap:
         if image.is_file():
             return _grid_map(read_decompressed(image, MapFileError), image, header)
     raise MapFileError(path, f"its image {named} does not exist; put it there or correct 'image:'")
-
-
-def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
-    """Write ``name.yaml`` and ``name.pgm`` into a folder; return the path of the YAML file."""
-    grey = np.full(grid_map.cells.shape, _UNKNOWN_GREY, np.uint8)
-    grey[grid_map.cells == FREE] = _FREE_GREY
-    grey[grid_map.cells == OCCUPIED] = _OCCUPIED_GREY
-    Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # the first row of an image is the top
-    x, y, heading = grid_map.map_from_grid
-    path = folder / f"{name}.yaml"
-    path.write_text(
-        f"image: {name}.pgm\nresolution: {grid_map.cell_m!r}\n"
-        f"origin: [{x!r}, {y!r}, {heading!r}]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
-        encoding="utf-8",
-    )
-    return path
 
 
 def _header(content: bytes, path: Path) -> _Header:

@@ -16,27 +16,22 @@ class StoppedError(Exception):
 class StopFlag:
     """Set once, never cleared; every loop of a process checks it.
 
-    Setting it only appends to a list: `threading.Event.set` takes a lock, and a second signal
-    during the first one's handler would deadlock on it.
+    No `threading.Event`, whose `set` takes a lock: a second signal during the first one's handler
+    would deadlock on it.
     """
 
     def __init__(self) -> None:
-        self._requests: list[int] = []
+        self._is_set = False
         self.on_look: Callable[[], None] = lambda: None
         """Called at each check, so in every turn of a running loop: the sign of life."""
 
-    def set(self, reason: int = 0) -> None:
+    def set(self) -> None:
         """Request the stop; safe in any thread and signal handler, and more than once."""
-        self._requests.append(reason)
+        self._is_set = True
 
     def is_set(self) -> bool:
         self.on_look()
-        return bool(self._requests)
-
-    @property
-    def reason(self) -> int:
-        """The first signal received; 0 if none, or if the program itself requested the stop."""
-        return self._requests[0] if self._requests else 0
+        return self._is_set
 
     def wait(self, timeout_s: float) -> bool:
         """Wait at most `timeout_s` [s] for the flag; return whether it is set.
@@ -44,7 +39,7 @@ class StopFlag:
         Signal handlers run between two naps, so a signal takes effect within 0.05 s.
         """
         deadline_s = time.monotonic() + timeout_s
-        while not self._requests:
+        while not self._is_set:
             self.on_look()
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
@@ -55,7 +50,7 @@ class StopFlag:
     def check(self) -> None:
         """Raise `StoppedError` if the flag is set."""
         self.on_look()
-        if self._requests:
+        if self._is_set:
             raise StoppedError
 
 
@@ -70,10 +65,10 @@ def stop_on_signals(*, exit_after_s: float = 1.9) -> StopFlag:
     """
     stop = StopFlag()
 
-    def on_signal(number: int, _frame: FrameType | None) -> None:
+    def on_signal(_number: int, _frame: FrameType | None) -> None:
         if not stop.is_set():
             faulthandler.dump_traceback_later(exit_after_s, exit=True)
-        stop.set(number)
+        stop.set()
 
     signal.signal(signal.SIGINT, on_signal)
     signal.signal(signal.SIGTERM, on_signal)

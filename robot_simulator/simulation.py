@@ -40,11 +40,6 @@ class Tick:
     """Those of other sensors at the time of the scan."""
 
     @property
-    def stamp_ns(self) -> int:
-        """Time of the scan [ns]."""
-        return self.laser.stamp_ns
-
-    @property
     def readings(self) -> tuple[OdometryReading, LaserReading, OdometryReading]:
         """All readings in the order of their stamps."""
         return self.odometry[0], self.laser, self.odometry[1]
@@ -109,8 +104,7 @@ class Simulation:
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
         second = self._drive_on()
         self._people.walk(self._robot.map_from_robot, _TICK_NS * 1e-9)
-        seen = tuple(self._observe(laser.stamp_ns, scan_pose))
-        return Tick((first, second), laser, scan_pose, seen)
+        return Tick((first, second), laser, scan_pose, self._observe(laser.stamp_ns, scan_pose))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
         """Move the robot, unseen by odometry, and return its new pose.
@@ -187,12 +181,11 @@ class Simulation:
             robot_from_laser=model.robot_from_laser,
         )
 
-    def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> Iterator[Observation]:
+    def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> tuple[Observation, ...]:
         world, rng = self.world, self._observation_rng
-        if world.camera is not None:
-            yield from world.camera.observe(stamp_ns, map_from_robot, world.landmarks, rng)
-        if world.gnss is not None:
-            yield from world.gnss.observe(stamp_ns, map_from_robot, rng)
+        if world.camera is None:
+            return ()
+        return tuple(world.camera.observe(stamp_ns, map_from_robot, world.landmarks, rng))
 
     def _far_pose(self) -> PoseTuple:
         """Return one of the ten farthest of forty random poses."""

@@ -66,20 +66,13 @@ def left_out(recording: Recording) -> str | None:
     )
 
 
-def steps_of(
-    recording: Recording,
-    settings: BridgeSettings,
-    map_digest: str,
-    *,
-    sender: str = "bridge",
-    lockstep: bool = False,
-) -> Iterator[Scan]:
+def steps_of(recording: Recording, settings: BridgeSettings, map_digest: str) -> Iterator[Scan]:
     """Yield all steps of a recording, without a network; `Scan.last` marks the last one.
 
     Raises:
         RecordingError: no scan of the recording could be used, with the causes.
     """
-    maker = StepMaker(settings, map_digest, sender, lockstep=lockstep)
+    maker = StepMaker(settings, map_digest, "bridge")
     made = False
     for scan in steps_from(recording.readings, maker):
         made = True

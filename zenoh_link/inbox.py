@@ -47,7 +47,6 @@ class Inbox(Generic[EventT]):
         self._events = _Waiting[EventT]()
         self._max_events, self._max_bytes = max_events, max_kind_bytes
         self._arrived = 0
-        self._closed = False
         self._dropped: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._news = threading.Lock()
@@ -69,10 +68,8 @@ class Inbox(Generic[EventT]):
             self._states.setdefault(kind, _Waiting())
 
     def put(self, event: EventT) -> bool:
-        """Append an event; return False if the inbox is full or closed."""
+        """Append an event; return False if the inbox is full."""
         with self._lock:
-            if self._closed:
-                return False
             full = len(self._events.queue) >= self._max_events
             if full or self._events.bytes + _size(event) > self._max_bytes:
                 self._dropped["event"] += 1
@@ -87,8 +84,7 @@ class Inbox(Generic[EventT]):
         of own events is bounded by the process's own requests.
         """
         with self._lock:
-            if not self._closed:
-                self._append(self._events, event)
+            self._append(self._events, event)
 
     def put_newest(self, kind: str, state: EventT) -> None:
         """Append a state and drop the oldest of its kind if there are too many.
@@ -98,8 +94,6 @@ class Inbox(Generic[EventT]):
         """
         with self._lock:
             waiting = self._states[kind]
-            if self._closed:
-                return
             while len(waiting.queue) >= self._bounds[kind] or (
                 waiting.queue and waiting.bytes + _size(state) > self._max_bytes
             ):
@@ -116,8 +110,8 @@ class Inbox(Generic[EventT]):
     def get(self, timeout_s: float) -> EventT | None:
         """Remove and return the oldest message; None if none arrives within `timeout_s` [s].
 
-        After `close`, messages put before it are still returned. Python runs signal handlers
-        during the wait without ending it, so loops that check a `StopFlag` use a 0.1 s time-out.
+        Python runs signal handlers during the wait without ending it, so loops that check a
+        `StopFlag` use a 0.1 s time-out.
         """
         until_s = time.monotonic() + timeout_s
         while True:
@@ -125,18 +119,10 @@ class Inbox(Generic[EventT]):
                 oldest = self._oldest()
                 if oldest is not None:
                     return oldest.popleft()
-                if self._closed:
-                    return None
                 self._news.acquire(blocking=False)
             left_s = until_s - time.monotonic()
             if left_s <= 0.0 or not self._news.acquire(timeout=left_s):
                 return None
-
-    def close(self) -> None:
-        """Accept no more messages and wake the loop; may be called again."""
-        with self._lock:
-            self._closed = True
-            self._wake()
 
     def dropped(self) -> dict[str, int]:
         """Return counts of lost messages by kind of state; refused events count as ``event``."""
@@ -146,10 +132,6 @@ class Inbox(Generic[EventT]):
     def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
         waiting.append(self._arrived, event)
         self._arrived += 1
-        self._wake()
-
-    def _wake(self) -> None:
-        """Wake the loop; the caller holds the lock."""
         if self._news.locked():
             self._news.release()
 

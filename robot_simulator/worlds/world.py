@@ -9,7 +9,7 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
 from protocol.steps import Landmark
-from robot_simulator.observing import Camera, Gnss
+from robot_simulator.observing import Camera
 
 Waypoint = tuple[float, float]
 """x [m], y [m] in the map."""
@@ -35,7 +35,6 @@ class World:
         lidar_range_m: range of the laser.
         landmarks: of the map.
         camera: sees them; None: the robot has none.
-        gnss: receiver of satellite positions; None: the robot has none.
     """
 
     map: GridMap
@@ -45,7 +44,6 @@ class World:
     lidar_range_m: float = 12.0
     landmarks: tuple[Landmark, ...] = ()
     camera: Camera | None = None
-    gnss: Gnss | None = None
 
 
 def world_from_map(

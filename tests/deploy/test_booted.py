@@ -43,13 +43,13 @@ RestartSec=1
 WantedBy=multi-user.target
 """
 EDIT = """
-/opt/clustermcl/bin/python -I -c 'from pathlib import Path
-from robot_simulator.worlds.catalogue import world
-from grid_maps.ros_map import write_map
-write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
-sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
 mkdir /opt/robot-driver
 cp --recursive tests /opt/robot-driver
+env --chdir=/opt/robot-driver /opt/clustermcl/bin/python -c 'from pathlib import Path
+from robot_simulator.worlds.catalogue import world
+from tests.maps import write_map
+write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
+sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
 systemctl enable --now robot-driver
 """
 """What a person does to the settings, and a robot."""

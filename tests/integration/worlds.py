@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from grid_maps.grid_map import GridMap
-from grid_maps.ros_map import write_map
 from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from robot_simulator.worlds.catalogue import simulated_world
 from robot_simulator.worlds.world import World
+from tests.maps import write_map
 
 
 def world_of(settings: Settings) -> World:

@@ -10,10 +10,10 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from grid_maps.ros_map import write_map
 from process_runtime.settings import Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from tests.maps import write_map
 from tests.soak.cables import set_cables
 from tests.soak.eight_rooms import soak_world
 from zenoh_link.configuration import router_configuration

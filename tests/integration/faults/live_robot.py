@@ -12,7 +12,6 @@ import numpy as np
 import zenoh
 
 from clustermcl.stack import COORDINATOR
-from grid_maps.ros_map import write_map
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.stop import StopFlag
@@ -27,6 +26,7 @@ from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
+from tests.maps import write_map
 from zenoh_link.wire import Publisher
 
 PACE = 4

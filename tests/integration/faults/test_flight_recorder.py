@@ -13,7 +13,6 @@ import msgspec
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
 from clustermcl.stack import COORDINATOR
-from grid_maps.ros_map import write_map
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
@@ -23,6 +22,7 @@ from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.system.commands import ran
 from tests.integration.waiting import stretched_s, wait_until
+from tests.maps import write_map
 from tests.unit.coordinator.recorder.recorded import head, write_file
 
 LOST_S, STEPS_PER_S = 0.5, 10.0

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from grid_maps.ros_map import write_map
 from protocol import keys
 from protocol.answers import PoseAnswer
 from protocol.job_events import Ended
@@ -16,6 +15,7 @@ from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import BRIDGE, with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.waiting import stretched_s, wait_until
+from tests.maps import write_map
 from zenoh_link.wire import Publisher
 
 STALE_AFTER_S = 1.0

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from clustermcl.stack import COORDINATOR, WORKERS
 from grid_maps.map_message import to_message
-from grid_maps.ros_map import write_map
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.steps import Scan
@@ -20,6 +19,7 @@ from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SIMULATOR, SMALL, System, system
 from tests.integration.waiting import wait_until
 from tests.integration.worlds import world_of
+from tests.maps import write_map
 from zenoh_link.wire import Publisher
 
 

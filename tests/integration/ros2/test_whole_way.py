@@ -23,7 +23,6 @@ from clustermcl.stack import COORDINATOR
 from coordinator.process import filter_settings
 from evaluation.in_process import outcomes
 from grid_maps.grid_map import GridMap
-from grid_maps.ros_map import write_map
 from particle_filter.poses import compose, wrap_angle
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
@@ -44,6 +43,7 @@ from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.ros2.robot import RosRobot, planar
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
+from tests.maps import write_map
 from worker.map_model import sensor_model
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
@@ -130,7 +130,7 @@ class Drive:
         zero_ns = time.time_ns()
         maker = StepMaker(BridgeSettings(), "", "test")
         for tick in chain([self._first], self._ticks):
-            self.truth[zero_ns + tick.stamp_ns] = tick.map_from_robot
+            self.truth[zero_ns + tick.laser.stamp_ns] = tick.map_from_robot
             for reading in tick.readings:
                 stamp_ns = zero_ns + reading.stamp_ns
                 stamped = msgspec.structs.replace(reading, stamp_ns=stamp_ns)

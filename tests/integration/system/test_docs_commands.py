@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from clustermcl.client import Client
-from grid_maps.ros_map import write_map
 from process_runtime.settings import Settings
 from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
@@ -26,6 +25,7 @@ from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import patient_client, wait_until
+from tests.maps import write_map
 from tests.unit.recordings.logs import flaser
 
 pytestmark = pytest.mark.timeout(300)  # a block is several commands
@@ -93,7 +93,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for _, tick in zip(range(300), robot, strict=False):
         ranges, stamp_s = (
             np.nan_to_num(tick.laser.ranges.array(), posinf=81.83),
-            tick.stamp_ns / 1e9,
+            tick.laser.stamp_ns / 1e9,
         )
         pose = tick.odometry[0].odom_from_robot
         log.append(flaser(f"{stamp_s:.3f}", pose, ranges.tolist()))

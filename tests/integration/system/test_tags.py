@@ -10,7 +10,6 @@ import numpy as np
 import yaml
 
 from clustermcl.stack import COORDINATOR
-from grid_maps.ros_map import write_map
 from process_runtime.settings import BridgeSettings
 from protocol import keys
 from protocol.answers import Status
@@ -21,6 +20,7 @@ from robot_simulator.simulation import Simulation
 from tests.integration.faults.live_robot import BRIDGE, PACE
 from tests.integration.faults.system import SMALL, system
 from tests.integration.waiting import wait_until
+from tests.maps import write_map
 from tests.unit.clustermcl.tags import CROSS, SIGMA_M, TAGS, is_right, sight
 from zenoh_link.wire import Publisher
 

@@ -59,7 +59,7 @@ def beliefs(
                     position,
                     np.eye(2) * SIGMA_M**2,
                     landmark=name,
-                    stamp_ns=tick.stamp_ns,
+                    stamp_ns=tick.laser.stamp_ns,
                     outlier_probability=max(false, 0.05),
                 )
                 has_seen = True

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 from clustermcl.check import MOST_CELLS
 from clustermcl.command import app
 from grid_maps.grid_map import GridMap
-from grid_maps.ros_map import write_map
 from particle_filter.arrays import OCCUPIED, UNKNOWN
 from protocol.errors import MapFileError, RecordingError
+from tests.maps import write_map
 
 
 @pytest.fixture

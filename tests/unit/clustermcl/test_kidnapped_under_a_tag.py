@@ -41,7 +41,7 @@ def rights(
             if reading is tick.laser and seen is not None:
                 name, position = seen
                 covariance = np.eye(2) * SIGMA_M**2
-                mcl.observe(position, covariance, landmark=name, stamp_ns=tick.stamp_ns)
+                mcl.observe(position, covariance, landmark=name, stamp_ns=tick.laser.stamp_ns)
             if belief := mcl.update(Reading.of(reading)):
                 yield is_right(belief, tick)
 

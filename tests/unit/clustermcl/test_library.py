@@ -25,7 +25,6 @@ from clustermcl import (
 )
 from coordinator.belief.outcome import Outcome
 from evaluation.in_process import outcomes
-from grid_maps.ros_map import write_map
 from process_runtime.settings import BridgeSettings
 from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation
@@ -33,6 +32,7 @@ from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.recorded import steps_of
 from tests.integration.system.conftest import SMALL
+from tests.maps import write_map
 from tests.unit.recordings import bags, logs
 from worker.map_model import sensor_model
 
@@ -84,7 +84,7 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
     for tick in islice(Simulation(hall, 0), 120):
         ranges = np.nan_to_num(tick.laser.ranges.array(), posinf=81.8)
         pose = tick.odometry[0].odom_from_robot
-        lines.append(logs.flaser(f"{tick.stamp_ns / 1e9:.3f}", pose, ranges.tolist()))
+        lines.append(logs.flaser(f"{tick.laser.stamp_ns / 1e9:.3f}", pose, ranges.tolist()))
     log.write_text("\n".join(lines) + "\n")
     grid_map = load_map(map_file)
     bridge = BridgeSettings()

@@ -38,7 +38,9 @@ def drive(seed: int, moved_m: float) -> tuple[list[bool], list[float], list[int]
         seen = sight(tick, rng, tags=(there,), within_m=8.0)
         if seen is not None:
             covariance = np.eye(2) * SIGMA_M**2
-            mcl.observe(seen[1], covariance, landmark="exit", stamp_ns=tick.stamp_ns, source="eye")
+            mcl.observe(
+                seen[1], covariance, landmark="exit", stamp_ns=tick.laser.stamp_ns, source="eye"
+            )
         for reading in (tick.odometry[0], tick.laser, tick.odometry[1]):
             before = mcl.dropped[BROKEN]
             if belief := mcl.update(Reading.of(reading)):

@@ -18,12 +18,12 @@ from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
 from grid_maps.grid_map import GridMap
-from grid_maps.ros_map import write_map
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError
 from recordings.run_log import RunLog
 from robot_simulator.worlds.catalogue import world
+from tests.maps import write_map
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, head, write_file
 

@@ -47,7 +47,7 @@ def test_the_true_pose_is_known_at_any_past_time() -> None:
     simulation = Simulation(HALL, 1)
     ticks = list(islice(simulation, 200))
     for tick in ticks:
-        assert simulation.truth_at(tick.stamp_ns) == tick.map_from_robot
+        assert simulation.truth_at(tick.laser.stamp_ns) == tick.map_from_robot
     a, b = (simulation.truth_at(8_000_000_000 + ns) for ns in (-1, 1))
     assert hypot(a[0] - b[0], a[1] - b[1]) < 1e-8  # no jump where one tick meets the next
 

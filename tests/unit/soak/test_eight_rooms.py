@@ -2,10 +2,10 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.ros_map import write_map
 from particle_filter.arrays import UNKNOWN
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
+from tests.maps import write_map
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 
 

@@ -7,9 +7,9 @@ from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation.map_check.drawing import COLOURS, LANDMARK, SYMMETRY
-from grid_maps.ros_map import write_map
 from protocol.errors import SettingsError
 from robot_simulator.worlds.catalogue import world
+from tests.maps import write_map
 
 UNIQUE, ONE, SOME, MANY = (colour for _, colour in COLOURS)
 
