@@ -72,7 +72,7 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
 
 
 def advice_lines(answer: Advice) -> Iterator[str]:
-    """Yield the ways as text, best first, and why there is none."""
+    """Yield the ways as text, best first, or the reason why there is none."""
     if answer.step >= 0:
         yield f"{len(answer.clusters)} places at step {answer.step}"
     for number, way in enumerate(answer.ways, 1):

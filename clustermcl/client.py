@@ -244,7 +244,7 @@ class Client(RobotCommands):
         return _without_pauses(self._beliefs(timeout_s))
 
     def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
-        """Yield each new belief of the newest term, and None whenever a short wait was in vain."""
+        """Yield each new belief of the newest term, and None after a short wait without one."""
         published = self._published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
         return _of_newest_term(published)
@@ -279,7 +279,7 @@ class Client(RobotCommands):
                 known = self.events()
 
     def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A | None]:
-        """Subscribe; yield each message on the key, and None whenever a short wait was in vain."""
+        """Subscribe; yield each message on the key, and None after a short wait without one."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)

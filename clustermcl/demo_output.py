@@ -86,7 +86,7 @@ class DemoOutput:
 
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
-    """Yield a step's state, its places, the shares outside them, and the true pose if known."""
+    """Yield a step's state, its places, elsewhere and off the map, and the true pose if known."""
     search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"

@@ -200,7 +200,7 @@ class ClusterMCL(RobotCommands):
     ) -> None:
         """Add an observation of another sensor; the next step uses it.
 
-        The first sight of a landmark makes a step of the next scan, even if the robot stands still.
+        The first observation of a landmark makes the next scan a step, even if the robot stands.
 
         Args:
             mean: of a landmark: (2,) x, y in the robot's frame [m]. Otherwise the robot's (3,) pose

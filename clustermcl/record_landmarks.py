@@ -33,7 +33,7 @@ LEAST_SIGHTS = 5
 """A landmark that was seen at fewer steps is not written."""
 MOST_SIGHTS = 200
 MOST_SCATTER_M = 1.0
-"""A name whose sights scatter more stands for several landmarks, or for one that moves [m]."""
+"""A name whose observations scatter more stands for several landmarks, or a moving one [m]."""
 LEAST_SIGMA_M = 0.02
 """The errors of map and mount do not average out [m]."""
 _MOST_WAITING = 64
@@ -81,7 +81,7 @@ def _take(survey: "LandmarkSurvey", received: Received) -> None:
 
 
 class LandmarkSurvey:
-    """Averages the positions of unknown landmarks. Each counts once a step, so it is a new view."""
+    """Averages the positions of unknown landmarks, with one observation of each in a step."""
 
     def __init__(self, known: set[str]) -> None:
         self._known = known
@@ -89,7 +89,7 @@ class LandmarkSurvey:
         self._waiting: list[Observation] = []
         self._belief: Belief | None = None
         self._steps: dict[str, int] = {}
-        """Step of the last sight of each name."""
+        """Step of the last observation of each name."""
         self._sights: dict[str, list[tuple[Pose, Pose]]] = {}
         """Positions (2,) in the map and their covariances (2, 2)."""
 

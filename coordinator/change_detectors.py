@@ -44,7 +44,7 @@ class MapChangeDetector(Part):
     consecutive: int = 0
 
     def has_changed(self, scan: Scan, present: str) -> bool:
-        """Process a scan; return whether the bridge has another map for certain.
+        """Process a scan; return whether the bridge certainly has another map.
 
         Args:
             scan: any that arrives.

@@ -193,7 +193,7 @@ def state_in(checkpoint: Checkpoint) -> CheckpointState:
 
 
 def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
-    """Return the stamp of a live robot's applied scan, and when the scan arrived [ns].
+    """Return the stamp and the arrival time of a live robot's applied scan [ns].
 
     The second time is by the clock of `received_ns`. None: no such scan was applied, its age is
     only an estimate, or the state cannot be read.

@@ -147,7 +147,7 @@ class Commands(Part):
 def _with_odometry(
     command: SetPose | Relocalize, odometry: Trajectory, regions: str
 ) -> tuple[Commanded, str]:
-    """Return a command with the odometry at its stamp, and why it is refused, if it is."""
+    """Return a command with the odometry at its stamp, and the reason if it is refused."""
     if isinstance(command, Relocalize):
         return Commanded(command), _region_problem(command.region, parsed_regions(regions))
     oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns

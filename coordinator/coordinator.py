@@ -215,7 +215,7 @@ class Coordinator(Part):
         return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
 
     def _repeated_belief(self, scan: Scan, now_ns: int) -> list[Instruction]:
-        """Return the belief of a repeated step: the bridge waits for it, so it may be lost."""
+        """Return the belief of a repeated step, because the bridge may have missed it."""
         applied = self.state.collector.applied
         if not scan.lockstep or applied is None or scan.step != applied.step:
             return []
@@ -224,7 +224,7 @@ class Coordinator(Part):
     # --- workers
 
     def _on_worker_joined(self, worker: str, now_ns: int) -> None:
-        """Ask a new worker for its state before it gets orders, unless nothing can be new."""
+        """Query a new worker for its state before it gets orders, if the state may matter."""
         placement = self.state.placement
         is_awaited = worker in placement.jobs.awaited_until_ns
         is_asked = is_awaited or not (self.term.begun and self.state.founded)
@@ -236,7 +236,7 @@ class Coordinator(Part):
     def _on_worker_state(
         self, worker: str, answer: WorkerSnapshot, now_ns: int
     ) -> list[Instruction]:
-        """Process a worker's answer; it may lead to a state from which to continue."""
+        """Process a worker's answer, which may allow continuing from a stored state."""
         if worker not in self.state.placement.live:
             return []
         self._on_worker_term(answer.term, now_ns)
@@ -310,7 +310,7 @@ class Coordinator(Part):
         return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 
     def _checkpoint(self, now_ns: int, *, is_new: bool) -> list[PublishCheckpoint]:
-        """Return a new state, or the last one again if a sign of life is due."""
+        """Return a new state, or the last one if a sign of life is due."""
         last = self.published
         if is_new:
             state = self.state.hand_on(now_ns)
@@ -446,7 +446,7 @@ class Coordinator(Part):
         )
 
     def advice_question(self, radius_m: float) -> tuple[str, AdviceQuestion] | Advice:
-        """Return a worker and the question for it, or the advice where nothing is to ask."""
+        """Return a worker and the question for it, or the advice if no question is needed."""
         outcome, scan = self.state.outcome, self.state.collector.applied
         jobs = {name: jobs for name, jobs in self.state.placement.workers.items() if jobs}
         if outcome is None or scan is None or not jobs:

@@ -104,7 +104,7 @@ class DrivenGates(Part):
         self.counted, self.gates = odom_from_robot, 0.0
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """Add the motion since the counted distance once it reaches a gate; less may be noise."""
+        """Add the motion once it reaches a gate; smaller motions may be noise."""
         self.counted = self.counted or odom_from_robot
         gates = gates_between(self.counted, odom_from_robot, self.bridge)
         if gates >= 1.0:

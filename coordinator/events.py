@@ -85,7 +85,7 @@ class WorkerLeft(_Fact, frozen=True):
 
 
 class WorkerReturned(_Fact, frozen=True):
-    """A worker's token reappeared after the own link was lost."""
+    """A worker's token reappeared after this process's link was lost."""
 
     worker: str
 
@@ -113,7 +113,7 @@ class TokenChanged(_Fact, frozen=True):
 
 
 class LinkChanged(_Fact, frozen=True):
-    """The own link to the router was lost or is back; while it is lost, nothing is decided."""
+    """This process's link to the router was lost or restored; without it, nothing is decided."""
 
     up: bool
 

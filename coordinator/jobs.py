@@ -1,7 +1,7 @@
 """Jobs, their workers, and snapshots from which other workers could continue.
 
-A job's epoch rises each time it changes hands. A slow or resurrected worker cannot vote: its
-reports carry the old epoch.
+A job's epoch rises each time it changes hands. Reports of a replaced worker have the old epoch, so
+they do not count.
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
@@ -152,12 +152,12 @@ class Jobs(Part):
         return job.worker
 
     def may_move(self, job_id: str) -> bool:
-        """Return whether a job may move from a healthy worker: a search only before it reports."""
+        """Return whether a job may move between healthy workers: not a search that has reported."""
         job = self.placed[job_id]
         return not isinstance(job.job, SearchJob) or not job.reported
 
     def may_be_tried(self, job_id: str) -> bool:
-        """Return whether a worker that has never reported may try the job: no search."""
+        """Return whether a worker that has never reported may get the job; it gets no search."""
         return not isinstance(self.placed[job_id].job, SearchJob)
 
     def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
@@ -209,7 +209,7 @@ class Jobs(Part):
     # --- from one coordinator to the next
 
     def without_particles_of(self, is_held: Callable[[str, PlacedJob], bool]) -> "Jobs":
-        """Return all jobs; those for which `is_held` is true come without their content."""
+        """Return all jobs, without the content of those for which `is_held` is true."""
         return Jobs(
             {
                 job_id: replace(job, job=None) if is_held(job_id, job) else job

@@ -93,7 +93,7 @@ class Loop:
         node.watch_link(self._on_link)
 
     def follow(self) -> bool:
-        """Watch the leader; return True if this process must lead, False if it was stopped."""
+        """Watch the leader; return True when this process must lead, False when it was stopped."""
         node, replica = self._node, self._replica
         node.peers = keys.COORDINATOR_ALIVE
         node.watch(keys.COORDINATOR_ALIVE, self._on_token)

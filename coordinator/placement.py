@@ -98,7 +98,7 @@ class Placement(Part):
     # --- steps
 
     def waits_for(self, job_id: str) -> bool:
-        """Return whether a step waits for the report of a job; for a silent worker only once."""
+        """Return whether a step waits for a job's report; a silent worker delays only one step."""
         job = self.jobs.placed.get(job_id)
         return job is None or job.worker is None or self.stragglers.waits_for(job.worker)
 
@@ -120,7 +120,7 @@ class Placement(Part):
     ) -> None:
         """Take the jobs of workers that were late too often.
 
-        Workers with a search are spared: its steps may take longer than a deadline.
+        Workers with a search keep it: its steps may take longer than a deadline.
 
         Args:
             expected: jobs whose reports the step needed.
@@ -202,7 +202,7 @@ class Placement(Part):
                 self.jobs.take_from(worker)  # with its other shards
 
     def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> dict[str, str]:
-        """Return one job for one worker of each origin that has never reported; by job id."""
+        """Return a trial job, by id, for one worker of each origin that has never reported."""
         others = {origin(name): name for name in reversed(able) if name not in trusted}
         if not others:
             return {}

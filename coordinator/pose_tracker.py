@@ -160,7 +160,7 @@ class PoseTracker(Part):
             del self.waiting_ns[next(iter(self.waiting_ns))]
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        """Record that a scan was applied which at least one worker had weighed."""
+        """Record that a scan was applied and that at least one worker had weighed it."""
         self.driven.begin_at(odom_from_robot)
         self.driven.on_odometry(self.odom_now)
         if stamp_ns in self.waiting_ns:
@@ -276,7 +276,7 @@ class PoseTracker(Part):
         return "dead_reckoning" if workers == 0 or is_far else "fresh"
 
     def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """Return when a scan would have arrived in time: its stamp shows a live robot's delay."""
+        """Return when a scan would have arrived without delay, by a live robot's stamp."""
         if self.lateness is None or self.arrived_ns is None:
             return now_ns
         return min(self.arrived_ns - (self.stamp_ns - stamp_ns), now_ns)

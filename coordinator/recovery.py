@@ -57,11 +57,11 @@ class Term(Part):
     def on_term(self, number: int) -> bool:
         """Process another coordinator's term.
 
-        Before this coordinator begins, the own term is raised above the other; later, a higher term
-        deposes it.
+        Before this coordinator begins, its term is raised above the other one. Later, a higher
+        term deposes it.
 
         Returns:
-            Whether the own term was raised.
+            Whether this coordinator's term was raised.
         """
         if self.begun:
             if number > self.number:
@@ -76,7 +76,7 @@ class Term(Part):
         """Process the highest term that a worker has received, which never deposes.
 
         Returns:
-            Whether the own term was raised.
+            Whether this coordinator's term was raised.
         """
         if not self.begun:
             return self.on_term(number)
@@ -87,13 +87,13 @@ class Term(Part):
         return False
 
     def rises_above_workers(self, now_ns: int) -> bool:
-        """Raise the own term above a worker's term whose coordinator has not appeared.
+        """Raise the term above a worker's term whose coordinator has not appeared.
 
         The other coordinator may have died before it led. If it is alive, its next message deposes
         this coordinator.
 
         Returns:
-            Whether the own term was raised.
+            Whether this coordinator's term was raised.
         """
         if self.claimed is None or now_ns - self.claimed_ns < UNSEEN_NS:
             return False
@@ -144,7 +144,7 @@ class LastPlace(msgspec.Struct, frozen=True):
         )
 
     def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
-        """Return the pose at a scan, less certain because the robot may have been moved.
+        """Return the pose at a scan, with more uncertainty because the robot may have been moved.
 
         The motion by odometry is added, unless the odometry was reset; then the robot has probably
         not moved.

@@ -105,7 +105,7 @@ class Replica:
         return []
 
     def release(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
-        """Return the instructions that may be carried out now, among them instructions held back.
+        """Return the instructions that may be carried out now, including those held back.
 
         Call it directly before the instructions are carried out.
         """

@@ -138,9 +138,9 @@ class CoordinatorState(Part):
         return newest.settings if newest is not None else self.live
 
     def place_counts(self, was_live: bool) -> bool:
-        """Return whether the robot may still be where it was when the system last ran.
+        """Return whether the last pose of an earlier run may still be valid.
 
-        A recording or a simulation has no memory, unless the settings name a folder for its state.
+        For a recording or a simulation it is not, unless the settings name a folder for the state.
         """
         return (was_live and self.pose.live) or bool(self.settings.state_folder)
 
@@ -164,7 +164,7 @@ class CoordinatorState(Part):
         return known if known and known.map_digest == self.map_digest else None
 
     def wants_map(self, now_ns: int) -> bool:
-        """Return whether to request the map now: given poses are checked with it."""
+        """Return whether to request the map now, with which given poses are checked."""
         asked_ns = self.map_asked_ns
         if not self.map_digest or self._free_ground is not None:
             return False
@@ -433,7 +433,7 @@ class CoordinatorState(Part):
 
 
 def _moved(ready: ReadyStep) -> Pose | None:
-    """Return the motion since the step applied before, (3,); None: there was no such step."""
+    """Return the motion since the previously applied step, (3,); None: there was no such step."""
     if ready.before is None:
         return None
     return between(np.array(ready.before.odom_from_robot), np.array(ready.scan.odom_from_robot))

@@ -240,7 +240,7 @@ class StepCollector(Part):
 
     @property
     def before(self) -> int | None:
-        """Number before the next step; None: any step may be the first."""
+        """Number of the step before the next one; None: any step may be the first."""
         return self.base if self.applied is None else self.applied.step
 
     @property

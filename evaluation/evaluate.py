@@ -1,6 +1,6 @@
 """`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy.
 
-Without Zenoh, as fast as possible.
+It runs without Zenoh, as fast as possible.
 """
 
 import json
@@ -254,7 +254,7 @@ def _all_results(options: EvaluateOptions, runs: Sequence[Run], steps: int) -> l
 
 
 def _progress() -> Progress:
-    """Return a progress bar on standard error; hidden if that is no terminal, or if quiet."""
+    """Return a progress bar on standard error; hidden with ``--quiet`` or without a terminal."""
     console = Console(stderr=True, emoji=False)
     hidden = is_quiet() or not console.is_terminal
     return Progress(console=console, transient=True, disable=hidden)

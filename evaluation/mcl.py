@@ -159,7 +159,7 @@ class OrdinaryMCL:
         return result.particles
 
     def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles to resample to; None, unless overridden: the same."""
+        """Return the number of particles to resample to; None: the same, unless overridden."""
         del particles
         return None
 

@@ -57,7 +57,7 @@ class Run:
     """First step used of a recording, as if the robot had been switched on there."""
 
     def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[JudgedStep]]:
-        """Open all inputs; return the course, and the steps, each computed when it is requested.
+        """Open all inputs; return the course, and an iterator over the steps.
 
         Args:
             cache_folder: folder for computed likelihood fields; None: the user's.

@@ -193,7 +193,7 @@ class Picture:
         self._changed.add("history")
 
     def _shown_at(self, step: int) -> Frame | None:
-        """Return the frame of the shown step if the shown step has this number; else None."""
+        """Return the frame of the shown step if it has this number, else None."""
         shown: Frame | None = self._frames.get("step")
         return shown if shown is not None and shown["step"] == step else None
 
@@ -225,7 +225,7 @@ class Picture:
 
 
 def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
-    """Store a value; drop the values that were stored first, as the count of steps may restart."""
+    """Store a value; drop those stored first, because the count of steps may restart."""
     of_step.pop(step, None)
     of_step[step] = value
     while len(of_step) > _KEPT_STEPS:

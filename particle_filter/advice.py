@@ -178,7 +178,7 @@ class _Roads:
     """(S,) node of each spot."""
 
     def way_to(self, node: int) -> NDArray[np.int64]:
-        """Return the (n,) nodes of the way, from the robot's on."""
+        """Return the (n,) nodes of the way, from the robot's node on."""
         way = [node]
         while way[-1] != self.origin:
             way.append(int(self.before[way[-1]]))
@@ -236,7 +236,7 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
 def _shortest(
     drivable: NDArray[np.bool_], clear: NDArray[np.float64], points: NDArray[np.float64]
 ) -> _Roads:
-    """Connect every second point of the lattice; points halfway on an edge must be free, too."""
+    """Connect every second point of the lattice, if the points between them are free, too."""
     size = (len(drivable) + 1) // 2
     number = np.arange(size * size).reshape(size, size)
     begins, ends, costs = [], [], []

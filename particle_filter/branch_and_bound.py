@@ -224,7 +224,7 @@ class BranchAndBoundSearch:
         )
 
     def _offsets_at(self, heading: int) -> NDArray[np.int64]:
-        """Return (B, 2) rows and columns from the robot to beams' ends, rounded down [cells]."""
+        """Return (B, 2) offsets from the robot to the ends of beams, rounded down [cells]."""
         angle = float(self._space.headings[heading])
         cos, sin = math.cos(angle), math.sin(angle)
         x, y = self._hits[:, 0], self._hits[:, 1]

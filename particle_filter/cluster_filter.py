@@ -139,7 +139,7 @@ def mcl_step(
     """Resample, move by odometry, and weigh by a scan.
 
     Particles never leave their cluster (eq. 14). If the best particle fits badly, some are also
-    moved as by a wheel slip; if these fit clearly better, all are weighed and drawn together.
+    moved as by a wheel slip; if these fit clearly better, all are resampled together.
 
     Args:
         particles: the cluster's particles before the step.
@@ -176,7 +176,7 @@ def mcl_step(
 
 
 def _with_slipped(moved: ParticleSet, back: Poses, probability: float) -> ParticleSet:
-    """Add slipped particles with a share `probability` of the weight, whose sum stays."""
+    """Add slipped particles with a share `probability` of the weight; the sum of weights stays."""
     each = math.log(probability * len(moved.log_weights) / len(back))
     of_moved = moved.log_weights + math.log1p(-probability)
     of_back = moved.log_weights[::_SLIP_EVERY] + each

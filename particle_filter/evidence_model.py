@@ -33,7 +33,7 @@ _LEARNED, _LEARNED_BELOW = 0.1, 0.2
 
 
 def scan_exponent(beams: int, settings: SensorSettings) -> float:
-    """Return the exponent of a scan's log-likelihood: its beams are not independent.
+    """Return the exponent of a scan's log-likelihood, because its beams are not independent.
 
     A scan of `max_beams` beams counts as `scan_likelihood_exponent * max_beams` independent beams.
     A scan of fewer beams counts as much, because they are farther apart, but never as more beams

@@ -4,7 +4,7 @@ It finds the first clusters, and new ones at each periodic restart. Branch and b
 first scan for the whole map (`branch_and_bound.py`). Poses with a score near the best are kept,
 move by odometry, and are weighed by each further scan. A heavy pose is split into several, spread
 over the part of the map that it stands for. If more poses are possible than can be kept,
-everything is searched again after some scans, by all these scans, joined by odometry.
+the whole map is searched again by several scans, which odometry joins.
 """
 
 import math

@@ -68,7 +68,7 @@ def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _stamp_with_callees(compiled: Any, function: Any) -> None:
-    """Make cached machine code stale when a kernel of another file that it calls has changed.
+    """Invalidate cached machine code when a kernel that it calls in another file has changed.
 
     Numba compares only time and size of the kernel's own file, although callees are inlined.
     """

@@ -160,7 +160,7 @@ def _peak(settings: SensorSettings) -> float:
 
 @kernel
 def _scored(poses: Poses, hits: Points, codes: Codes, numbers: tuple[float, ...]) -> LogWeights:
-    """Sum the codes under every particle's hits, and make log-likelihoods of the sums.
+    """Sum the codes at every particle's hits, and convert the sums to log-likelihoods.
 
     Numbers: `log_floor`, `log_step`, `cell_m`, the grid's heading, and the four of `in_cells`.
 

@@ -121,7 +121,7 @@ def _always_meets(
     share: float,
     turns: tuple[tuple[float, float], ...],
 ) -> bool:
-    """Return whether a ray meets an obstacle also after each of `turns`, one after the other."""
+    """Return whether a ray meets an obstacle after each of `turns`, applied one after the other."""
     dx, dy = way
     for c, s in turns:
         dx, dy = c * dx - s * dy, s * dx + c * dy
@@ -150,7 +150,7 @@ class LikelihoodFieldModel:
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """Compute the field's codes, their bounds over squares, and jumps of rays."""
+        """Compute the field's codes, their bounds over squares, and the jump field for rays."""
         field = LikelihoodField.build(grid, settings)
         pyramid = Pyramid.arrays_of(field)
         return {"codes": field.codes, "jumps": jump_field(grid.cells), **pyramid}
@@ -200,7 +200,7 @@ class LikelihoodFieldModel:
         return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 
     def _looked_from(self, sharers: int) -> int:
-        """Return the number of particles to sample, so that beams are checked equally often."""
+        """Return the number of particles to sample so that all beams are checked equally often."""
         whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
         return min(stride * ceil(whole / (stride * sharers)), whole)
 

@@ -1,8 +1,8 @@
 """Odometry motion models: particles move as the robot did, each with its own error.
 
-If wheels slip or the robot is pushed, odometry has a larger error than noise in proportion to the
-motion covers. Larger noise would make the position along a featureless corridor uncertain, so
-slips are tried only where a scan fits badly.
+If wheels slip or the robot is pushed, odometry errs by more than the noise model covers. Larger
+noise would make the position along a featureless corridor uncertain, so slips are tried only where
+a scan fits badly.
 """
 
 from math import atan2, floor, hypot, pi

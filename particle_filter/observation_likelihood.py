@@ -26,11 +26,11 @@ _PER_NAT = 32
 class ObservationArrays(NamedTuple):
     """The observations of one step as arrays, which all clusters share.
 
-    Each landmark explains a sight with log(ratio) = scale - squares: a Gaussian of precision / 2.
+    Each landmark explains an observation with log(ratio) = scale - squares, a Gaussian.
     """
 
     sights: NDArray[np.float64]
-    """(S, 3) x, y of sighted landmarks in the robot's frame [m]; the sight's share."""
+    """(S, 3) x, y of observed landmarks in the robot's frame [m]; share of the observation."""
     positions: NDArray[np.float64]
     """(L, 2) landmarks in the map [m]."""
     scales: NDArray[np.float64]
@@ -38,7 +38,7 @@ class ObservationArrays(NamedTuple):
     precisions: NDArray[np.float64]
     """(S, L, 3) halves of the precision's xx, of both xy and of yy [1/m^2]."""
     reaches: NDArray[np.float64]
-    """(S, L) distance of landmark and sight from which on the ratio is negligible [m]."""
+    """(S, L) distance of landmark and observation from which on the ratio is negligible [m]."""
     poses: NDArray[np.float64]
     """(P, 5) poses: x [m], y [m], heading [rad], scale, share."""
     pose_precisions: NDArray[np.float64]
@@ -83,7 +83,7 @@ class ObservationArrays(NamedTuple):
 def log_likelihood_ratio(
     poses: Poses, observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
 ) -> LogWeights:
-    """Return (N,) log-likelihood ratios of (N, 3) poses and "nothing on the map was observed".
+    """Return (N,) log-likelihoods at (N, 3) poses, relative to "nothing on the map was observed".
 
     Args:
         poses: map_from_robot.

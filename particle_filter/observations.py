@@ -1,7 +1,7 @@
 """Likelihoods of observations: of the robot's pose, and of landmarks in the robot's frame.
 
-An observation is right with a Gaussian error, or false. A false sight of a landmark is a sight of
-another landmark under a wrong name, or of nothing on the map. All likelihoods here are relative to
+An observation is right with a Gaussian error, or false. A false observation of a landmark is of
+another landmark with a wrong name, or of nothing on the map. All likelihoods here are relative to
 that of an observation of nothing, so a pose that explains an observation badly gets 0 nat.
 """
 
@@ -17,7 +17,7 @@ from particle_filter.grid import Grid
 from particle_filter.poses import between, compose, wrap_angle
 
 _SIGHT_M2 = math.pi * 10.0**2
-"""Area over which false sights of landmarks are spread [m^2]: a circle around the robot."""
+"""Area over which false observations of landmarks are spread [m^2]: a circle around the robot."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Observation:
     """Share of the log-likelihood that is new: errors of successive sights are correlated."""
 
     def blurred(self, by_m: float, by_rad: float) -> "Observation":
-        """Return the observation for poses that stand for others as far away as this."""
+        """Return a less certain observation, for poses that represent a neighbourhood."""
         far_m = math.hypot(*self.mean) if self.landmark else 0.0
         added = np.array([by_m**2 + (far_m * by_rad) ** 2] * 2 + [by_rad**2])[: len(self.mean)]
         return replace(self, covariance=self.covariance + np.diag(added))
@@ -111,16 +111,16 @@ def log_average_ratio(
 
 
 def factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float, float]:
-    """Return the factors of the density of a right one, and of a landmark with any name."""
+    """Return the factors of the density of a right observation, and of a landmark with any name."""
     odds = 1.0 / seen.outlier_probability - 1.0
-    if seen.landmark:  # half of the false sights are of another landmark
+    if seen.landmark:  # half of the false observations are of another landmark
         return odds * 2.0 * len(set(landmarks.names)) * _SIGHT_M2, _SIGHT_M2
     area = grid.cells.size * grid.cell_m**2
     return odds * area * (math.tau if len(seen.mean) == 3 else 1.0), 0.0
 
 
 def outlier_probability(pose: Pose, seen: Observation, landmarks: Landmarks, grid: Grid) -> float:
-    """Return the probability that an observation is false of a robot at a (3,) pose."""
+    """Return the probability that an observation is false if the robot is at a (3,) pose."""
     right, any_landmark = factors(seen, landmarks, grid)
     if not seen.landmark:
         return float(

@@ -179,7 +179,7 @@ def _right(quality: MapQuality, relative: NDArray[np.float64]) -> NDArray[np.flo
 
 
 def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:
-    """Return the log-likelihood of a mixture of two, and the posterior share of the first."""
+    """Return the log-likelihood of a mixture of two kinds, and the posterior share of the first."""
     share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     one, other = math.log(share) + log_one, math.log1p(-share) + log_other
     total = float(np.logaddexp(one, other))

@@ -128,7 +128,7 @@ def _tiles(cells: Cells, side: int) -> tuple[int, int]:
 
 
 def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
-    """Return `Level.steps`: maxima over squares of `reach` cells, `ahead` cells from each cell."""
+    """Return `Level.steps`: maxima over squares of `reach` cells, `ahead` cells off each cell."""
     rows, cols = _tiles(field.grid.cells, side)
     steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
     for first in range(0, rows + 1, _STRIP_TILES):

@@ -92,7 +92,7 @@ class ViewMemory(msgspec.Struct, frozen=True):
         return weight, ViewMemory(rows[kept].astype("<f4").tobytes())
 
     def new_share(self, poses: Poses, rules: BeliefSettings) -> NDArray[np.float64]:
-        """Return how much of a new view scans from (N, 3) poses, relative to the robot, are, (N,).
+        """Return the (N,) new shares of views from (N, 3) poses relative to the robot.
 
         Only the views in memory count, not the other poses.
         """

@@ -228,7 +228,7 @@ class _Child:
             self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
 
     def polled(self, now_s: float) -> ChildExit | None:
-        """Start the process if it is due, kill it if it hangs, return its exit once."""
+        """Start the process if it is due, kill it if it hangs, and return its exit once."""
         if self._start_at_s is not None and now_s >= self._start_at_s:
             self.start()
         if self.process is None:
@@ -248,7 +248,7 @@ class _Child:
         return ChildExit(self.spec.name, code, wait_s, self._last_words())
 
     def leave(self, until_s: float) -> None:
-        """Ask the process to end by this time of `time.monotonic` [s]."""
+        """Ask the process to end; `has_left` kills it after this time of `time.monotonic` [s]."""
         self._leaves_until_s = until_s
         if self.process is not None:
             self.process.send_signal(signal.SIGTERM)

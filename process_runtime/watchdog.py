@@ -40,7 +40,7 @@ class SignsOfLife:
         self._sender.close()
 
     def give(self) -> None:
-        """Send a sign if one is due; call this in each turn of the process's loop.
+        """Send a sign of life if one is due; call this in each turn of the process's loop.
 
         The first call reports READY, so make it after a slow start.
         """

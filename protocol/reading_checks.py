@@ -89,7 +89,7 @@ def stamp_problem(stamp_ns: int) -> str | None:
 
 
 def pose_problem(pose: PoseTuple) -> str | None:
-    """Return `NOT_FINITE` for a pose that is not finite or not on Earth, else None."""
+    """Return `NOT_FINITE` for a pose that is not finite or out of range, else None."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
     return None if usable else NOT_FINITE
 

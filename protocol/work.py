@@ -93,7 +93,7 @@ class ElsewhereJob(
     tag_field="kind",
     tag="elsewhere",
 ):
-    """Compute each scan's likelihood for a pose spread evenly over the whole map."""
+    """Compute each scan's likelihood, averaged over poses spread evenly over the whole map."""
 
     first_step: NumberOrNone
     """The first step whose scan it weighs."""

@@ -248,7 +248,7 @@ def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
 def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (n,) times that never decrease [ns]; stamps in ascending order are unchanged.
 
-    Each time is the mean of the latest stamp up to it and the earliest stamp from it on.
+    Each time is the mean of the latest stamp before it and the earliest stamp after it.
     """
     if len(stamps) == 0:
         return stamps

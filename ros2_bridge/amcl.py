@@ -205,7 +205,7 @@ class Amcl:
         self._particles.on_particles(cluster, particles)
 
     def on_belief(self, belief: Belief) -> Iterator[Output]:
-        """Handle the belief after a step: publish the pose. `all_places` publishes the others."""
+        """Handle the belief after a step: publish the pose; `all_places` publishes all places."""
         if self.belief is not None and belief.term < self.belief.term:
             return  # from a coordinator that has been replaced
         self.belief = self._unpublished = belief

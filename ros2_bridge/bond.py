@@ -43,7 +43,7 @@ class BondThread:
         self.end()
 
     def begin(self, instance_id: str = "") -> None:
-        """Begin a bond, or continue that of a killed bridge; no effect during a bond."""
+        """Begin a bond, or continue that of a killed bridge; this has no effect during a bond."""
         if self._thread is None:
             self._over = threading.Event()
             self.instance_id = instance_id or str(uuid.uuid4())

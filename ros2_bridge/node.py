@@ -55,7 +55,7 @@ class Called:
     problem: str = ""
 
     def respond(self, response: bytes) -> None:
-        """Answer; ROS takes no error for an answer, so a refusal is a response too."""
+        """Send the response; ROS has no error replies, so a refusal is a response too."""
         with self.query:
             sequence, _, caller = parsed_attachment(_attached(self.query))
             self.query.reply(
@@ -127,7 +127,7 @@ class RosNode:
         return publisher
 
     def subscribe(self, topic: Topic, inbox: Inbox[Any], *, own: bool) -> None:
-        """Put `FromRos` into an inbox, each in place of the topic's oldest if full.
+        """Put the topic's messages into an inbox as `FromRos`; if it is full, drop the oldest.
 
         Args:
             topic: the topic, from any release of ROS.

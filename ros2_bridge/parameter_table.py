@@ -61,12 +61,12 @@ class Parameter:
 
     @property
     def is_live(self) -> bool:
-        """Whether it can be set while the node runs."""
+        """Whether the parameter can be set while the node runs."""
         return self.setting in LIVE or self.live_name is not None
 
     @property
     def live_name(self) -> str | None:
-        """Its field of `LiveSettings`; None: it is not a live setting of other processes."""
+        """The field of `LiveSettings`; None: it is not a live setting of other processes."""
         section, _, key = self.setting.rpartition(".")
         is_live = section in LIVE_SECTIONS and key in LiveSettings.__struct_fields__
         return key if is_live else None
@@ -136,7 +136,7 @@ def _seed(value: int) -> int | None:
 
 
 def _alpha(number: int, default: float, ours: str) -> Parameter:
-    """Return the parameter `alphaN` of nav2: a variance, our setting its square root."""
+    """Return the parameter `alphaN` of nav2, a variance; our setting is its square root."""
     setting = f"motion.{ours}"
     return Parameter(
         f"alpha{number}", default, setting, _root, lambda value: round(value * value, 12)

@@ -59,7 +59,7 @@ class FlowControl:
         self._new_map_step = self._step + 1
 
     def is_full(self, now_ns: int) -> bool:
-        """Return whether steps are decided, but more slowly than they are made."""
+        """Return whether too many steps are undecided while decisions still arrive."""
         return (
             not self.lockstep
             and len(self._undecided) >= MAX_UNDECIDED

@@ -307,7 +307,7 @@ class Bridge:
         self._on_step(scan)
 
     def _new_maker(self, first_map: MapMessage) -> StepMaker:
-        """Return a step maker that continues after the steps that a coordinator knows.
+        """Return a step maker that continues after the newest step that a coordinator knows.
 
         So no number of a step is repeated. The numbers start at 0 if no coordinator answers, or if
         the known number is half of the highest possible one or more.

@@ -1,4 +1,4 @@
-"""Observations on their way to a step: placed by odometry, and weighed by what is new in them."""
+"""Observations that wait for the next step, placed by odometry and weighed by their new share."""
 
 import math
 from collections import Counter, deque
@@ -25,7 +25,7 @@ BROKEN_SOURCE = "broken_source"
 MAX_WAITING = 64
 """Observations that wait for odometry."""
 VIEW_M = 0.5
-"""Distance driven after which 63 % of the error of a sight of the same landmark is new."""
+"""Distance driven after which 63 % of the error of an observation of the same landmark is new."""
 SAME_M = 1.0
 """Sights of landmarks closer than this are of the same one, whatever their names."""
 LEAST_SHARE = 0.02
@@ -49,8 +49,8 @@ class _Sight:
 class Sights:
     """The observations since the last step.
 
-    A source errs in the same way for some time and some distance. So a sight counts only by what
-    is new since the last counted sight of the same thing by the same source.
+    A source errs in the same way for some time and some distance. So an
+    observation counts only by its new share since the last one of the same thing by this source.
 
     Args:
         landmarks: of the map.
@@ -146,7 +146,7 @@ class Sights:
         return share * weight
 
     def _share(self, sight: _Sight, correlation_s: float) -> tuple[float, float]:
-        """Return the share of a sight that is new, and the weight of that share in the belief."""
+        """Return the new share of an observation, and the weight of that share in the belief."""
         before = [past for past in self._past if self._is_same(past, sight)]
         if not before:
             return 1.0, 1.0
@@ -155,7 +155,7 @@ class Sights:
             apart = math.dist(last.odom_from_robot[:2], sight.odom_from_robot[:2]) / VIEW_M
         waited_s = abs(sight.stamp_ns - last.stamp_ns) * 1e-9
         share = -math.expm1(-apart - waited_s / correlation_s)
-        # A landmark that was moved is wrong at every sight, so later sights of it weigh less. One
+        # Every observation of a moved landmark is wrong, so later ones weigh less. One
         # with another name is no repetition: the names before may have been false.
         if sight.place is None:
             return share, 1.0

@@ -20,9 +20,9 @@ Source: TypeAlias = tuple[str, str]
 """A sender, and the landmark that it sees: one tag may have been moved. Empty: poses."""
 
 PRIOR_SIGHTS = 2.0
-"""Weight of the outlier probability that a source states [sights]."""
+"""Weight of the outlier probability that a source states [observations]."""
 MOST_SIGHTS = 10.0
-"""Weight of all past sights together, so that a mended source is found right again [sights]."""
+"""Weight of all past observations together, so that a repaired source recovers [observations]."""
 BROKEN = 0.5
 """A source that is wrong more often than this does not count."""
 RECENT_STEPS = 20
@@ -34,14 +34,14 @@ _FIXES = Grid(np.zeros((1, 1), np.int8), 100.0, np.zeros(3))
 class Sources:
     """A Beta distribution of the outlier rate of each source.
 
-    A sight is an outlier with the probability that its uniform part has at the robot's pose, while
-    the belief is localized. It counts by the share of it that is new.
+    While the belief is localized, an observation is an outlier with the probability of the uniform
+    part of its density at the robot's pose. It counts by its new share.
     """
 
     def __init__(self, landmarks: Sequence[Landmark]) -> None:
         self._landmarks = landmarks
         self._rates: dict[Source, tuple[float, float]] = {}
-        """Numbers of wrong and right sights."""
+        """Numbers of wrong and right observations."""
         self._seen: deque[tuple[int, Source, Observation, float]] = deque(maxlen=256)
         self._gains: deque[tuple[int, Source, float]] = deque(maxlen=1024)
         """Step, source and log-likelihood ratio of what counted in the last steps."""
@@ -51,7 +51,7 @@ class Sources:
         return wrong > BROKEN * (wrong + right)
 
     def health(self) -> tuple[SourceHealth, ...]:
-        """Return what is known of each source that was judged."""
+        """Return the estimated outlier rate of each source with judged observations."""
         recent = dict.fromkeys(self._rates, 0.0)
         for _, source, nat in self._gains:
             recent[source] += nat
@@ -66,7 +66,7 @@ class Sources:
         )
 
     def saw(self, step: int, source: Source, seen: Observation, weight: float) -> None:
-        """Remember an observation, and its weight in the belief, until its step's belief comes."""
+        """Store an observation and its weight until the belief of its step arrives."""
         self._seen.append((step, source, seen, weight))
 
     def judge(self, belief: Belief) -> None:
@@ -85,7 +85,7 @@ class Sources:
                 self._gains.append((belief.step, source, -weight * math.log(outlier)))
 
     def _outlier_probability(self, seen: Observation, best: Hypothesis) -> float:
-        """Return the probability that an observation is false of a robot at a place."""
+        """Return the probability that an observation is false if the robot is at a place."""
         variances = np.maximum(np.diag(covariance_matrix(best.covariance)), 0.0)
         by_m, by_rad = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
         whole = replace(seen.blurred(by_m, by_rad), share=1.0)

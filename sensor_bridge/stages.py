@@ -274,7 +274,7 @@ class Synchroniser:
         yield from self.released()
 
     def released(self, at_most_waiting: int = MAX_WAITING_SCANS) -> Iterator[LaserReading]:
-        """Yield the scans whose pose is known, and the first of each laser that are too many."""
+        """Yield the scans whose pose is known, and the oldest of a laser with too many waiting."""
         for laser in self._lasers.values():
             while laser.waiting:
                 reading = laser.waiting[0]

@@ -65,7 +65,7 @@ class MotionGate:
         self._last = last
 
     def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
-        """Return whether a robot there still stands where it was at the last step."""
+        """Return whether a robot at this pose still stands where it was at the last step."""
         return self._last is not None and not self._has_moved(odom_from_robot, STANDS)
 
     def on_scan(self, odom_from_robot: PoseTuple) -> bool:
@@ -163,7 +163,7 @@ class StepMaker:
             self._gate.open_next()
 
     def finish(self) -> Scan | None:
-        """Make steps of what still waits, after the last reading; call until it returns None."""
+        """Make steps of the waiting scans after the last reading; call it until it returns None."""
         self._pass(self._outliers.released(), self._use_stages)
         self._pass(self._synchroniser.released(at_most_waiting=0), (self._gated,))
         return self._ready.popleft() if self._ready else None
@@ -190,7 +190,7 @@ class StepMaker:
         return self.odometry is not None and self._gate.has_hardly_moved(self.odometry[1])
 
     def hold(self, is_held: bool) -> None:
-        """Make no steps while held, because too many are undecided."""
+        """Make no steps of scans while `is_held`, because too many steps are undecided."""
         self._gate.is_held = is_held
 
     def configure(self, live: LiveSettings) -> None:
@@ -245,7 +245,7 @@ class StepMaker:
         )
 
     def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:
-        """Yield what the other lasers add to a step; no scan is used twice."""
+        """Yield the scans that other lasers add to a step; no scan is used twice."""
         for name, laser in self._lasers.items():
             other, laser.unused = laser.unused, None
             if other is None or other.odom_from_robot is None or name == reading.laser:
@@ -257,7 +257,7 @@ class StepMaker:
 
 
 def beams_of(reading: LaserReading) -> LaserBeams:
-    """Return a scan's beams: counter-clockwise, in float32, and 0 for what is too near."""
+    """Return a scan's beams: counter-clockwise, in float32, and 0 for ranges that are too near."""
     ranges, start, step = reading.ranges, reading.angle_min_rad, reading.angle_step_rad
     if reading.upside_down:
         start, step = -start, -step

@@ -89,7 +89,7 @@ class JobTable:
         )
 
     def has_changes(self, order: WorkOrder) -> bool:
-        """Return whether an order changes the jobs: after an outage it may be a repeated one."""
+        """Return whether an order changes the jobs; after an outage it may be a repeated one."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
         resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
         sizes = [job.size for job in resized if job is not None]
@@ -169,7 +169,7 @@ class JobTable:
         }
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
-        """Return the missing steps before `scan`; None: none is missing, or no job needs them."""
+        """Return the missing steps before `scan`; None: no step is missing, or no job needs one."""
         newest = self._recent[-1] if self._recent else scan
         if not self._jobs or scan.step <= newest.step + 1 or is_huge_jump(scan, newest):
             return None
@@ -190,9 +190,9 @@ class JobTable:
         return [report for step in sorted(known) for report in self._advance(known[step])]
 
     def on_scan(self, scan: Scan) -> list[Report]:
-        """Advance every job that has not done this step and does not wait.
+        """Advance every job that has not done this step and does not wait; return the reports.
 
-        Return the reports. An older scan is ignored, unless the steps have begun again. If the
+        An older scan is ignored, unless the steps have begun again. If the
         newest scan is repeated, its reports may have been lost, and are returned again.
         """
         newest = self._recent[-1] if self._recent else None

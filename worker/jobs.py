@@ -302,7 +302,7 @@ class Elsewhere(RunningJob):
         self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> ElsewhereReport:
-        """Report the log of the average likelihood over the poses, corrected as a cluster's is.
+        """Report the log of the average likelihood over the poses, corrected as for a cluster.
 
         Observations add the places that they allow.
         """
@@ -322,7 +322,7 @@ class Elsewhere(RunningJob):
     def _average(
         self, particles: ParticleSet, count: int, beams: Beams
     ) -> tuple[float, ParticleSet]:
-        """Return the log of the corrected likelihood over `count` poses, and the weighed ones."""
+        """Return the log of the corrected likelihood over `count` poses, and the weighed poses."""
         exponent = scan_exponent(beams.count, self._model.settings)
         result = cluster_filter.measurement_update(particles, beams, self._model, exponent)
         weighed = result.particles
@@ -332,8 +332,7 @@ class Elsewhere(RunningJob):
     def _observed(
         self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
     ) -> tuple[float, FoundPlaces | None]:
-        """Return the log evidence of the observations without the scan's, and the places where both
-        fit."""
+        """Return the log evidence of the observations, and the places that also fit the scan."""
         observations, landmarks = _observed(scan)
         log_average = log_average_ratio(observations, landmarks, self._model.grid)
         if not (observations and beams.count):

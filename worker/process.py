@@ -155,7 +155,7 @@ def serve(
 def serve_robots(
     name: str, robots: Sequence[Settings], cache: Path, stop: StopFlag, report_jobs: ReportJobs
 ) -> None:
-    """Serve several robots, each in a thread, until the process is stopped or one thread ends."""
+    """Serve several robots, each in a thread, until the process is stopped or a thread ends."""
     shares = [_Share() for _ in robots]
     with ThreadPoolExecutor(len(robots)) as pool:
         serving = [

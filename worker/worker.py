@@ -168,7 +168,7 @@ class Worker:
 
     @property
     def jobs(self) -> int:
-        """How many jobs it has."""
+        """Number of jobs."""
         return len(self._table.summary())
 
     @property
@@ -177,12 +177,12 @@ class Worker:
         return self._table.searches or self._advising is not None
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
-        """Note a coordinator's published state."""
+        """Process a coordinator's published state."""
         self._fence.on_checkpoint(checkpoint)
         return []
 
     def search(self) -> list[Instruction]:
-        """Compute one slice of an advice or of a search, when there is time."""
+        """Compute one slice of an advice or of a search; call it while no event waits."""
         if self._advising is None:
             return _published(self._table.search_on())
         question, slices = self._advising
@@ -194,7 +194,7 @@ class Worker:
         return []
 
     def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
-        """Begin an advice; it takes the place of one that is not finished."""
+        """Begin to compute advice; an unfinished one is dropped."""
         before, self._advising = self._advising, None
         model, settings = self._model, self._in_force or self._ordered
         replaced = (
@@ -217,7 +217,7 @@ class Worker:
     # --- scans
 
     def on_scan(self, scan: Scan, dropped: int = 0) -> list[Instruction]:
-        """Take a step of the bridge.
+        """Process a step of the bridge.
 
         Args:
             scan: the step.
@@ -252,7 +252,7 @@ class Worker:
         return True
 
     def _release(self) -> list[Instruction]:
-        """Take the held scans."""
+        """Process the held scans."""
         held, self._held = self._held, deque(maxlen=RECENT_SCANS)
         return [do for scan in held for do in self.on_scan(scan, self._dropped)]
 

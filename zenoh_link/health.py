@@ -48,7 +48,7 @@ class HealthReporter:
         self._past: deque[tuple[float, Counter[str]]] = deque([(self._started_s, Counter())])
 
     def happened(self, what: str, times: int = 1) -> None:
-        """Count something; `what` is a constant of the program."""
+        """Count an occurrence of `what`, a constant of the program."""
         now_s = self._clock()
         self._done[what] += times
         self._last_s[what] = now_s

@@ -36,7 +36,7 @@ class StatusCollector(Collector):
             yield from _of_processes(status.processes)
 
     def describe(self) -> Iterable[Metric]:
-        """Return nothing: the default calls `collect` before a coordinator can answer."""
+        """Return nothing; the default would call `collect` before a coordinator can answer."""
         return ()
 
 

@@ -52,7 +52,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Call:
-    """Something to do in the loop, requested by another thread."""
+    """A function to call in the loop, requested by another thread."""
 
     act: Callable[[], object]
     from_peer: bool = False

@@ -42,7 +42,7 @@ class StaleSessionDetector:
                 self._back_ns = None
 
     def is_suspect(self, now_ns: int) -> bool:
-        """Return whether to look for peers now; True again only `STALE_NS` later."""
+        """Return whether to look for peers now, at most once in `STALE_NS`."""
         if self._back_ns is None or now_ns - self._back_ns < STALE_NS:
             return False
         self._back_ns = now_ns

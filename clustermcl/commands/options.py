@@ -1,4 +1,4 @@
-"""Options that several commands share, and what several commands do."""
+"""Options and behaviour that several commands share."""
 
 import inspect
 from collections.abc import Callable, Iterable, Sequence
@@ -69,7 +69,7 @@ Output = Annotated[
 
 
 def as_assignments(robot: str | None, router: str | None) -> list[str]:
-    """Return assignments of `robot.name` and `zenoh.router`, as far as the options are given."""
+    """Return assignments of `robot.name` and `zenoh.router` for the options that are given."""
     named = {"robot.name": robot, "zenoh.router": router}
     return [f"{setting}={value}" for setting, value in named.items() if value]
 

@@ -188,7 +188,7 @@ def _become(
     settings: list[str],
     assignments: list[str] | None,
 ) -> None:
-    """Replace this process by another program, which then gets its signals."""
+    """Replace this process by another program, which then receives the signals."""
     command = [*python_module(module), *arguments]
     command += ["--settings", str(settings_file)] if settings_file else []
     for assignment in [*log_settings(), *settings, *(assignments or ())]:

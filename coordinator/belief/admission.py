@@ -1,8 +1,8 @@
 """Select the places of a search that become clusters, and give their probabilities (section 4).
 
-A search explains what the belief calls elsewhere. A place that it finds has what elsewhere had
-when the search began, times the likelihood of all scans since, times its share; the clusters have
-what they had, times what they have gathered since.
+A search explains what the belief calls elsewhere. The weight of a found place is the probability
+of elsewhere when the search began, times the likelihood of all scans since, times the place's
+share; the weight of a cluster is its probability then, times its likelihood since.
 """
 
 import math
@@ -103,7 +103,7 @@ def admission(
 def log_weight_of_held(
     pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: SearchSettings
 ) -> float | None:
-    """Return the log weight of a search, from places that are clusters already.
+    """Return the log weight of a search, computed from its places that are clusters already.
 
     The weight is the ratio of their probability as clusters to their share in the search.
 

@@ -56,7 +56,7 @@ LEAST_LOG = -1e6
 
 
 def news_of(before_from_after: Pose) -> float:
-    """Return the share of a scan, after a motion (3,), that is new evidence on `nowhere`."""
+    """Return the share of a scan, after a motion (3,), that counts as evidence for `nowhere`."""
     moved_m, turned_rad = way(before_from_after)
     return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
@@ -146,7 +146,7 @@ class ClusterSet(Part):
         )
 
     def by_probability(self) -> list[Cluster]:
-        """Most probable first."""
+        """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
     def weigh(
@@ -236,7 +236,7 @@ class ClusterSet(Part):
     def _observed(
         self, reports: Mapping[str, TrackReport], elsewhere: float
     ) -> NDArray[np.float64]:
-        """Return (K + 2,) log evidence of the step's observations; off the map, all are false.
+        """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.
 
         A cluster without a report gets the best evidence of any: a loss must not end it.
         """
@@ -303,9 +303,9 @@ class ClusterSet(Part):
     def _explained(
         self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]
     ) -> tuple[float, float]:
-        """Return how beam classes change a scan's log-likelihood at the clusters [nat].
+        """Return the correction of a scan's log-likelihood at the clusters by beam classes [nat].
 
-        0 where they are not used: the update is Bayes' rule to the letter then.
+        It is 0 if beam classes are not used; the update is then exactly Bayes' rule.
 
         Returns:
             The gain of beams before obstacles, which people explain; and the loss of beams through
@@ -416,7 +416,7 @@ class ClusterSet(Part):
         first_step: float = math.inf,
         protected_until: int = -1,
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Add candidates; the least probable clusters end where there are too many.
+        """Add candidates; if there are too many clusters, end the least probable ones.
 
         Args:
             candidates: with weights relative to the belief; all are normalised afterwards.
@@ -473,10 +473,10 @@ class ClusterSet(Part):
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self, step: int, first_step: float = math.inf) -> list[float]:
-        """Return probabilities of the clusters that candidates may replace, least first.
+        """Return the probabilities of the clusters that candidates may replace, in ascending order.
 
         Free places come first, as clusters of probability 0. Clusters within their minimum
-        lifetime yield only to later finds of their own search.
+        lifetime are replaced only by later places of their own search.
         """
         free = self.rules.max_clusters - len(self.clusters)
         return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
@@ -524,17 +524,17 @@ class ClusterSet(Part):
         return ended
 
     def take_from_elsewhere(self, share: float) -> None:
-        """Take this share from elsewhere: a search found it at candidates or at clusters."""
+        """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
         self.log_elsewhere += rest
 
     def keep_off_map(
         self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
     ) -> None:
-        """Raise off the map so that candidates keep elsewhere's odds against it, before `admit`.
+        """Raise off the map before `admit`, so that candidates have elsewhere's odds against it.
 
-        Candidates are chosen because they fit well. Such places also exist for a robot that is off
-        the map, so a good fit is no evidence against off the map, nor for it.
+        A search also finds places that fit well for a robot that is off the map. So the good fit
+        of candidates is no evidence about off the map.
 
         Args:
             candidates: with weights relative to the belief.
@@ -619,7 +619,7 @@ def _log(probability: float) -> float:
 
 
 def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
-    """Return the events of replaced clusters, one candidate as the cause of each.
+    """Return the events of replaced clusters, each with the candidate that replaced it.
 
     If there are fewer candidates than replaced clusters, the last one replaced the rest.
     """

@@ -216,13 +216,13 @@ class Ensemble(Part, kw_only=True):
         return self._outcome(step, ())
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        """Return the outcome of the last step again, without jobs and events."""
+        """Repeat the outcome of the last step, without jobs and events."""
         return self._outcome(step, missing)
 
     # --- clusters
 
     def _new_view(self, before_from_after: Pose | None) -> float:
-        """Return the share of a scan after such a motion that is a new view."""
+        """Return the share of a scan that is a new view after this motion."""
         if before_from_after is None:
             self.seen, before_from_after = ViewMemory(), np.zeros(3)
         rules = self.settings
@@ -344,7 +344,7 @@ class Ensemble(Part, kw_only=True):
         return found.asking <= len(room) or len(room) == settings.belief.max_clusters
 
     def _admit_observed(self, pool: Pool) -> None:
-        """Admit places that an observation allows; elsewhere's probability is theirs by share."""
+        """Admit places that an observation allows; they share the probability of elsewhere."""
         step, log_weight = pool.step, self.clusters.log_elsewhere
         held = [cluster.pose for cluster in self.clusters.all()]
         room = self.clusters.room(step)
@@ -371,7 +371,7 @@ class Ensemble(Part, kw_only=True):
     def _track(
         self, places: Iterable[Place], clusters: Iterable[Cluster], events: Iterable[JobEvent]
     ) -> None:
-        """Begin the jobs of new clusters, each from its place's sample."""
+        """Begin the jobs of new clusters, each with the sample of its place."""
         for place, cluster in zip(places, clusters, strict=True):
             particles = self._particles(cluster)
             self.clusters.set_particles(cluster.cluster, particles)
@@ -450,7 +450,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _is_founding(self) -> bool:
-        """Whether all clusters are places of the current search."""
+        """Whether all clusters come from the current search."""
         first_step = self.search.first_step
         return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
 
@@ -478,7 +478,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _patience(self) -> int:
-        """Steps from the end of a search to the next; 0 where a search would find the robot."""
+        """Steps from the end of a search to the next; 0 if the robot is lost on this map."""
         rules = self.settings.belief
         if self._is_elsewhere:
             return 0
@@ -486,5 +486,5 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _elsewhere(self) -> tuple[str, ...]:
-        """The job that weights scans all over the map; empty if a kidnapping is impossible."""
+        """The job that weighs scans over the whole map; empty if a kidnapping is impossible."""
         return (ELSEWHERE,) if self.settings.belief.kidnapping_probability > 0.0 else ()

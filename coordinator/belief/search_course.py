@@ -155,7 +155,7 @@ class SearchCourse(Part):
         return self.pool is None or self.pool.finished(pool, most, patient=patient)
 
     def gather(self, step: int, log_likelihood: float) -> None:
-        """Take the log-likelihood of a scan, averaged over the whole belief."""
+        """Add the log-likelihood of a scan, averaged over the whole belief."""
         if self.runs:
             self.evidence.gather(step, log_likelihood)
 
@@ -172,7 +172,7 @@ class Decoy(Part):
 
     @property
     def is_awaited(self) -> bool:
-        """Whether the first search for it is running."""
+        """Whether the first search for the decoy is running."""
         return self.search.runs and not self.places
 
     @property
@@ -192,7 +192,7 @@ class Decoy(Part):
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool
     ) -> tuple[dict[str, Job], list[Ended]]:
-        """Continue after a step.
+        """Begin and end the decoy's jobs after a step.
 
         Args:
             step: number of the step.

@@ -13,7 +13,7 @@ KEPT_STEPS = 100
 
 
 class SearchEvidence(Part):
-    """Evidence from the scans since a search began, and share of its places that are clusters."""
+    """The evidence of scans since a search began, and the share of its places that are clusters."""
 
     log_elsewhere: LogProbability = 0.0
     """Log of the probability, when the search began, that the robot was elsewhere."""

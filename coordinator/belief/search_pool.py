@@ -130,9 +130,9 @@ class SearchPool(Part):
         return _pool(step, [reports[job] for job in self.job_ids], self.settings)
 
     def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:
-        """Return whether the search is over: its best places hold enough, or it took too long.
+        """Return whether the search is over: its best places weigh enough, or it took too long.
 
-        The best places do not hold enough if the search discarded poses that are almost as good.
+        The weight is not enough if the search discarded poses that are almost as good.
 
         Args:
             pool: the places of the newest step.

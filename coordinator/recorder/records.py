@@ -72,7 +72,7 @@ class Happened:
 
 
 def happened(event: Event) -> Iterator[Happened]:
-    """Yield the text of an event, if people should read about it."""
+    """Yield the text of an event, if `clustermcl replay` prints it."""
     match event:
         case WorkerJoined(worker):
             yield Happened("worker joined", worker)
@@ -89,7 +89,7 @@ def happened(event: Event) -> Iterator[Happened]:
 
 
 def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
-    """Yield the texts of instructions, if people should read about them."""
+    """Yield the texts of instructions that `clustermcl replay` prints."""
     for instruction in instructions:
         match instruction:
             case FetchScans(first, last):
