@@ -8,6 +8,7 @@ kinds of wrong place, and the filter learns their probabilities while the robot 
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -186,15 +187,16 @@ def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, flo
     return total, math.exp(one - total)
 
 
-def _log_likelihoods(classes: BeamClasses) -> list[float]:
+@lru_cache(maxsize=1024)  # a step asks three times for each cluster
+def _log_likelihoods(classes: BeamClasses) -> tuple[float, ...]:
     """Return the log-likelihood of the counts for each kind of place; `other` does not count."""
     worth = _BEAMS / max(sum(classes), _BEAMS)
     sharp, blunt, through = (worth * count for count in classes[:3])
-    return [
+    return tuple(
         _log_beta_binomial(sharp, blunt, kind.sharp)
         + _log_beta_binomial(through, sharp + blunt, kind.through)
         for kind in _KINDS
-    ]
+    )
 
 
 def _log_beta_binomial(yes: float, no: float, prior: tuple[float, float]) -> float:

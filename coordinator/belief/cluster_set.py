@@ -353,8 +353,7 @@ class ClusterSet(Part):
         A weight follows from the best fit among the cluster and the contenders, because an
         improbable cluster may explain the scan best.
         """
-        ordered = [reports.get(job_id) for job_id in self.job_ids]
-        fit = np.array([self._fit_without_short_beams(r) if r else math.nan for r in ordered])
+        fit = self._fit_without_short_beams([reports.get(job_id) for job_id in self.job_ids])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
         residuals = [residual(best, self.sensor) for best in fit.tolist()]
         if self.rules.off_map_probability > 0.0:
@@ -362,15 +361,26 @@ class ClusterSet(Part):
             new_view /= 1.0 + self.quality.crude
         return np.array([evidence_weight(new_view, each, self.rules) for each in residuals])
 
-    def _fit_without_short_beams(self, report: TrackReport) -> float:
-        """Return the best particle's fit [nat/beam], without loss for the usual short beams."""
-        beams = sum(report.beam_classes)
-        if self.rules.off_map_probability == 0.0 or beams == 0:
-            return report.log_likelihood_per_beam
-        classes = BeamClasses(*report.beam_classes)
-        short = min(classes.other / beams, self.quality.short)
-        right = float(probability_right(self.quality, [classes])[0])
-        return report.log_likelihood_per_beam + short * right * through_beam_loss(self.sensor)
+    def _fit_without_short_beams(
+        self, reports: Sequence[TrackReport | None]
+    ) -> NDArray[np.float64]:
+        """Return (K,) fits of the best particles without loss for the usual short beams [nat/beam].
+
+        NaN: there is no report.
+        """
+        fit = np.array([each.log_likelihood_per_beam if each else math.nan for each in reports])
+        classes = {
+            index: BeamClasses(*each.beam_classes)
+            for index, each in enumerate(reports)
+            if each and any(each.beam_classes)
+        }
+        if self.rules.off_map_probability == 0.0 or not classes:
+            return fit
+        seen = list(classes.values())
+        short = np.array([min(each.other / sum(each), self.quality.short) for each in seen])
+        right = probability_right(self.quality, seen)
+        fit[list(classes)] += short * right * through_beam_loss(self.sensor)
+        return fit
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
