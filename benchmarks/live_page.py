@@ -1,10 +1,9 @@
-"""What the page costs: its server's share of a core and its memory, and from a scan to a frame.
+"""Measures the page: CPU time and memory of its server, and the latency from a scan to a frame.
 
-A system is imitated at ten steps a second, as many as any robot has: scans, reports with
-particles now and then, beliefs, poses, answers. Run ``python -m benchmarks.live_page``;
-with ``--browser``, a real browser's figures, too: how soon the page is ready and a step is drawn,
-its memory, and how often a second the map is drawn while it is dragged. ``--side 16384`` shows a
-map of so many cells a side, full of copies of an office.
+An imitated system publishes ten steps a second: scans, reports, beliefs, poses, answers. Run
+``python -m benchmarks.live_page``; ``--browser`` also measures a real browser: the time until the
+page is ready and a step is drawn, its memory, and the frame rate while the map is dragged.
+``--side 16384`` shows a map with this number of cells a side, filled with copies of an office.
 """
 
 import argparse

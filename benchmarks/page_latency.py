@@ -1,7 +1,7 @@
-"""Whether a page slows the belief: blocks of steps with a page and without, in turn, in one run.
+"""Measures whether a page delays the belief, in alternating blocks of steps with and without it.
 
-A whole stack runs with a simulated robot, some ten steps a second. From scan to belief is measured
-as a client of the router hears both. ``python -m benchmarks.page_latency [--rounds N]``.
+A whole stack runs with a simulated robot, some ten steps a second. A client of the router measures
+the time from scan to belief. ``python -m benchmarks.page_latency [--rounds N]``.
 """
 
 import argparse

@@ -1,9 +1,9 @@
-"""Robots that see the same again: what does it teach the belief, and a cloud?
+"""Measures what the belief and one particle set conclude from views that repeat.
 
     python -m benchmarks.same_views [--seeds N] [--only NAME] [--set KEY=VALUE]
 
-A hall that looks the same after half a turn, but for one block that the map does not have, and a
-corridor of which a scan tells no place. The robot turns on the spot, or paces to and fro.
+The worlds are a hall with two-fold symmetry whose map lacks one block, and a corridor in which no
+scan shows the position. The robot turns on the spot, or drives back and forth.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def block_gone() -> World:
 
 
 def corridor(length_m: float = 200.0) -> World:
-    """Two walls, and one cabinet in front of the robot, which somebody has moved by a metre."""
+    """Two walls, and one cabinet in front of the robot, which was moved by a metre."""
     mapped, real = (Canvas(length_m + 4.0, 8.0) for _ in range(2))
     for plan, x in ((mapped, 4.0), (real, 5.0)):
         plan.floor(-length_m / 2, -1.2, length_m / 2, 1.2)

@@ -1,13 +1,13 @@
-"""How well searches find a robot: `python -m benchmarks.searches KIND WORLD [--seeds 20]`.
+"""Measures how well searches find a robot: `python -m benchmarks.searches KIND WORLD [--seeds 20]`.
 
-A robot starts anywhere in an office of the simulator's generator, or in a symmetric world. Each
-run is one line of JSON in `--out`, written at once; runs that the file has already are left out,
-so a study may be stopped and taken up again. `python -m benchmarks.searches` sums the file up.
+A robot starts at a random pose in a generated office, or in a symmetric world. Each run is one line
+of JSON in `--out`; runs that the file already has are skipped, so a study can be interrupted and
+continued. `python -m benchmarks.searches` summarises the file.
 
 Kinds:
-    search: a first search until it says that it is done: is the truth among its places?
-    localize: 200 updates of the whole filter in one process: from when on is its estimate right?
-    kidnap: the same, lifted elsewhere after 60 updates: right again within how many?
+    search: a first search until it ends; measures whether the truth is among its places.
+    localize: 200 updates of the whole filter in one process; measures when its estimate is right.
+    kidnap: the same, with a kidnapping after 60 updates; measures when it is right again.
     cbgl: the first scan by CBGL's cumulative absolute error per ray (`benchmarks.cbgl`).
 """
 

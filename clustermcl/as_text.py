@@ -13,11 +13,11 @@ from protocol.pose_arrays import ellipse_axes
 SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""
 OFF_MAP = 0.5
-"""Probability above which the text says that the robot is probably not on this map."""
+"""Probability of off the map above which the text contains a warning."""
 SAME_RANGE_M = 0.5
 """Ranges at two places that are nearer to each other are listed as one [m]."""
 DOUBT = 0.01
-"""Probability above which the text says that the robot may be elsewhere."""
+"""Probability of elsewhere above which the text mentions it."""
 
 
 def pose_text(pose: PoseTuple) -> str:

@@ -67,7 +67,7 @@ def print_replay(
     Raises:
         RecordingError: there is no recording, it cannot be read, or it has another map.
         MapFileError: the map cannot be read.
-        LandmarksFileError: the landmarks file beside the map cannot be read.
+        LandmarksFileError: the landmarks file next to the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step

@@ -18,7 +18,7 @@ from particle_filter.poses import wrap_angle
 from particle_filter.sensor_model import ground_log_penalty
 
 _NEGLIGIBLE = 36.0
-"""A term that is less than another by so much is left out: it is less than its rounding [nat]."""
+"""Terms smaller than the largest by more than this are omitted, being below its rounding [nat]."""
 _PER_NAT = 32
 """Intervals of the table of log(1 + exp(-d))."""
 

@@ -21,7 +21,7 @@ Labels = NDArray[np.int32]
 def cluster_by_source_point(
     poses: Poses, log_weights: LogWeights, radius_m: float, heading_rad: float, max_clusters: int
 ) -> tuple[Labels, int]:
-    """Assign each particle to the cluster with a near source point, or found a new cluster.
+    """Assign each particle to the cluster with a near source point, or begin a new cluster.
 
     Heavier particles come first, so that sources are good poses; equal weights keep their order.
     A source is near within `radius_m` in the plane *and* within `heading_rad`. Of several near
@@ -35,8 +35,8 @@ def cluster_by_source_point(
         max_clusters: largest number of clusters.
 
     Returns:
-        (N,) cluster of each particle, numbered in the order of founding, or -1 if none is near and
-        no more may be founded; and the number of clusters.
+        (N,) cluster of each particle, numbered in the order of their beginning, or -1 if none is
+        near and no more may begin; and the number of clusters.
 
     Raises:
         ValueError: a reach or `max_clusters` is not positive, a weight is NaN, or a pose is

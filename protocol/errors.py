@@ -25,7 +25,7 @@ class MapFileError(InputFileError):
 
 
 class LandmarksFileError(InputFileError):
-    """A landmarks file is missing or corrupt, or names two landmarks alike."""
+    """A landmarks file is missing or corrupt, or gives two landmarks the same name."""
 
 
 class RecordingError(InputFileError):

@@ -1,6 +1,6 @@
 """Convert poses and covariances between wire tuples and arrays.
 
-There is no function for a tuple to a pose array: use `np.array(pose)`.
+`np.array(pose)` converts a tuple to a pose array.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 Odometry comes from tf as in AMCL: the pose of the robot's frame in the frame `odom`. The robot's
 frame is the child of `odom` on the way to the laser's frame. If tf has no such frame, odometry
-comes from a topic. Nothing is guessed: if there are several candidates, the error asks for a name.
+comes from a topic. Nothing is guessed: if there are several candidates, the error requests a name.
 """
 
 import math

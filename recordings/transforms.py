@@ -14,7 +14,7 @@ CACHE_NS = 10_000_000_000
 LATE_NS = 1_000_000_000
 """Largest age of a new transform, compared with the newest of its link [ns]."""
 RESTART_AFTER = 20
-"""Number of late transforms of a link in a row that show that the clock was set back."""
+"""After this number of consecutive late transforms of a link, the clock was set back."""
 _MAX_NAMED = 8
 _MOST_FRAMES = 1000
 

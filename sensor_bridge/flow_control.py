@@ -70,9 +70,8 @@ class FlowControl:
     def wants_standing_step(self, now_ns: int) -> bool:
         """Return whether a scan of a standing robot should become a step.
 
-        A robot that is switched on, is to search, or gets another map should not have to drive
-        before it is localized. A new map needs several steps: the coordinator follows none
-        for a single scan.
+        A robot should not have to drive before it is localized: after it is switched on, after a
+        command to search, or in a new map. The coordinator changes maps only after several scans.
         """
         unknown = self._searching and self._decided_step >= self._step
         wanted = unknown or self._new_map_step is not None

@@ -155,7 +155,7 @@ class StepMaker:
 
     @property
     def sources(self) -> tuple[SourceHealth, ...]:
-        """What is known of each source of observations."""
+        """The outlier rate of each source of observations."""
         return self._sights.health()
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:

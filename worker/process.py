@@ -178,7 +178,7 @@ def serve_robots(
 
 
 class _Share:
-    """What one robot's thread reports to the main thread of its process."""
+    """The number of jobs of one robot's thread, and its signs of life, for the main thread."""
 
     def __init__(self) -> None:
         self.jobs = 0

@@ -168,7 +168,7 @@ class Worker:
 
     @property
     def jobs(self) -> int:
-        """Number of jobs."""
+        """Number of jobs that this worker has."""
         return len(self._table.summary())
 
     @property

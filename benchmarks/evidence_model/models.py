@@ -27,12 +27,12 @@ class Sloped:
 
 @dataclass(frozen=True)
 class Tempered:
-    """Differences count once a view, and the less, the less of a scan the best place explains.
+    """Differences count once for each view, and less if the best place explains less of a scan.
 
-    What is drawn wrongly errs alike until the robot has driven on: the errors of scans are
-    correlated over `view_m`, so a scan on the way counts for the share of a view that is new.
-    Beams that nothing explains, as before people, add to the fit of any place at random: the
-    error of a difference grows with them, and what it tells falls by its square.
+    Errors of the map repeat until the robot has driven on: the errors of scans correlate over
+    `view_m`, so a scan counts by the share of its view that is new. Unexplained beams, such as
+    those of people, add random errors to the fit of any place, so the information of a difference
+    falls by the square of the residual.
     """
 
     view_m: float

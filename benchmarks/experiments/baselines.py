@@ -123,7 +123,7 @@ class KldSampling(OrdinaryMCL):
     """Ordinary MCL with KLD-sampling once it has shrunk."""
 
     def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles that KLD-sampling asks for."""
+        """Return the number of particles that KLD-sampling needs."""
         if self.steps < mcl.SHRINKING_STEPS:
             return None
         most = kept_particles(self._settings)
@@ -132,7 +132,7 @@ class KldSampling(OrdinaryMCL):
 
 
 def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: int) -> int:
-    """Return the number of particles that KLD-sampling asks for.
+    """Return the number of particles that KLD-sampling needs.
 
     With this number the Kullback-Leibler distance to the true belief is probably below a bound.
 

@@ -1,4 +1,4 @@
-"""A tag in an office that somebody has moved by two metres since it was mapped, and moves back."""
+"""A tag in an office was moved by two metres since it was mapped, and is moved back."""
 
 import math
 from itertools import islice
