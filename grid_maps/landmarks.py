@@ -8,8 +8,8 @@ import yaml
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import LandmarksFileError
-from protocol.message import Coordinate, Id, Positive
-from protocol.steps import MAX_LANDMARKS, Landmark
+from protocol.message import Coordinate, Id
+from protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 
 LANDMARKS_FILE = "landmarks.yaml"
 """Name of the file in the map's folder."""
@@ -22,7 +22,7 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y: Coordinate
     id: Id | None = None
     class_: Id | None = msgspec.field(default=None, name="class")
-    sigma: Positive = _DEFAULT_SIGMA_M
+    sigma: Sigma = _DEFAULT_SIGMA_M
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

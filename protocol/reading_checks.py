@@ -1,7 +1,7 @@
 """Check readings and scans before anything is computed from them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,8 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
         if len(reading.others) >= MAX_LASERS:
             return MALFORMED
         others = (beams_problem(other) for other in reading.others)
-        seen = (observation_problem(each) for each in reading.observations)
+        names = {landmark.name for landmark in reading.landmarks}
+        seen = (_seen_problem(each, names) for each in reading.observations)
         return beams_problem(reading) or next(filter(None, (*others, *seen)), None)
     if math.isnan(reading.range_min_m):
         return NOT_FINITE
@@ -81,6 +82,12 @@ def observation_problem(seen: Observation | Seen) -> str | None:
     if float(np.linalg.eigvalsh(covariance)[0]) < max(MIN_VARIANCE, 1e-12 * largest):
         return "a covariance that is not positive definite"
     return None
+
+
+def _seen_problem(seen: Seen, names: Set[str]) -> str | None:
+    if seen.landmark and seen.landmark not in names:
+        return "a landmark that is not on the map"
+    return observation_problem(seen)
 
 
 def stamp_problem(stamp_ns: int) -> str | None:

@@ -10,6 +10,7 @@ from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import (
     LARGEST_BYTES,
     MAX_ID_CHARACTERS,
+    MAX_POSE_M,
     SCAN_BYTES,
     Coordinate,
     Finite,
@@ -64,6 +65,9 @@ LandmarkName: TypeAlias = Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
 OutlierProbability: TypeAlias = Annotated[float, Meta(ge=1e-6, le=0.999)]
 
 
+Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=MAX_POSE_M)]
+
+
 class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
     """What another sensor says about the robot's pose. From a robot on ``readings/observation``.
 
@@ -103,7 +107,7 @@ class Landmark(msgspec.Struct, frozen=True, kw_only=True):
     x: Coordinate
     """Position in the map [m]."""
     y: Coordinate
-    sigma: Positive
+    sigma: Sigma
     """Standard deviation of the position along each axis [m]."""
 
 

@@ -22,8 +22,24 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode, refusal_of
 from protocol.message import PoseTuple
-from protocol.steps import Landmark, LaserReading, Observation, OdometryReading, Reading, Scan
-from protocol.work import Assignment, ElsewhereReport, Report, SearchJob, SearchReport, TrackReport
+from protocol.steps import (
+    Landmark,
+    LaserReading,
+    Observation,
+    OdometryReading,
+    Reading,
+    Scan,
+    Seen,
+)
+from protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    ElsewhereReport,
+    Report,
+    SearchJob,
+    SearchReport,
+    TrackReport,
+)
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
@@ -68,7 +84,9 @@ def observations(draw: st.DrawFn) -> Observation:
     """Valid observations of any size."""
     landmark, stamp_ns = draw(st.sampled_from(["", "tag", "none"])), draw(st.integers(0, 10**10))
     size = 2 if landmark else draw(st.integers(2, 3))
-    covariance = np.diag(draw(st.lists(VARIANCES, min_size=size, max_size=size)))
+    sigmas = np.diag(np.sqrt(draw(st.lists(VARIANCES, min_size=size, max_size=size))))
+    bonds = np.eye(size) + np.triu(draw(st.floats(-1.0, 1.0)) * np.ones((size, size)), 1)
+    covariance = sigmas @ bonds @ bonds.T @ sigmas
     seen = Observation(
         sender="eye", stamp_ns=stamp_ns, landmark=landmark, mean=draw(ANY_POSE)[:size],
         covariance=tuple(covariance.ravel().tolist()),
@@ -76,6 +94,24 @@ def observations(draw: st.DrawFn) -> Observation:
     usual = msgspec.structs.replace(seen, mean=(1.0,) * size)
     usual = msgspec.structs.replace(usual, covariance=tuple(np.eye(size).ravel().tolist()))
     return usual if refusal_of(seen) else seen
+
+
+@st.composite
+def seen_in_step(draw: st.DrawFn) -> Seen:
+    """Valid observations of a step."""
+    one = draw(observations())
+    return Seen(
+        landmark=one.landmark, mean=one.mean, covariance=one.covariance,
+        outlier_probability=draw(st.floats(1e-6, 0.999)), share=draw(st.floats(0.0, 1.0)),
+    )  # fmt: skip
+
+
+LANDMARKS = st.lists(
+    st.builds(
+        Landmark, name=st.sampled_from(["tag", "door"]), x=st.floats(-1e8, 1e8) | st.floats(-3, 3),
+        y=st.floats(-3, 3), sigma=st.floats(1e-150, 1e8) | st.floats(0.01, 1.0),
+    ), max_size=3,
+)  # fmt: skip
 
 
 @cases(0.06)
@@ -115,9 +151,14 @@ def scans(draw: st.DrawFn) -> Scan:
         robot_from_laser=reading.robot_from_laser, angle_min_rad=reading.angle_min_rad,
         angle_step_rad=reading.angle_step_rad, range_max_m=reading.range_max_m,
         ranges=reading.ranges, map_digest="map",
+        observations=tuple(draw(st.lists(seen_in_step(), max_size=3))),
+        landmarks=tuple(draw(LANDMARKS)),
     )  # fmt: skip
     usual = msgspec.structs.replace(scan(step.step), angle_step_rad=0.5)
-    return usual if refusal_of(step) else step
+    seeing = msgspec.structs.replace(
+        usual, observations=step.observations, landmarks=step.landmarks
+    )
+    return next(one for one in (step, seeing, usual) if not refusal_of(one))
 
 
 @cases(0.02)
@@ -128,7 +169,8 @@ def test_a_worker_makes_valid_reports_of_any_scans(
     table = JobTable("worker")
     search = SearchJob(search=0, shard=0, first_step=1)
     begun = track("c0", cloud()), Assignment(job_id="s0.0", epoch=2, job=search)
-    table.follow(order(*begun, snapshots=2), model, SETTINGS)
+    elsewhere = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=1))
+    table.follow(order(*begun, elsewhere, snapshots=2), model, SETTINGS)
     for one in given_scans:
         for report in table.on_scan(one):
             back = decode(encode(report), type(report))

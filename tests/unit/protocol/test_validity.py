@@ -11,7 +11,7 @@ from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
 from protocol.reading_checks import NO_RETURNS, laser_problem
-from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
+from protocol.steps import Landmark, OdometryReading, Scan, ScanHistory, Seen, TruePose
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -240,3 +240,16 @@ def test_a_scan_is_usable_if_at_least_one_beam_returned(returned: int | None) ->
     blob = ArrayBlob.of(ranges, "float32")
     message = msgspec.structs.replace(scan(3), range_max_m=30.0, angle_step_rad=0.01, ranges=blob)
     assert laser_problem(message) == (NO_RETURNS if returned is None else None)
+
+
+def test_a_step_that_observes_a_landmark_without_its_position_is_refused() -> None:
+    seen = Seen(
+        landmark="tag", mean=(1.0, 0.0), covariance=(0.01, 0.0, 0.0, 0.01),
+        outlier_probability=0.05, share=1.0,
+    )  # fmt: skip
+    tag = Landmark(name="tag", x=1.0, y=2.0, sigma=0.1)
+    step = msgspec.structs.replace(scan(3), observations=(seen,), landmarks=(tag,))
+    assert laser_problem(step) is None
+    assert laser_problem(msgspec.structs.replace(step, landmarks=())) == (
+        "a landmark that is not on the map"
+    )

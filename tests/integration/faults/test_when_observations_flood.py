@@ -1,0 +1,103 @@
+"""A thousand observations a second, most of them wrong, while a robot drives."""
+
+import math
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import cycle
+from pathlib import Path
+
+import yaml
+import zenoh
+from msgspec.structs import replace
+
+from clustermcl.stack import COORDINATOR
+from process_runtime.settings import BridgeSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Status
+from protocol.codec import encode
+from protocol.steps import Observation
+from robot_simulator.worlds.catalogue import world
+from tests.integration.faults.live_robot import BRIDGE, WORLD, Robot
+from tests.integration.faults.system import SMALL, system
+from tests.integration.waiting import wait_until
+from tests.maps import write_map
+
+RATE_HZ = 1000
+HOUR_NS = 3600 * 10**9
+STEPS = 25
+RIGHT = Observation(
+    sender="gnss", stamp_ns=0, mean=(0.0, 0.0), covariance=(400.0, 0.0, 0.0, 400.0)
+)  # fmt: skip
+"""The robot is within 20 m of the middle all along."""
+TAG = replace(RIGHT, sender="eye", landmark="tag", mean=(30.0, 0.0))
+WRONG = {
+    "malformed Observation: field": replace(RIGHT, mean=(math.nan, 0.0)),
+    "malformed Observation: impossible": replace(RIGHT, covariance=(1.0, 2.0, 2.0, 1.0)),
+    "reading refused: unknown landmark": replace(TAG, landmark="none"),
+    "reading refused: observation from the future": RIGHT,
+}
+"""By the cause that is counted."""
+CAUSES = {*WRONG, "reading refused: too many observations"}
+
+
+def test_a_flood_of_observations_costs_no_step() -> None:
+    with tempfile.TemporaryDirectory(prefix="mcl-flood-") as name:
+        map_file = write_map(world(WORLD).map, Path(name), "map")
+        tag = {"id": "tag", "x": 7.7, "y": 0.0}
+        (Path(name) / "landmarks.yaml").write_text(yaml.safe_dump({"landmarks": [tag]}))
+        bridge = BridgeSettings(map=str(map_file), source="zenoh")
+        with system(replace(SMALL, bridge=bridge)) as tested:
+            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
+            with Robot(tested.session, WORLD).driving():
+                wait_until(lambda: tested.step >= 0)
+                with flood(tested.session) as sent, tested.client as client:
+                    began_s = time.monotonic()
+                    wait_until(lambda: tested.step >= STEPS and len(sent) >= RATE_HZ)
+                    rate_hz = len(sent) / (time.monotonic() - began_s)
+                    wait_until(lambda: not CAUSES - dropped(client.status()).keys())
+                    wait_until(
+                        lambda: "reading refused: too many observations" in dropped(client.status())
+                    )
+                    status = client.status()
+    assert rate_hz > 0.5 * RATE_HZ  # on a loaded machine
+    assert status.steps_lost == 0
+    assert not {"dropped laser", "dropped odometry"} & dropped(status).keys()
+    steps = [belief.step for belief in tested.beliefs]
+    assert steps == list(range(len(steps)))
+
+
+@contextmanager
+def flood(session: zenoh.Session) -> Iterator[list[int]]:
+    """Publish observations, right and wrong in turn; the list grows with each."""
+    stop, sent = StopFlag(), list[int]()
+    kinds = [RIGHT, TAG, *WRONG.values()]
+
+    def publish() -> None:
+        began_ns = time.monotonic_ns()
+        for number, kind in enumerate(cycle(kinds)):
+            if stop.wait(number / RATE_HZ - (time.monotonic_ns() - began_ns) * 1e-9):
+                return
+            future_ns = HOUR_NS if number % len(kinds) == len(kinds) - 1 else 0
+            # A tag that is elsewhere at each sight is new each time.
+            mean = (number % 97 * 1.1, *kind.mean[1:]) if kind is TAG else kind.mean
+            stamped = replace(kind, stamp_ns=time.time_ns() + future_ns, mean=mean)
+            session.put(keys.OBSERVATION_READING, encode(stamped))
+            sent.append(number)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        yield sent
+    finally:
+        stop.set()
+        thread.join()
+
+
+def dropped(status: Status) -> dict[str, int]:
+    """The bridge's counters of dropped messages, by cause."""
+    (health,) = (health for health in status.processes if health.sender == BRIDGE)
+    return dict(health.dropped)
