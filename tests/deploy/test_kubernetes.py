@@ -14,7 +14,6 @@ import yaml
 
 from process_runtime.settings_file import load_settings
 from tests.unit.evaluation.places import STATUS
-from zenoh_link.session import MANY_LINKS, VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
 KUSTOMIZATION = yaml.safe_load((FOLDER / "kustomization.yaml").read_text())
@@ -101,11 +100,6 @@ def test_every_pod_runs_a_process_of_ours_or_the_official_router() -> None:
         assert importlib.util.find_spec(f"{container['args'][0]}.__main__") is not None
 
 
-def test_the_router_has_more_threads_than_a_machine_has_links() -> None:
-    (container,) = pods()["router"]["containers"]
-    assert {"name": VARIABLE, "value": MANY_LINKS} in container["env"]
-
-
 def test_every_mounted_volume_is_declared_and_every_declared_volume_is_mounted() -> None:
     generated = {made["name"] for made in KUSTOMIZATION["configMapGenerator"]}
     for name, pod in pods().items():
@@ -135,18 +129,6 @@ def test_no_pod_has_more_rights_than_it_needs() -> None:
         assert context["allowPrivilegeEscalation"] is False, name
         assert context["readOnlyRootFilesystem"] is True, name
         assert context["capabilities"] == {"drop": ["ALL"]}, name
-
-
-def test_every_container_requests_its_resources() -> None:
-    for _, container in containers():
-        assert set(container["resources"]["requests"]) == {"cpu", "memory"}
-        assert "memory" in container["resources"]["limits"]
-
-
-def test_workers_are_spread_over_the_machines() -> None:
-    (spread,) = pods()["worker"]["topologySpreadConstraints"]
-    assert (spread["topologyKey"], spread["maxSkew"]) == ("kubernetes.io/hostname", 1)
-    assert spread["whenUnsatisfiable"] == "DoNotSchedule"
 
 
 def test_the_readiness_probe_reads_mounted_settings() -> None:

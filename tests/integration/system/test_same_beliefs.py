@@ -30,16 +30,6 @@ def assert_same(beliefs: list[Belief], outcomes: list[Outcome]) -> None:
         assert belief.off_map_probability == outcome.off_map_probability, f"step {belief.step}"
 
 
-def test_processes_over_zenoh_have_the_same_beliefs_as_one_process(
-    start_stack: StartStack, alone: list[Outcome]
-) -> None:
-    stack, settings = start_stack(SMALL, steps=STEPS)
-    assert_same(beliefs_of(stack, settings), alone)
-    assert any(len(outcome.hypotheses) > 3 for outcome in alone), "clusters were compared"
-    assert sum(bool(outcome.end) for outcome in alone) > 2, "and hand-overs"
-    assert any(outcome.resize for outcome in alone[: STEPS - 10]), "and numbers of particles"
-
-
 def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one(start_stack: StartStack) -> None:
     """A robot that is probably not on the map has one at once; it is searched for and tracked."""
     belief = msgspec.structs.replace(SMALL.belief, off_map_probability=0.6)

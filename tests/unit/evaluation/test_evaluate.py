@@ -37,94 +37,56 @@ def sure_of(pose: PoseTuple) -> tuple[State, list[Hypothesis], PoseTuple | None]
     return "localized", [place(0.95, pose), place(0.05, (0.0, 0.0, 0.0))], TRUTH
 
 
-def test_localized_means_right_over_the_last_ten_steps() -> None:
-    wrong_before = judged(*[sure_of(WRONG)] * 3, *[sure_of(RIGHT)] * 10)
-    assert wrong_before["localized"]
-    assert (wrong_before["localized_at_step"], wrong_before["localized_at_s"]) == (3, 3.0)
-    one_wrong = judged(*[sure_of(RIGHT)] * 8, sure_of(WRONG), *[sure_of(RIGHT)] * 9)
-    assert not one_wrong["localized"]
-    assert one_wrong["localized_at_step"] is one_wrong["rmse_m"] is None
+SURE, LOST = sure_of(RIGHT), sure_of(WRONG)
+FIRST_SEARCH = "searching", [place(1.0, WRONG)], TRUTH
+FORGOTTEN = "searching", list[Hypothesis](), TRUTH
+UNJUDGED = "localized", [place(1.0)], None
+DOUBTFUL = "ambiguous", [place(0.89, WRONG), place(0.11, RIGHT)], TRUTH
+SPLIT = "ambiguous", [place(0.5, WRONG), place(0.3, RIGHT), place(0.2, TRUTH)], TRUTH
+LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
 
 
-def test_a_wrong_step_restarts_the_count() -> None:
-    verdict = judged(*[sure_of(RIGHT)] * 20, sure_of(WRONG), *[sure_of(RIGHT)] * 12)
-    assert verdict["localized_at_step"] == 21
-
-
-def test_a_run_shorter_than_ten_steps_is_judged_by_all_of_them() -> None:
-    assert judged(*[sure_of(RIGHT)] * 4)["localized"]
-    assert not judged(sure_of(WRONG), *[sure_of(RIGHT)] * 3)["localized"]
-
-
-def test_the_rmse_counts_from_where_it_stayed_right() -> None:
-    first, then = sure_of((10.0, 5.9, 3.0)), sure_of((10.0, 5.5, 3.0))
-    verdict = judged(sure_of(WRONG), first, *[then] * 10)
-    assert verdict["rmse_m"] == pytest.approx(math.sqrt((0.9**2 + 10 * 0.5**2) / 11))
-
-
-def test_the_final_error_is_that_of_the_last_judged_step() -> None:
-    verdict = judged(sure_of(RIGHT), sure_of((10.0, 5.2, 3.1)), ("localized", [place(1.0)], None))
-    assert verdict["final_error_m"] == pytest.approx(0.2)
-    assert verdict["final_error_rad"] == pytest.approx(0.1)
-    assert verdict["steps"] == 3
-
-
-def test_only_a_sure_estimate_at_a_wrong_place_is_confidently_wrong() -> None:
-    doubtful = ("ambiguous", [place(0.89, WRONG), place(0.11, RIGHT)], TRUTH)
-    sure = ("localized", [place(0.9, WRONG)], TRUTH)
-    assert judged(sure_of(RIGHT), doubtful, sure, sure)["confidently_wrong_fraction"] == 0.5
-
-
-def test_during_the_first_search_no_estimate_is_counted() -> None:
-    searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [place(1.0, WRONG)], TRUTH
-    verdict = judged(*[searching] * 3, sure_of(RIGHT))
-    assert verdict["confidently_wrong_fraction"] == 0.0
-    assert verdict["truth_tracked_fraction"] == 1.0
-    only = judged(searching)
-    assert not only["localized"]
-    assert only["final_error_m"] is only["truth_tracked_fraction"] is None
-
-
-def test_any_right_place_tracks_the_truth_and_their_probabilities_add_up() -> None:
-    both = ("ambiguous", [place(0.5, WRONG), place(0.3, RIGHT), place(0.2, TRUTH)], TRUTH)
-    none = ("ambiguous", [place(1.0, WRONG)], TRUTH)
-    verdict = judged(both, none)
-    assert verdict["truth_tracked_fraction"] == 0.5
-    assert verdict["truth_probability_mean"] == pytest.approx(0.25)
-
-
-def test_places_forgotten_later_count_against_tracking() -> None:
-    forgotten: tuple[State, list[Hypothesis], PoseTuple] = "searching", [], TRUTH
-    verdict = judged(sure_of(RIGHT), forgotten)
-    assert verdict["truth_tracked_fraction"] == 0.5
-    assert not verdict["localized"]
-    assert verdict["final_error_m"] is None
-
-
-def test_without_a_reference_nothing_is_claimed() -> None:
-    verdict = judged(*[("localized", [place(1.0)], None)] * 12)
-    assert not verdict["localized"]
-    assert verdict["confidently_wrong_fraction"] is verdict["truth_probability_mean"] is None
-    assert verdict["steps"] == 12
-    assert verdict["localized_fraction"] == 1.0
-
-
-def test_without_ground_truth_the_first_place_ends_the_first_search() -> None:
-    unjudged: tuple[State, list[Hypothesis], None] = "localized", [place(1.0)], None
-    searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [], TRUTH
-    assert judged(unjudged, searching, sure_of(RIGHT))["truth_tracked_fraction"] == 0.5
-
-
-def test_steps_in_the_json_are_counted_from_0() -> None:
-    doubtful = ("ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH)
-    verdict = judged(sure_of(WRONG), sure_of(RIGHT), doubtful)
-    assert verdict["sure_and_right_at_step"] == 1
-    assert verdict["truth_probability_lowest_once_sure"] == 0.6
-    logs = (math.log(0.001), math.log(0.95), math.log(0.6))
-    assert verdict["log_score_mean"] == pytest.approx(math.fsum(logs) / 3)
-    squares = (1 + 0.95**2 + 0.05**2, 2 * 0.05**2, 2 * 0.4**2)
-    assert verdict["brier_mean"] == pytest.approx(math.fsum(squares) / 3)
-    assert verdict["elsewhere_probability_mean"] is None
+@pytest.mark.parametrize(("steps", "expected"), [
+    ([LOST] * 3 + [SURE] * 10, {"localized": True, "localized_at_step": 3, "localized_at_s": 3.0}),
+    ([SURE] * 8 + [LOST] + [SURE] * 9,
+     {"localized": False, "localized_at_step": None, "rmse_m": None}),
+    ([SURE] * 20 + [LOST] + [SURE] * 12, {"localized_at_step": 21}),
+    ([SURE] * 4, {"localized": True}),
+    ([LOST] + [SURE] * 3, {"localized": False}),
+    ([LOST, sure_of((10.0, 5.9, 3.0))] + [sure_of((10.0, 5.5, 3.0))] * 10,
+     {"rmse_m": math.sqrt((0.9**2 + 10 * 0.5**2) / 11)}),
+    ([SURE, sure_of((10.0, 5.2, 3.1)), UNJUDGED],
+     {"final_error_m": 0.2, "final_error_rad": 0.1, "steps": 3}),
+    ([SURE, DOUBTFUL, LOST, LOST], {"confidently_wrong_fraction": 0.5}),
+    ([FIRST_SEARCH] * 3 + [SURE],
+     {"confidently_wrong_fraction": 0.0, "truth_tracked_fraction": 1.0}),
+    ([FIRST_SEARCH],
+     {"localized": False, "final_error_m": None, "truth_tracked_fraction": None}),
+    ([SPLIT, ("ambiguous", [place(1.0, WRONG)], TRUTH)],
+     {"truth_tracked_fraction": 0.5, "truth_probability_mean": 0.25}),
+    ([SURE, FORGOTTEN],
+     {"truth_tracked_fraction": 0.5, "localized": False, "final_error_m": None}),
+    ([UNJUDGED] * 12,
+     {"localized": False, "confidently_wrong_fraction": None, "truth_probability_mean": None,
+      "steps": 12, "localized_fraction": 1.0}),
+    ([UNJUDGED, FORGOTTEN, SURE], {"truth_tracked_fraction": 0.5}),
+    ([LOST, SURE, LEADS],
+     {"sure_and_right_at_step": 1, "truth_probability_lowest_once_sure": 0.6,
+      "log_score_mean": (math.log(0.001) + math.log(0.95) + math.log(0.6)) / 3,
+      "brier_mean": (1 + 0.95**2 + 0.05**2 + 2 * 0.05**2 + 2 * 0.4**2) / 3,
+      "elsewhere_probability_mean": None}),
+], ids=[
+    "right over the last ten steps", "one of them wrong", "a wrong step restarts the count",
+    "a short run", "a short run with a wrong step", "the rmse from where it stayed right",
+    "the error of the last judged step", "sure at a wrong place", "the first search is not counted",
+    "only a first search", "any place tracks the truth", "places forgotten later",
+    "no reference", "the first place ends the first search", "steps are counted from 0",
+])  # fmt: skip
+def test_a_run_is_judged_by_its_steps(
+    steps: list[tuple[State, list[Hypothesis], PoseTuple | None]], expected: dict[str, object]
+) -> None:
+    verdict = judged(*steps)
+    assert {name: verdict[name] for name in expected} == pytest.approx(expected)
 
 
 def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:

@@ -19,7 +19,7 @@ from ros2_bridge import message_types as types
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.laser_scans import MAX_WAITING
-from ros2_bridge.message_types import decode, encode, new
+from ros2_bridge.message_types import decode, new
 from ros2_bridge.messages_out import header, pose, pose_stamped, transform
 from ros2_bridge.outputs import Output, Publish, Refused
 from tests.unit.ros2_bridge.beliefs import COVARIANCE, belief
@@ -165,30 +165,6 @@ def test_times_that_ros_cannot_represent_are_refused_in_every_message(
     assert readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
 
 
-def test_the_last_valid_ros_time_can_be_published() -> None:
-    last_ns = 2**31 * SECOND - 1
-    robot = Robot()
-    robot.drive(last_ns, (0.0, 0.0, 0.0))
-    reported = robot.believe(last_ns) + robot.drive(last_ns, (0.0, 0.0, 0.0)) + robot.scan(last_ns)
-    sent = [one for one in reported if isinstance(one, Publish)]
-    assert {one.topic.name for one in sent} >= {"amcl_pose", "/tf"}
-    for one in sent:
-        if not isinstance(one.message, bytes):
-            encode(one.message, one.topic.ros_type)
-
-
-def test_leading_slashes_of_frames_are_ignored() -> None:
-    slashes = {"global_frame": "/map", "odom_frame": "/odom", "base_frame": "/base_footprint"}
-    robot = Robot(Ros2Settings(**slashes))
-    (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
-    (reported, *_) = published(robot.believe(reading.stamp_ns), topics.AMCL_POSE)
-    assert reported.header.frame_id == "map"
-    assert [at for at, _ in map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))] == [3 * SECOND]
-    message = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "/map")
-    (given,) = robot.amcl.on_initial_pose(message)
-    assert isinstance(given, SetPose)
-
-
 def test_the_beams_of_an_upside_down_laser_are_reordered() -> None:
     robot = Robot()
     overhead = link("base_footprint", "roof", Rigid(0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
@@ -324,20 +300,6 @@ def test_simulated_time_that_goes_back_drops_moving_transforms() -> None:
 
 
 # --- the pose
-
-
-def test_map_to_odom_is_published_with_every_scan_of_a_standing_robot() -> None:
-    robot = Robot()
-    robot.drive(SECOND, (1.0, 2.0, 0.3))
-    robot.believe(SECOND)
-    sent = []
-    for tick in range(1, 11):
-        stamp_ns = SECOND + tick * SECOND // 10
-        sent += map_from_odom(robot.drive(stamp_ns, (1.0, 2.0, 0.3)))
-        assert sent[-1][0] == stamp_ns + SECOND  # transform_tolerance
-    expected = compose(np.array(PLACE), inverse(np.array((1.0, 2.0, 0.3))))
-    assert len(sent) == 10
-    np.testing.assert_allclose([one for _, one in sent], [expected] * 10, atol=1e-12)
 
 
 def test_map_to_odom_is_exact_after_odometry_has_jumped() -> None:

@@ -1,7 +1,6 @@
 import errno
 import logging
 import os
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -88,20 +87,6 @@ def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> No
         "pyramid1",
         "pyramid2",
     }
-
-
-def test_cached_arrays_of_another_map_are_computed_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    sensor_model(grid_map(), SETTINGS, tmp_path)
-    (entry,) = tmp_path.glob("field-*")
-    other = GridMap(np.eye(7, dtype=np.int8), 0.1, (0.0, 0.0, 0.0))
-    sensor_model(other, SETTINGS, tmp_path)
-    (others,) = set(tmp_path.glob("field-*")) - {entry}
-    shutil.rmtree(entry)
-    others.rename(entry)
-    assert sensor_model(grid_map(), SETTINGS, tmp_path).grid.cells.shape == (30, 40)
-    assert "not the arrays of this map" in caplog.text
 
 
 def test_the_arrays_are_mapped_from_one_file(tmp_path: Path) -> None:

@@ -8,12 +8,9 @@ import pytest
 
 from benchmarks.experiments.baselines import (
     ALGORITHMS,
-    KLD_BIN_M,
-    KLD_BIN_RAD,
     KLD_LEAST_PARTICLES,
     KldSampling,
     VisibleFieldModel,
-    sufficient_particles,
 )
 from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
 from benchmarks.experiments.measures import RunMeasures
@@ -127,14 +124,6 @@ def spread(sigma_m: float) -> np.ndarray:
     return rng.normal(0.0, 1.0, (2000, 3)) * np.array([sigma_m, sigma_m, 0.05])
 
 
-def test_kld_bins_differ_in_position_or_heading() -> None:
-    bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
-    poses = (bins + 0.5) * np.array([KLD_BIN_M, KLD_BIN_M, KLD_BIN_RAD])
-    k = 7 * 5 * 3 - 1
-    expected = k / 0.1 * (1 - 2 / (9 * k) + (2 / (9 * k)) ** 0.5 * 2.326) ** 3
-    assert sufficient_particles(poses, 0.05, 1, 10**6) == int(np.ceil(expected))
-
-
 WITH_BOX, WITHOUT_BOX = symmetric_room(), plain_room()
 HERE = np.array([3.0, 3.2, 0.0])
 POSES = HERE + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, -0.02, 0.01]])
@@ -159,10 +148,3 @@ def test_each_pose_loses_a_share_of_its_occluded_score_beyond_the_tolerance() ->
     assert (hidden > 0.05 * beams.count + 5.0).all()
     lost = field.log_likelihood(POSES, beams) - model.log_likelihood(POSES, beams)
     np.testing.assert_allclose(lost, 0.3 * (hidden - 0.05 * beams.count), atol=1e-9)
-
-
-def test_many_poses_are_weighed_by_the_field_alone() -> None:
-    field = model_of(WITH_BOX, visible().settings)
-    expected = field.log_likelihood(POSES, THROUGH_THE_BOX)
-    assert visible(most_poses=2).log_likelihood(POSES, THROUGH_THE_BOX) == pytest.approx(expected)
-    assert (visible(most_poses=3).log_likelihood(POSES, THROUGH_THE_BOX) < expected).all()
