@@ -4,7 +4,6 @@ import lzma
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -43,94 +42,58 @@ def png(*pixels: int | tuple[int, ...], mode: str = "L") -> bytes:
     return packed.getvalue()
 
 
-def cells_of(folder: Path, content: bytes, /, **changed: str) -> list[int]:
-    loaded = load_map(write_map(folder, content, **changed)).cells
-    assert loaded.shape[0] == 1
-    return [int(cell) for cell in loaded[0]]
-
-
 def test_the_lowest_row_of_the_image_is_row_0(tmp_path: Path) -> None:
     grid_map = load_map(write_map(tmp_path))
     assert grid_map.cells.tolist() == OF_PGM
     assert (grid_map.cell_m, grid_map.map_from_grid) == (0.05, (-1.0, 2.0, 0.0))
 
 
-def test_the_origin_may_be_turned(tmp_path: Path) -> None:
-    grid_map = load_map(write_map(tmp_path, origin="[1, 2, 1.57]"))
-    assert grid_map.map_from_grid == (1.0, 2.0, 1.57)
+@pytest.mark.parametrize("content", [
+    b"P5\n# made by a map saver\n3 2\n# really\n255\n" + PGM[-6:],
+    b"P2\n3 2\n255\n0 205 254\n254 254 0\n",
+    b"P5\n3 2\n100\n" + bytes([0, 80, 100, 100, 100, 0]),
+])  # fmt: skip
+def test_a_pgm_may_hold_comments_be_text_or_have_another_maximum(
+    tmp_path: Path, content: bytes
+) -> None:
+    assert load_map(write_map(tmp_path, content)).cells.tolist() == OF_PGM
 
 
-def test_a_pgm_header_may_hold_comments(tmp_path: Path) -> None:
-    commented = b"P5\n# made by a map saver\n3 2\n# really\n255\n" + PGM[-6:]
-    assert load_map(write_map(tmp_path, commented)).cells.tolist() == OF_PGM
+# Pixels that are occupied with probability 1, 0.6, 0.4 and 0.
+STEPS = png(0, 102, 153, 255)
+# Black and white, both opaque, then both clear: alpha is a channel to average, or marks unknown.
+SEEN = (0, 255), (255, 255), (255, 0), (0, 0)
+RAW = png(0, 100, 50, 101, 205, 255)
+F, X, U = FREE, OCCUPIED, UNKNOWN
 
 
-def test_a_pgm_may_be_text_or_have_another_maximum(tmp_path: Path) -> None:
-    as_text = b"P2\n3 2\n255\n0 205 254\n254 254 0\n"
-    assert load_map(write_map(tmp_path, as_text)).cells.tolist() == OF_PGM
-    half_white = b"P5\n3 2\n100\n" + bytes([0, 80, 100, 100, 100, 0])
-    assert load_map(write_map(tmp_path, half_white)).cells.tolist() == OF_PGM
-    of_16_bits = b"P5\n2 1\n65535\n" + bytes([0xFF, 0xFF, 0, 0])
-    assert cells_of(tmp_path, of_16_bits) == [FREE, OCCUPIED]
+@pytest.mark.parametrize(("image", "changed", "cells"), [
+    (b"P5\n2 1\n65535\n" + bytes([0xFF, 0xFF, 0, 0]), {}, [F, X]),
+    (STEPS, {"occupied_thresh": "0.6", "free_thresh": "0.4"}, [X, U, U, F]),
+    (STEPS, {"occupied_thresh": "0.59", "free_thresh": "0.41"}, [X, X, F, F]),
+    (png(205, 254), {"free_thresh": "0.196"}, [U, F]),
+    (png(205, 254), {"free_thresh": "0.25"}, [F, F]),
+    (png(0, 50, 128, 255), {"negate": "1"}, [F, U, U, X]),
+    (png(0, 50, 128, 255), {"negate": "true"}, [F, U, U, X]),
+    (png((255, 0, 0), (255, 255, 255), (200, 255, 255), mode="RGB"), {}, [X, F, F]),
+    (png(*SEEN, mode="LA"), {}, [X, F, U, X]),
+    (png(*[(v, v, v, a) for v, a in SEEN], mode="RGBA"), {}, [X, F, U, X]),
+    (png((0, 255), (255, 255), (255, 254), (128, 255), mode="LA"), {"mode": "scale"}, [X, F, U, U]),
+    (RAW, {"mode": "raw"}, [F, X, U, U, U, U]),
+    (RAW, {"mode": "raw", "negate": "1"}, [F, X, U, U, U, U]),
+])  # fmt: skip
+def test_pixels_become_cells_as_in_ros(
+    tmp_path: Path, image: bytes, changed: dict[str, str], cells: list[int]
+) -> None:
+    loaded = load_map(write_map(tmp_path, image, **changed)).cells
+    assert loaded.tolist() == [cells]
 
 
-def test_thresholds_themselves_are_unknown(tmp_path: Path) -> None:
-    # occupied with probability 1, 0.6, 0.4, 0: exactly on the thresholds is neither
-    image = png(0, 102, 153, 255)
-    on_them = cells_of(tmp_path, image, occupied_thresh="0.6", free_thresh="0.4")
-    assert on_them == [OCCUPIED, UNKNOWN, UNKNOWN, FREE]
-    beyond = cells_of(tmp_path, image, occupied_thresh="0.59", free_thresh="0.41")
-    assert beyond == [OCCUPIED, OCCUPIED, FREE, FREE]
-
-
-def test_grey_205_is_unknown_or_free_depending_on_free_thresh(tmp_path: Path) -> None:
-    assert cells_of(tmp_path, png(205, 254), free_thresh="0.196") == [UNKNOWN, FREE]
-    assert cells_of(tmp_path, png(205, 254), free_thresh="0.25") == [FREE, FREE]
-
-
-@pytest.mark.parametrize("negate", ["1", "true"])
-def test_negate_swaps_dark_and_light(tmp_path: Path, negate: str) -> None:
-    assert cells_of(tmp_path, png(0, 50, 128, 255), negate=negate) == [
-        FREE, UNKNOWN, UNKNOWN, OCCUPIED,
-    ]  # fmt: skip
-
-
-def test_colours_are_averaged(tmp_path: Path) -> None:
-    # red 255 alone is a third of white: occupied with probability 0.667
-    image = png((255, 0, 0), (255, 255, 255), (200, 255, 255), mode="RGB")
-    assert cells_of(tmp_path, image) == [OCCUPIED, FREE, FREE]
-
-
-def test_trinary_counts_alpha_as_a_fourth_channel(tmp_path: Path) -> None:
-    # black and opaque: (0 + 0 + 0 + 255) / 4, occupied 0.75; white and clear: occupied 0.25
-    image = png((0, 255), (255, 255), (255, 0), (0, 0), mode="LA")
-    expected = [OCCUPIED, FREE, UNKNOWN, OCCUPIED]
-    assert cells_of(tmp_path, image) == expected
-    in_colours = png(*[(v, v, v, a) for v, a in [(0, 255), (255, 255), (255, 0), (0, 0)]],
-                     mode="RGBA")  # fmt: skip
-    assert cells_of(tmp_path, in_colours) == expected
-
-
-def test_mode_scale_leaves_grey_and_transparent_cells_unknown(tmp_path: Path) -> None:
-    image = png((0, 255), (255, 255), (255, 254), (128, 255), mode="LA")
-    assert cells_of(tmp_path, image, mode="scale") == [OCCUPIED, FREE, UNKNOWN, UNKNOWN]
-
-
-def test_raw_pixels_are_percentages_and_not_negated(tmp_path: Path) -> None:
-    image = png(0, 100, 50, 101, 205, 255)
-    expected = [FREE, OCCUPIED, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN]
-    assert cells_of(tmp_path, image, mode="raw") == expected
-    assert cells_of(tmp_path, image, mode="raw", negate="1") == expected
-
-
-def test_the_mode_of_a_map_is_optional(tmp_path: Path) -> None:
-    assert (
-        load_map(write_map(tmp_path)).digest == load_map(write_map(tmp_path, mode="trinary")).digest
-    )
-
-
-def test_a_number_may_be_written_as_ros_accepts_it(tmp_path: Path) -> None:
-    assert load_map(write_map(tmp_path, resolution="5e-2")).cell_m == 0.05  # a text in YAML 1.1
+def test_an_origin_may_be_turned_and_the_mode_of_a_map_is_optional(tmp_path: Path) -> None:
+    plain = load_map(write_map(tmp_path))
+    assert load_map(write_map(tmp_path, mode="trinary")).digest == plain.digest
+    other = load_map(write_map(tmp_path, origin="[1, 2, 1.57]", resolution="5e-2"))
+    assert (other.map_from_grid, other.cell_m) == ((1.0, 2.0, 1.57), 0.05)
 
 
 @pytest.mark.parametrize(("suffix", "compress"), [(".gz", gzip.compress), (".xz", lzma.compress)])
@@ -262,7 +225,3 @@ def test_published_maps_of_other_projects_are_read(
     grid_map: GridMap = load_map(recording_or_skip(f"{name}.yaml"))
     assert grid_map.cells.shape == shape
     assert grid_map.free_area_m2 == pytest.approx(free_m2, abs=0.1)
-
-
-def test_depot_has_no_unknown_cell_because_205_is_free_there() -> None:
-    assert not np.any(load_map(recording_or_skip("ros-maps/depot.yaml")).cells == UNKNOWN)

@@ -9,6 +9,7 @@ import pytest
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
+from protocol.message import PoseTuple
 from protocol.steps import LaserReading
 from recordings.recording import open_recording
 from tests.unit.recordings import recording_or_skip
@@ -61,24 +62,20 @@ def test_the_pose_of_an_flaser_is_the_odometry_not_the_corrected_pose(tmp_path: 
     np.testing.assert_allclose(scan.ranges.array(), RAMP, rtol=1e-6)
 
 
-def test_the_mount_of_the_laser_is_that_of_the_parameter(tmp_path: Path) -> None:
-    parameter = "PARAM robot_frontlaser_offset 0.895 nohost 0"
-    other = "PARAM robot_frontlaser_use on nohost 0"
-    recording = recording_of(tmp_path, parameter, other, flaser(1, ranges=RAMP))
-    assert scans_of(recording)[0].robot_from_laser == (0.895, 0.0, 0.0)
+@pytest.mark.parametrize(("lines", "settings", "mount"), [
+    (["PARAM robot_frontlaser_offset 0.895 nohost 0", "PARAM robot_frontlaser_use on nohost 0",
+      flaser(1, ranges=RAMP)], BridgeSettings(), (0.895, 0.0, 0.0)),
+    ([flaser(t, (t, 0, 0), RAMP, pose=(t + 0.2, 0.1, 0)) for t in (1, 2, 3)], BridgeSettings(),
+     (0.2, 0.1, 0.0)),
+    ([flaser(1, ranges=RAMP)],
+     BridgeSettings(laser_x_m=0.3, laser_y_m=-0.1, laser_heading_rad=0.2), (0.3, -0.1, 0.2)),
+], ids=["the log's parameter", "a constant pose in the log", "the settings"])  # fmt: skip
+def test_the_mount_of_the_laser_is_that_of_the_log_or_else_of_the_settings(
+    tmp_path: Path, lines: list[str], settings: BridgeSettings, mount: PoseTuple
+) -> None:
+    recording = recording_of(tmp_path, *lines, settings=settings)
+    assert {scan.robot_from_laser for scan in scans_of(recording)} == {mount}
     assert recording.skipped == ()
-
-
-def test_without_a_parameter_a_constant_laser_pose_is_the_mount(tmp_path: Path) -> None:
-    lines = [flaser(t, (t, 0, 0), RAMP, pose=(t + 0.2, 0.1, 0)) for t in (1, 2, 3)]
-    scans = scans_of(recording_of(tmp_path, *lines))
-    assert {scan.robot_from_laser for scan in scans} == {(0.2, 0.1, 0.0)}
-
-
-def test_without_a_mount_in_the_log_that_of_the_settings_applies(tmp_path: Path) -> None:
-    settings = BridgeSettings(laser_x_m=0.3, laser_y_m=-0.1, laser_heading_rad=0.2)
-    recording = recording_of(tmp_path, flaser(1, ranges=RAMP), settings=settings)
-    assert scans_of(recording)[0].robot_from_laser == (0.3, -0.1, 0.2)
 
 
 def test_a_robotlaser_line_contains_mount_angles_and_range(tmp_path: Path) -> None:
@@ -152,6 +149,9 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
 @pytest.mark.parametrize(
     ("bad", "problem"),
     [
+        (wean_scan(1)[:300], "this L line needs 188"),
+        ("O 1 2 3", "4 words, this O line needs 5"),
+        (wean_scan(1).replace("L 0", "L x"), "'x' is not a number"),
         (GOOD[0][:200], "180 readings announced"),
         (GOOD[0][:-10], "words, this FLASER line needs 191"),
         ("FLASER", "without its number of readings"),
@@ -171,31 +171,15 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
         ("\x00\xff\x00", "unknown kind of line"),
     ],
 )
-def test_a_malformed_line_of_carmen_is_listed_and_the_rest_is_read(
+def test_a_malformed_line_is_listed_and_the_rest_is_read(
     tmp_path: Path, bad: str, problem: str
 ) -> None:
-    recording = recording_of(tmp_path, GOOD[0], bad, *GOOD[1:])
+    good = [wean_scan(t) for t in (1, 2, 3)] if bad[:2] in ("L ", "O ") else GOOD
+    recording = recording_of(tmp_path, good[0], bad, *good[1:])
     assert recording.laser_count == 3
     [skipped] = recording.skipped
     assert skipped.line_number == 2
     assert problem in skipped.problem
-
-
-@pytest.mark.parametrize(
-    ("bad", "problem"),
-    [
-        (wean_scan(1)[:300], "this L line needs 188"),
-        ("O 1 2 3", "4 words, this O line needs 5"),
-        (wean_scan(1).replace("L 0", "L x"), "'x' is not a number"),
-        ("FLASER 3", "unknown kind of line 'FLASER'"),
-    ],
-)
-def test_a_malformed_line_of_wean_hall_is_listed_and_the_rest_is_read(
-    tmp_path: Path, bad: str, problem: str
-) -> None:
-    recording = recording_of(tmp_path, wean_scan(1), bad, wean_scan(2))
-    assert recording.laser_count == 2
-    assert problem in recording.skipped[0].problem
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])

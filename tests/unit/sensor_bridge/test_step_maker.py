@@ -60,20 +60,6 @@ def test_a_standing_robot_makes_one_step() -> None:
     assert len(made_of(*driving(*[1.0] * 50))) == 1
 
 
-def test_steps_are_numbered_without_gaps() -> None:
-    steps = made_of(*driving(0, 0.1, 1, 2, 2.1, 3), maker=a_maker(first_step=7))
-    assert [step.step for step in steps] == [7, 8, 9, 10]
-
-
-def test_a_step_can_be_forced() -> None:
-    maker = a_maker()
-    first, second, third = driving(0.0, 0.0, 0.0)
-    assert maker.on_reading(first) is not None
-    assert maker.on_reading(second) is None
-    maker.force_next()
-    assert maker.on_reading(third) is not None
-
-
 def test_one_step_is_forced_and_the_next_is_measured_from_there() -> None:
     maker = a_maker()
     first, second, *others = driving(0.0, 0.15, 0.2, 0.34, 0.36)
@@ -233,24 +219,6 @@ def test_a_jump_of_odometry_is_removed() -> None:
     # the robot drove on: 50, 51, no motion over the jump, one metre more
     assert [step.odom_from_robot[0] for step in steps] == pytest.approx([50.0, 51.0, 52.0])
     assert maker.dropped == {"odometry_jumped": 1}
-
-
-def test_after_a_jump_of_odometry_motion_continues_from_the_old_pose() -> None:
-    maker = a_maker()
-    maker.on_reading(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
-    maker.on_reading(odometry_reading(0.1, ORIGIN))
-    maker.on_reading(odometry_reading(0.2, ORIGIN))
-    maker.on_reading(odometry_reading(0.5, (1.0, 0.0, 0.0)))  # one metre straight ahead
-    assert maker.odometry is not None
-    assert maker.odometry[1] == pytest.approx((50.0, 1.0, math.pi / 2))
-
-
-def test_a_single_outlier_pose_has_no_effect() -> None:
-    maker = a_maker()
-    for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
-        maker.on_reading(odometry_reading(i / 10, (x, 0.0, 0.0)))
-    assert maker.dropped == {"outlier_in_time_or_place": 1}
-    assert maker.odometry == (seconds(0.4), (0.4, 0.0, 0.0))
 
 
 def quiet_drive() -> list[Reading]:
