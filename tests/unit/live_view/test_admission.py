@@ -37,48 +37,34 @@ def test_loopback_addresses_are_recognised(host: str, loopback: bool) -> None:
     assert Address(host, 1).is_loopback is loopback
 
 
-def test_a_page_of_this_machine_may_open_the_socket() -> None:
-    for name in ("127.0.0.1:8350", "localhost:8350"):
-        headers = {"host": name, "origin": f"http://{name}"}
-        assert HERE.problem("/live", headers, socket=True) == ""
+NAME = THERE.cookie.partition("=")[0]
+OWN, EVIL = "http://r:8350", "http://evil.example"
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", "", "http://127.0.0.1:1"])
-def test_a_foreign_page_may_not_open_the_socket(origin: str) -> None:
-    headers = {"host": "127.0.0.1:8350", "origin": origin}
-    assert "may not connect" in HERE.problem("/live", headers, socket=True)
+@pytest.mark.parametrize(("admission", "target", "headers", "socket", "problem"), [
+    (HERE, "/live", {"host": "127.0.0.1:8350", "origin": "http://127.0.0.1:8350"}, True, ""),
+    (HERE, "/live", {"host": "localhost:8350", "origin": "http://localhost:8350"}, True, ""),
+    *((HERE, "/live", {"host": "127.0.0.1:8350", "origin": origin}, True, "may not connect")
+      for origin in (EVIL, "null", "", "http://127.0.0.1:1")),
+    (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, False, "this page is served at"),
+    (HERE, "/", {"host": "evil.example:8350", "origin": EVIL}, True, "this page is served at"),
+    (THERE, "/", {"host": "r:8350"}, False, "token"),
+    (THERE, "/?token=guess", {"host": "r:8350"}, False, "token"),
+    (THERE, "/?token=secret", {"host": "r:8350"}, False, ""),
+    (THERE, "/live", {"host": "r:8350", "origin": OWN, "cookie": f"a=b; {NAME}=secret"}, True, ""),
+    (THERE, "/live", {"host": "r:8350", "origin": OWN, "cookie": f"{NAME}=guess"}, True, "token"),
+    (THERE, "/live", {"host": "r:8350", "origin": EVIL, "cookie": f"{NAME}=secret"}, True,
+     "may not connect"),
+])  # fmt: skip
+def test_only_own_pages_with_the_token_or_its_cookie_get_in(
+    admission: Admission, target: str, headers: dict[str, str], socket: bool, problem: str
+) -> None:
+    said = admission.problem(target, headers, socket=socket)
+    assert (problem in said) if problem else said == ""
 
 
-def test_a_foreign_host_name_for_loopback_is_refused() -> None:
-    headers = {"host": "evil.example:8350", "origin": "http://evil.example:8350"}
-    for socket in (False, True):
-        assert "this page is served at" in HERE.problem("/", headers, socket=socket)
-
-
-def test_other_addresses_need_the_token() -> None:
-    headers = {"host": "robot.example:8350"}
-    assert "token" in THERE.problem("/", headers, socket=False)
-    assert "token" in THERE.problem("/?token=guess", headers, socket=False)
-    assert THERE.problem("/?token=secret", headers, socket=False) == ""
+def test_the_link_has_the_token_and_loopback_needs_none() -> None:
+    assert (HERE.cookie, HERE.link) == ("", "http://127.0.0.1:8350/")
     assert THERE.link == "http://0.0.0.0:8350/?token=secret"
-
-
-def test_the_cookie_replaces_the_token() -> None:
-    name, _, rest = THERE.cookie.partition("=")
-    assert "HttpOnly" in rest
-    assert "SameSite=Strict" in rest
-    headers = {"host": "r:8350", "origin": "http://r:8350", "cookie": f"a=b; {name}=secret"}
-    assert THERE.problem("/live", headers, socket=True) == ""
-    wrong = {**headers, "cookie": f"{name}=guess"}
-    assert "token" in THERE.problem("/live", wrong, socket=True)
-
-
-def test_a_foreign_page_may_not_open_the_socket_even_with_the_cookie() -> None:
-    cookie = THERE.cookie.partition(";")[0]
-    headers = {"host": "r:8350", "origin": "http://evil.example", "cookie": cookie}
-    assert "may not connect" in THERE.problem("/live", headers, socket=True)
-
-
-def test_loopback_needs_neither_token_nor_cookie() -> None:
-    assert HERE.cookie == ""
-    assert HERE.link == "http://127.0.0.1:8350/"
+    assert "HttpOnly" in THERE.cookie
+    assert "SameSite=Strict" in THERE.cookie

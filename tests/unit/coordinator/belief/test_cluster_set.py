@@ -16,7 +16,7 @@ from coordinator.belief.cluster_set import (
     ClusterSet,
     news_of,
 )
-from particle_filter.evidence_model import residual
+from particle_filter.evidence_model import residual, through_beam_loss
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
@@ -192,6 +192,22 @@ def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
         made.weigh(reports_of(math.exp(2.0), 1.0))
     odds = [math.log(a.probability / b.probability) for a, b in (clear.all(), crude.all())]
     assert odds == pytest.approx([2.0, 1.0], abs=0.001)
+
+
+def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
+    """Three of ten beams end at people, at the true place as at another."""
+    made = first(
+        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_residual=0.25
+    )
+    hit = through_beam_loss(SensorSettings())
+    fits = (0.69 - 0.3 * hit, 0.2 - 0.3 * hit)
+    for _ in range(20):
+        reports = reports_of(math.exp(1.0), 1.0)
+        for (job, report), fit in zip(reports.items(), fits, strict=True):
+            beams = (42, 0, 0, 18) if job == "c0" else (24, 8, 10, 18)
+            reports[job] = replace(report, beam_classes=beams, log_likelihood_per_beam=fit)
+        made.weigh(reports, -17.0, new_view=0.5)
+    assert made.all()[0].probability > 0.95
 
 
 def test_the_transition_moves_probability_between_clusters_and_never_to_elsewhere() -> None:
