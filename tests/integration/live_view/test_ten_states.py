@@ -61,88 +61,33 @@ def stage() -> Iterator[Stage]:
 def drive(stage: Stage, steps: list[Step], **changed: Any) -> PoseAnswer:
     """Publish everything up to a step; return its pose, with changes."""
     for scan, truth, belief in steps:
+        best = belief.hypotheses[0] if belief.hypotheses else None
+        usual = {
+            "state": belief.state,
+            "probability": best.probability if best else 0.0,
+            "pose": best.pose if best else None,
+            "covariance": best.covariance if best else None,
+            "elsewhere_probability": belief.elsewhere_probability,
+            "off_map_probability": belief.off_map_probability,
+        }
+        answer = pose(belief.step, **{**usual, **changed})
         stage.picture.on_truth(truth)
         stage.picture.on_scan(scan)
         stage.picture.on_belief(belief)
-        stage.picture.on_pose(answer_of(belief))
+        stage.picture.on_pose(answer)
     stage.picture.on_events(events(1, 2, 40))
-    digest = CROSS.map.digest
-    stage.picture.on_status(status(digest=digest, processes=(simulator(),)))
-    return answer_of(steps[-1][2], **changed)
-
-
-def answer_of(belief: Belief, **changed: Any) -> PoseAnswer:
-    best = belief.hypotheses[0] if belief.hypotheses else None
-    usual = {
-        "state": belief.state,
-        "probability": best.probability if best else 0.0,
-        "pose": best.pose if best else None,
-        "covariance": best.covariance if best else None,
-        "elsewhere_probability": belief.elsewhere_probability,
-        "off_map_probability": belief.off_map_probability,
-    }
-    return pose(belief.step, **{**usual, **changed})
-
-
-def waiting(stage: Stage, _steps: list[Step]) -> None:
-    stage.picture.on_link("no system")
-
-
-def searching(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    scan, truth, belief = steps[0]
-    none = msgspec.structs.replace(
-        belief, state="searching", hypotheses=(), searching=True, search_progress=0.4
-    )
-    return drive(stage, [(scan, truth, none)])
-
-
-def ambiguous(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    return drive(stage, steps[: AMBIGUOUS_AT + 1])
-
-
-def many(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    scan, truth, _ = steps[0]
-    return drive(stage, [(scan, truth, many_places(0))])
-
-
-def localized(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    return drive(stage, steps)
-
-
-def lost(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    scan, truth, belief = steps[-1]
-    nowhere = msgspec.structs.replace(
-        belief,
-        state="lost",
-        searching=True,
-        search_progress=0.2,
-        elsewhere_probability=0.93,
-        off_map_probability=0.6,
-        hypotheses=tuple(
-            msgspec.structs.replace(place, probability=0.07 * place.probability)
-            for place in belief.hypotheses
-        ),
-    )
-    return drive(stage, [*steps[:-1], (scan, truth, nowhere)])
-
-
-def stale(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    return drive(stage, steps, freshness="stale", age_s=42.0)
-
-
-def dead_reckoning(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    answer = drive(stage, steps, freshness="dead_reckoning", workers=0)
-    stage.picture.on_status(status(digest=CROSS.map.digest, workers={}))
+    processes = (simulator(),) if changed.get("workers", 1) else ()
+    workers = {} if processes else {"workers": {}}
+    stage.picture.on_status(status(digest=CROSS.map.digest, processes=processes, **workers))
     return answer
 
 
-def past(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    return drive(stage, steps)
-
-
-def ended(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    scan, truth, belief = steps[-1]
-    return drive(stage, [*steps[:-1], (scan, truth, msgspec.structs.replace(belief, last=True))])
+SEARCHING = {"state": "searching", "hypotheses": (), "searching": True, "search_progress": 0.4}
+LOST = {
+    "state": "lost", "hypotheses": (), "searching": True, "search_progress": 0.2,
+    "elsewhere_probability": 0.93, "off_map_probability": 0.6,
+}  # fmt: skip
+MANY = {"state": "ambiguous", "hypotheses": many_places(0).hypotheses}
 
 
 GLANCE = """
@@ -155,32 +100,42 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
 """
 
 
-@pytest.mark.parametrize(
-    ("show", "facts"),
-    [
-        (waiting, {"banner": "no coordinator localizes"}),
-        (searching, {"state": "searching", "probability": "–", "freshness": "0."}),
-        (ambiguous, {"state": "ambiguous, 4 places", "probability": "2", "freshness": "0."}),
-        (many, {"state": "ambiguous, 64 places", "probability": "9.0 %", "freshness": "0."}),
-        (localized, {"state": "localized", "probability": "100 %", "freshness": "0."}),
-        (lost, {"state": "lost", "of": "probably not on this map", "freshness": "0."}),
-        (stale, {"state": "localized", "freshness": "stale, 4"}),
-        (
-            dead_reckoning,
-            {"state": "localized", "freshness": "dead reckoning", "banner": "No worker is alive"},
-        ),
-        (past, {"state": "ambiguous, 4 places", "freshness": "before now"}),
-        (ended, {"state": "localized", "freshness": "the run has ended"}),
-    ],
-)
+@pytest.mark.parametrize(("state", "last", "believed", "answered", "facts"), [
+    ("waiting", None, {}, {}, {"banner": "no coordinator localizes"}),
+    ("searching", 0, SEARCHING, {},
+     {"state": "searching", "probability": "–", "freshness": "0."}),
+    ("ambiguous", AMBIGUOUS_AT, {}, {},
+     {"state": "ambiguous, 4 places", "probability": "2", "freshness": "0."}),
+    ("many", 0, MANY, {},
+     {"state": "ambiguous, 64 places", "probability": "9.0 %", "freshness": "0."}),
+    ("localized", LOCALIZED_AT, {}, {},
+     {"state": "localized", "probability": "100 %", "freshness": "0."}),
+    ("lost", LOCALIZED_AT, LOST, {},
+     {"state": "lost", "of": "probably not on this map", "freshness": "0."}),
+    ("stale", LOCALIZED_AT, {}, {"freshness": "stale", "age_s": 42.0},
+     {"state": "localized", "freshness": "stale, 4"}),
+    ("dead_reckoning", LOCALIZED_AT, {}, {"freshness": "dead_reckoning", "workers": 0},
+     {"state": "localized", "freshness": "dead reckoning", "banner": "No worker is alive"}),
+    ("past", LOCALIZED_AT, {}, {},
+     {"state": "ambiguous, 4 places", "freshness": "before now"}),
+    ("ended", LOCALIZED_AT, {"last": True}, {},
+     {"state": "localized", "freshness": "the run has ended"}),
+])  # fmt: skip
 def test_state_places_probability_and_freshness_are_visible_without_scrolling(
-    stage: Stage, steps: list[Step], driver: Any, pictures: Path, show: Any, facts: dict[str, str]
-) -> None:
+    stage: Stage, steps: list[Step], driver: Any, pictures: Path, state: str, last: int | None,
+    believed: dict[str, Any], answered: dict[str, Any], facts: dict[str, str],
+) -> None:  # fmt: skip
     page = Page(driver, stage.server.link)
     shows(stage, lambda: page.run("return liveView.view.map !== null"))
-    answer = show(stage, steps)
-    if show is past:
-        shows(stage, lambda: len(page.history()) == len(steps))
+    answer = None
+    if last is None:
+        stage.picture.on_link("no system")
+    else:
+        scan, truth, belief = steps[last]
+        changed = scan, truth, msgspec.structs.replace(belief, **believed)
+        answer = drive(stage, [*steps[:last], changed], **answered)
+    if state == "past":
+        shows(stage, lambda: len(page.history()) == LOCALIZED_AT + 1)
         page.run(f"liveView.travel.goTo({AMBIGUOUS_AT})")
     for window in WINDOWS:
         for scheme in ("light", "dark"):
@@ -196,6 +151,6 @@ def test_state_places_probability_and_freshness_are_visible_without_scrolling(
                 shows(stage, is_shown)
                 assert "link" in page.run(GLANCE), "the dot that shows whether it is alive"
                 assert not page.run("return document.documentElement.scrollWidth > innerWidth")
-                page.save(pictures / f"ten-{show.__name__}-{window}-{scheme}.png")
+                page.save(pictures / f"ten-{state}-{window}-{scheme}.png")
     driver.get("about:blank")
     assert page.console() == []
