@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-from importlib.metadata import version
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -16,14 +15,12 @@ from clustermcl.stack import COORDINATOR
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
-from recordings.run_log import RunLog
 from robot_simulator.worlds.catalogue import simulated_world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.system.commands import ran
 from tests.integration.waiting import stretched_s, wait_until
 from tests.maps import write_map
-from tests.unit.coordinator.recorder.recorded import head, write_file
 
 LOST_S, STEPS_PER_S = 0.5, 10.0
 """A kill -9 loses the beliefs of this time, which wait for the disk; here some five a second."""
@@ -118,31 +115,3 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     assert refused.returncode == 2
     assert grid_map.digest in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
-
-
-def pickled_attack(marker: Path) -> bytes:
-    """A pickle of the product's own classes alone that starts a process while it is read.
-
-    Opcode ADDITEMS calls `.add()` of any object: `Supervisor([]).add(ChildSpec(command))`.
-    """
-    command = b"".join(b"V%s\na" % word.encode() for word in ("touch", str(marker)))
-    module = b"cprocess_runtime.supervisor\n"
-    spec = module + b"ChildSpec\n(Vx\n]" + command + b"tR"
-    return b"\x80\x04" + module + b"Supervisor\n]\x85R(" + spec + b"\x90."
-
-
-def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None:
-    marker, folder = tmp_path / "marker", tmp_path / "flight"
-    made_up = head(version("clustermcl"))
-    made_up = msgspec.structs.replace(made_up, snapshot=pickled_attack(marker), first_event=1)
-    folder.mkdir()
-    path = folder / f"{7:017d}-000001.mcap"
-    write_file(path, made_up)
-    done = replay(folder)
-    assert not marker.exists()
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
-    with RunLog(path) as log:
-        log.write("/belief", msgspec.Raw(pickled_attack(marker)), 0)
-    looked = ran("view", str(folder), "--listen", "127.0.0.1:0")
-    assert not marker.exists()
-    assert looked.returncode == 2, looked.stderr

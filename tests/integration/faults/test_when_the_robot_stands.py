@@ -1,11 +1,9 @@
 """A standing robot gets places: after its start, after a command, and with a new map."""
 
-import math
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import dropwhile
 
 import msgspec
 import numpy as np
@@ -109,36 +107,6 @@ def test_a_standing_robot_gets_its_possible_places() -> None:
             assert last_step < 400, "steps of a standing robot end once it is localized"
         status = client.status()
         assert status.counters["map changed"] == 1
-
-
-def test_a_pose_off_the_map_is_refused_and_a_wrong_one_is_never_localized() -> None:
-    """A pose given to a standing robot counts after a scan has confirmed it."""
-    drawn = world("cross_feature").map
-    bridge = BridgeSettings(map="zenoh", source="zenoh")
-    with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
-        wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
-        with (
-            answering(tested.session, map_reading(drawn)),
-            standing_robot(tested.session, "cross_feature") as pose,
-        ):
-            wait_until_reported(tested, client, pose, drawn.digest)
-            left, low, _ = drawn.map_from_grid
-            for off in ((700.0, 0.5, 1.6), (500.0, 500.0, 0.0), (left - 5.0, low, 0.0)):
-                assert "no free ground" in refused(client, off)
-            x, y, heading = pose
-            before = tested.step
-            client.set_pose((x, y, heading + math.pi / 2), heading_sigma_rad=0.1)
-
-            def after() -> list[Belief]:
-                """Return the beliefs from the first one with the given pose on."""
-                return list(dropwhile(lambda b: b.state != "searching", tested.since(before)))
-
-            wait_until(lambda: len(after()) > 10)
-            assert after()[0].hypotheses[0].probability > 0.9
-            assert {belief.state for belief in after()} == {"searching"}
-            client.set_pose(pose)
-            wait_until(lambda: tested.beliefs[-1].state == "localized")
-            assert may_be_at(tested.beliefs[-1], pose)
 
 
 def refused(client: Client, pose: tuple[float, float, float]) -> str:

@@ -1,6 +1,5 @@
 """A user's mistakes: one line with what and where, and no process left behind."""
 
-import csv
 import subprocess
 from pathlib import Path
 
@@ -68,18 +67,6 @@ def test_recordings_without_a_usable_scan_are_refused(tmp_path: Path, map_file: 
     no_returns = log_of(tmp_path, "nan nan nan", "0 0 0", "inf -1 nan")
     for log in (tmp_path / "nowhere.log", no_beams, cut, no_returns):
         assert_refused(ran("evaluate", str(log), "--map", str(map_file)), log.name)
-
-
-def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
-    tmp_path: Path, map_file: Path
-) -> None:
-    log = log_of(tmp_path, "1 2 3", "1 2", "1 x 3", "2 2 3")
-    out = tmp_path / "out.csv"
-    done = ran("evaluate", str(log), "--map", str(map_file), "--output", str(out))
-    assert done.returncode == 0, done.stderr
-    assert "2 bad lines left out (2, 3)" in done.stderr
-    (run,) = csv.DictReader(out.read_text().splitlines())
-    assert run["steps"] == "2"
 
 
 @pytest.mark.parametrize(
