@@ -108,7 +108,7 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
 
     while_it_ran = replay(copy)
     assert while_it_ran.returncode == 0
-    assert while_it_ran.stdout.splitlines()[-1].endswith("all are the recorded ones, bit for bit")
+    assert while_it_ran.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
 
     other = write_map(simulated_world(Simulated("office")).map, tmp_path, "other")
     refused = replay(folder, "--map", str(other))
