@@ -24,7 +24,7 @@ _END_WITHIN_S = 60.0
 def soak(
     minutes: Annotated[float, typer.Option(min=0.1, help="After the first search.")] = 10.0,
     workers: Annotated[
-        int, typer.Option(min=1, help="Worker processes: for 8 clusters, and 2 spare.")
+        int, typer.Option(min=0, help="Worker processes, 10: two spare ones; 0: by need.")
     ] = 10,
     coordinators: Annotated[
         int, typer.Option(min=1, help="One leads, the others are standbys.")
