@@ -7,25 +7,38 @@ way of `ClusterMCL.advice` while several places are possible, and asks again at 
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from clustermcl import ClusterMCL, Reading
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED
-from particle_filter.poses import compose, inverse
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
+from particle_filter.poses import TURN, compose, inverse, wrap_angle
+from protocol.advice import Way
+from protocol.answers import Belief
+from protocol.message import PoseTuple
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World, world_from_map
 
-RIGHT_M = 1.0
-"""A place nearer than this to the robot is right [m]."""
+RIGHT_M, RIGHT_RAD = 1.0, 0.5
+"""A place nearer than this to the robot is right."""
+RADIUS_M = 0.25
+"""Radius that ways are asked for [m]; the simulated robot is smaller."""
 MAX_WAY_STEPS = 120
 """Steps after which an advised robot asks again at the latest: more than any way needs."""
+TURN_RATE_RAD_S = 1.0
+SHARES = (0.0, 0.25, 0.5, 0.75)
+"""Where poses between two of a way are checked."""
+CELL_TOLERANCE_M = 0.05
+"""A robot that already stands closer than its radius may come closer by this [m]."""
 
 
 @dataclass(frozen=True)
@@ -41,46 +54,95 @@ class Run:
     """Steps in all."""
     ways: tuple[tuple[float, float], ...]
     """For each way that was driven: predicted and gained information [nat]."""
+    checked: int
+    """Poses of advised ways at each place and at the true pose."""
+    unsafe: int
+    """Those nearer to an obstacle than `RADIUS_M`, and than the robot when it asked."""
 
 
-def run(place: World, seed: int, limit: int, *, advised: bool) -> Run:
+class Obstacles:
+    """Exact distances to the cells of a map that are not free, and to its border."""
+
+    def __init__(self, grid_map: GridMap) -> None:
+        rows, cols = np.nonzero(np.pad(grid_map.cells, 1, constant_values=UNKNOWN) != FREE)
+        self._half_m, self._grid_from_map = grid_map.cell_m / 2.0, inverse(grid_map.map_from_grid)
+        self._middles = cKDTree((np.column_stack([cols, rows]) - 0.5) * grid_map.cell_m)
+
+    def distance_m(self, map_from_robot: Poses) -> NDArray[np.float64]:
+        """Return the (n,) distances of (n, 3) poses [m]."""
+        points = compose(self._grid_from_map, map_from_robot)[:, :2]
+        _, near = self._middles.query(points, 8)
+        off = np.abs(points[:, None] - self._middles.data[near]) - self._half_m
+        return np.asarray(np.hypot(*np.maximum(off, 0.0).T).min(axis=0))
+
+    def count_unsafe(self, way: Way, places: Iterable[PoseTuple]) -> tuple[int, int]:
+        """Return how many poses of a way were checked at some places, and how many are unsafe."""
+        poses = np.array(way.poses)
+        dense = np.concatenate([poses[:-1] + share * np.diff(poses, axis=0) for share in SHARES])
+        room = np.array([self.distance_m(compose(np.array(place), dense)) for place in places])
+        least = np.minimum(RADIUS_M, room[:, :1] - CELL_TOLERANCE_M)
+        return room.size, int((room < least).sum())
+
+
+def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = False) -> Run:
     """Drive until the robot is sure and right, at most `limit` steps."""
     simulation, mcl = Simulation(place, seed), ClusterMCL(place.map, seed=seed)
+    obstacles, checks = Obstacles(place.map), [(0, 0)]
     ways: list[tuple[float, float]] = []
-    predicted, before, until, wrong, made = math.nan, 0.0, -1, 0, 0
+    predicted, before, until, turns_until_ns, wrong, made = math.nan, 0.0, -1, 0, 0, 0
     for tick in islice(simulation, 40 * limit):
+        if tick.laser.stamp_ns < turns_until_ns:
+            simulation.drive_by_hand(0.0, TURN_RATE_RAD_S)
+        else:
+            simulation.wander()
         for reading in tick.readings:
             belief = mcl.update(Reading.of(reading))
             if belief is None:
                 continue
             made += 1
             truth = tick.map_from_robot
-            right = belief.pose is not None and math.dist(belief.pose[:2], truth[:2]) < RIGHT_M
+            right = belief.pose is not None and is_right(belief.pose, truth)
             sure = belief.state == "localized"
             wrong += sure and not right
-            over = not simulation.follows or made >= until or sure
+            drives = simulation.follows or tick.laser.stamp_ns < turns_until_ns
+            over = not drives or made >= until or sure
             if over and not math.isnan(predicted):
                 ways.append((predicted, log_of_truth(belief, truth) - before))
                 predicted = math.nan
             if (sure and right) or made >= limit:
-                return Run(made, sure and right, wrong, made, tuple(ways))
+                break
             if advised and over and belief.state == "ambiguous":
-                answer = mcl.advice(radius_m=0.25)
+                answer = mcl.advice(radius_m=RADIUS_M)
+                places = (*answer.places, truth)
+                checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 if answer.ways:
                     way = answer.ways[0]
                     # The way begins at the scan's pose; the robot has turned a little since.
-                    in_map = compose(np.array(truth), np.array(way.poses))
+                    in_map = compose(np.array(truth), np.array(way.poses + way.rest * whole))
                     now = inverse(np.array(simulation.map_from_robot))
-                    simulation.follow(compose(now, in_map)[1:, :2])
+                    if way.length_m > 0.0:
+                        simulation.follow(compose(now, in_map)[1:, :2])
+                    else:
+                        turns_until_ns = tick.laser.stamp_ns + round(TURN / TURN_RATE_RAD_S * 1e9)
                     predicted, before = way.information, log_of_truth(belief, truth)
                     until = made + MAX_WAY_STEPS
-    return Run(limit, False, wrong, made, tuple(ways))
+        else:
+            continue
+        break
+    found = made > 0 and sure and right
+    checked, unsafe = np.sum(checks, axis=0).tolist()
+    return Run(made if found else limit, found, wrong, made, tuple(ways), checked, unsafe)
 
 
-def log_of_truth(belief: object, truth: tuple[float, float, float]) -> float:
+def is_right(pose: PoseTuple, truth: PoseTuple) -> bool:
+    near = math.dist(pose[:2], truth[:2]) < RIGHT_M
+    return near and abs(wrap_angle(pose[2] - truth[2])) < RIGHT_RAD
+
+
+def log_of_truth(belief: Belief, truth: PoseTuple) -> float:
     """Return the log of the probability of all places at the robot, at least 0.001."""
-    near = (h for h in belief.hypotheses if math.dist(h.pose[:2], truth[:2]) < RIGHT_M)  # type: ignore[attr-defined]
-    return math.log(max(math.fsum(h.probability for h in near), 0.001))
+    near = (place for place in belief.hypotheses if is_right(place.pose, truth))
+    return math.log(max(math.fsum(place.probability for place in near), 0.001))
 
 
 def place_of(name: str) -> World:
@@ -103,14 +165,17 @@ def main(
     seeds: Annotated[int, typer.Option(min=1, help="Robots in each world.")] = 24,
     first: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     limit: Annotated[int, typer.Option(min=1, help="Steps of a run.")] = 300,
+    whole: Annotated[bool, typer.Option(help="Drive whole ways, without asking again.")] = False,
 ) -> None:
     """Print for each world the steps of both robots, and predicted against gained information."""
     pairs: list[tuple[float, float]] = []
+    checked = unsafe = 0
     for name in worlds or ("cross_feature", "hall_block", "office"):
         place = place_of(name)
         for advised in (False, True):
             runs = [
-                run(place, seed, limit, advised=advised) for seed in range(first, first + seeds)
+                run(place, seed, limit, advised=advised, whole=whole)
+                for seed in range(first, first + seeds)
             ]
             steps = np.array([one.steps for one in runs])
             found, wrong = sum(one.found for one in runs), sum(one.wrong for one in runs)
@@ -122,6 +187,9 @@ def main(
                 flush=True,
             )
             pairs += [pair for one in runs for pair in one.ways]
+            checked += sum(one.checked for one in runs)
+            unsafe += sum(one.unsafe for one in runs)
+    print(f"{unsafe} of {checked} poses of ways too near to an obstacle")
     if len(pairs) > 2:
         predicted, gained = np.array(pairs).T
         print(

@@ -76,13 +76,15 @@ def advice_lines(answer: Advice) -> Iterator[str]:
     if answer.step >= 0:
         yield f"{len(answer.clusters)} places at step {answer.step}"
     for number, way in enumerate(answer.ways, 1):
-        x_m, y_m, _ = way.poses[-1]
+        x_m, y_m, _ = (*way.poses, *way.rest)[-1]
         bearing = math.degrees(math.atan2(y_m, x_m))
         where = f"to {math.hypot(x_m, y_m):.1f} m at {bearing:.0f} deg" if way.length_m else "turn"
         yield (
             f"  {number}. {where}, {way.length_m:.1f} m of way: {way.information:.2f} nat, "
             f"localized then with probability {way.sure_probability:.2f}"
         )
+        if way.rest:
+            yield f"     ask again at {math.hypot(*way.poses[-1][:2]):.1f} m"
         yield f"     {_sight(way)}"
     if answer.note:
         yield answer.note

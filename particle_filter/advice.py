@@ -20,11 +20,10 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.special import ndtr
 
-from particle_filter.arrays import FREE, Pose, Poses
-from particle_filter.evidence_model import evidence_weight, scan_exponent, through_beam_loss
+from particle_filter.arrays import FREE, Points, Pose, Poses
+from particle_filter.evidence_model import evidence_weight, scan_exponent
 from particle_filter.grid import Grid
 from particle_filter.kernels import plain
-from particle_filter.likelihood_field_model import OCCLUSION_MARGIN_M
 from particle_filter.poses import TURN, compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_model import LaserScan, SensorModel
@@ -43,11 +42,15 @@ _LATTICE_M = 0.1
 """Distance between points whose clearance is checked; nodes of ways are twice as far apart [m]."""
 _NEAR_M = 0.5
 """Distance from the robot within which a place may have less clearance than required [m]."""
+SURE_SIGMAS = 1.0
+"""Distance from obstacles, in standard deviations of the position that a way has at a place."""
 _DETOUR = 0.2
 """Cost of driving near obstacles: clearance at which a metre costs twice [m]."""
 _SPACING_M = 1.0
 _MAX_SPOTS, _MAX_SPOTS_OF_MANY, _MANY = 200, 60, 16
 """Largest number of view points: usually, and for more than `_MANY` places."""
+_MAX_PAST, _MAX_PAST_OF_MANY = 100, 20
+"""Largest number of earlier views that are predicted, too."""
 _OCTANTS = 8
 _ALL_ROUND_RAD = 6.0
 """A laser with a larger field of view sees the same in all directions [rad]."""
@@ -81,7 +84,10 @@ class Way:
 
     poses: Poses
     """(n, 3) in the robot's frame, 0.2 m or 0.28 m apart; the first is the robot's."""
+    rest: Poses
+    """(m, 3) where it leads from there, on ground that is not known well enough yet."""
     length_m: float
+    """Length of both [m]."""
     turn_rad: float
     """Sum of all turns [rad]."""
     information: float
@@ -89,6 +95,11 @@ class Way:
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
     sight: Sight
+
+    @property
+    def end(self) -> Points:
+        """(2,) x, y of the end of the rest [m]."""
+        return np.concatenate([self.poses, self.rest])[-1, :2]
 
     @property
     def effort_m(self) -> float:
@@ -102,8 +113,8 @@ class Question:
 
     places: Poses
     """(K, 3) possible poses of the robot."""
-    sigmas: NDArray[np.float64]
-    """(K, 3) standard deviations of x [m], y [m] and heading [rad]."""
+    covariances: NDArray[np.float64]
+    """(K, 3, 3) covariances of these."""
     probabilities: NDArray[np.float64]
     """(K,) positive; their sum is the probability that the robot is at one of these places."""
     laser: LaserScan
@@ -134,30 +145,45 @@ def advised_ways(
         At most `MAX_WAYS`, most information per metre first; none if no way within reach has
         `LEAST_INFORMATION`. And the distance to the farthest view point [m].
     """
-    question = _without_contradicted(question, model)
     roads = yield from _roads(question, model.grid)
+    question = yield from _without_missed(question, model, settings)
     views = yield from _views(question, model, settings, roads)
     reach_m = float(np.hypot(*roads.nodes[roads.spots].T).max())
     return _best(_ways(question, settings, views)), reach_m
 
 
-def _without_contradicted(question: Question, model: SensorModel) -> Question:
-    """Lower the probabilities of places whose map has obstacles where the newest scan has none.
+def _without_missed(
+    question: Question, model: SensorModel, settings: FilterSettings
+) -> Slices[Question]:
+    """Lower the probabilities of places that earlier views would have shown to be right.
 
-    The likelihood field hardly lowers them, so a view that has shown that an obstacle is missing
-    would be advised again.
+    The likelihood field has no evidence against a place whose obstacles were not seen, so the same
+    obstacle would be looked for again.
     """
-    laser, longest = _thinned(question.laser, model.settings.max_beams), _longest(question, model)
-    predicted = _cast(question.places, laser, longest, model)
-    returned = (laser.ranges > 0.0) & (laser.ranges < longest)
-    through = returned & (laser.ranges > predicted + OCCLUSION_MARGIN_M)
-    beams = int(returned.sum())
-    lost = through.sum(axis=1) * scan_exponent(beams, model.settings)
-    lost = lost * through_beam_loss(model.settings)
-    probabilities = question.probabilities * np.exp(lost.min() - lost)
+    views = question.seen.rows
+    most = _MAX_PAST if len(question.places) <= _MANY else _MAX_PAST_OF_MANY
+    laser = _thinned(question.laser, settings.sensor.max_beams)
+    expected = np.zeros((len(question.places), len(question.places)))
+    for view in views[np.argsort(-views[:, 3], kind="stable")[:most]]:
+        seen = _seen(view[:3], question, laser, model)
+        expected += view[3] * _counted(seen, question, settings)
+        yield
     total = float(question.probabilities.sum())
-    scaled = np.maximum(probabilities * (total / probabilities.sum()), _LEAST_PROBABILITY)
+    shares = question.probabilities / total
+    others = (1.0 - shares + 1e-9) / (len(shares) - 1)
+    found = np.maximum(np.log(shares / others), 0.0)
+    missed = np.maximum(np.maximum(expected - expected.T, 0.0) @ shares - found, 0.0)
+    shares *= np.exp(missed.min() - missed)
+    scaled = np.maximum(shares * (total / shares.sum()), _LEAST_PROBABILITY)
     return replace(question, probabilities=scaled)
+
+
+def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDArray[np.float64]:
+    """Return (K, K) how much of the evidence of a view will count."""
+    rules = settings.belief
+    worth = evidence_weight(1.0, question.residual, rules)
+    size = seen.evidence + rules.evidence_noise
+    return np.asarray(worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0))
 
 
 # --- where the robot can drive at all places ----------------------------------------------------
@@ -176,6 +202,8 @@ class _Roads:
     """(N,) the spot whose view stands for that of a node; -1: not reached."""
     spots: NDArray[np.int64]
     """(S,) node of each spot."""
+    sure: NDArray[np.bool_]
+    """(n, n) for points of the lattice: clear of obstacles whatever the errors of the places."""
 
     def way_to(self, node: int) -> NDArray[np.int64]:
         """Return the (n,) nodes of the way, from the robot's node on."""
@@ -184,26 +212,59 @@ class _Roads:
             way.append(int(self.before[way[-1]]))
         return np.array(way[::-1])
 
+    def count_sure(self, way: NDArray[np.int64]) -> int:
+        """Return how many nodes of a way can be driven to without a new question."""
+        rows, cols = np.divmod(way, (len(self.sure) + 1) // 2)
+        halfway = self.sure[rows[1:] + rows[:-1], cols[1:] + cols[:-1]]
+        return 1 + int(np.argmin(np.append(halfway & self.sure[2 * rows[1:], 2 * cols[1:]], False)))
+
 
 def _roads(question: Question, grid: Grid) -> Slices[_Roads]:
     side = 2 * round(REACH_M / (2.0 * _LATTICE_M))
     axis = np.arange(-side, side + 1) * _LATTICE_M
     x, y = np.meshgrid(axis, axis)
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    needed = np.full(len(points), question.radius_m + MARGIN_M)
+    needed = question.radius_m
     near = np.hypot(points[:, 0], points[:, 1]) < _NEAR_M
     clear = np.full(len(points), np.inf)
-    drivable = np.ones(len(points), np.bool_)
-    for place in question.places:
+    drivable, sure = np.ones((2, len(points)), np.bool_)
+    for place, covariance in zip(question.places, question.covariances, strict=True):
         room = _clearance(grid, place, points)
         at_robot = room[len(points) // 2]
-        least = np.where(near, np.minimum(needed, max(at_robot - 0.5 * _LATTICE_M, 0.0)), needed)
-        drivable &= room > least
-        clear = np.minimum(clear, room)
+        as_now = near & (room > max(at_robot - 0.5 * _LATTICE_M, 0.0))
+        spread = SURE_SIGMAS * _spread(place, covariance, points)
+        here = spread[len(points) // 2]
+        drivable &= (room > needed + max(here, MARGIN_M)) | as_now
+        sure &= (room > needed + np.maximum(spread, MARGIN_M)) | as_now
+        clear = np.minimum(clear, room - spread)
         yield
     drivable[len(points) // 2] = True
-    shape = (len(axis), len(axis))
-    return _shortest(drivable.reshape(shape), clear.reshape(shape), points.reshape(*shape, 3))
+    shape = x.shape
+    return _shortest(
+        drivable.reshape(shape),
+        sure.reshape(shape),
+        clear.reshape(shape),
+        points.reshape(*shape, 3),
+    )
+
+
+def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDArray[np.float64]:
+    """Return the (P,) largest standard deviation of the position that points have in the map [m].
+
+    An error of the heading displaces a point in proportion to its distance.
+
+    Args:
+        place: (3,) the robot's pose in the map.
+        covariance: (3, 3) of that pose.
+        points: (P, 3) in the robot's frame.
+    """
+    x, y, _ = (compose(place, points) - place).T
+    (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance
+    along_x = xx - 2.0 * y * xh + y**2 * hh
+    along_y = yy + 2.0 * x * yh + x**2 * hh
+    both = xy + x * xh - y * yh - x * y * hh
+    apart = np.hypot(0.5 * (along_x - along_y), both)
+    return np.asarray(np.sqrt(np.maximum(0.5 * (along_x + along_y) + apart, 0.0)))
 
 
 def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
@@ -234,7 +295,10 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
 
 
 def _shortest(
-    drivable: NDArray[np.bool_], clear: NDArray[np.float64], points: NDArray[np.float64]
+    drivable: NDArray[np.bool_],
+    sure: NDArray[np.bool_],
+    clear: NDArray[np.float64],
+    points: NDArray[np.float64],
 ) -> _Roads:
     """Connect every second point of the lattice, if the points between them are free, too."""
     size = (len(drivable) + 1) // 2
@@ -258,7 +322,7 @@ def _shortest(
     nodes = points[::2, ::2, :2].reshape(-1, 2)
     reached = np.flatnonzero(np.isfinite(length))
     spots, spot_of = _spots(nodes, reached, clear[::2, ::2].reshape(-1), origin)
-    return _Roads(nodes, np.asarray(before, np.int64), origin, spot_of, spots)
+    return _Roads(nodes, np.asarray(before, np.int64), origin, spot_of, spots, sure)
 
 
 def _spots(
@@ -298,8 +362,8 @@ class _Seen:
 class _Views:
     """The ways, with the views that each has."""
 
-    ways: list[tuple[Poses, dict[View, tuple[float, float]]]]
-    """Poses, and the metres and radians driven with each view."""
+    ways: list[tuple[Poses, int, dict[View, tuple[float, float]]]]
+    """Poses, how many are sure, and the metres and radians driven with each view."""
     seen: dict[View, _Seen]
     spots: NDArray[np.float64]
     """(S, 2) x, y of each spot in the robot's frame [m]."""
@@ -321,14 +385,14 @@ def _views(
     if len(question.places) > _MANY:
         targets = targets[:: -(-len(targets) // _MAX_SPOTS_OF_MANY)]
     ways = [_driven(roads, target, all_round=bool(all_round)) for target in targets]
-    ways = [way for way in ways if len(way[0]) > 1]
+    ways = [way for way in ways if way[1] > 1]
     origin = int(roads.spot_of[roads.origin])
     turned = np.zeros((_OCTANTS + 1, 3))
     turned[:, 2] = np.arange(_OCTANTS + 1) * TURN / _OCTANTS
     headings = {(origin, 0 if all_round else turn): 0.0 for turn in range(_OCTANTS)}
-    ways.append((turned, dict.fromkeys(headings, (0.0, TURN / len(headings)))))
+    ways.append((turned, len(turned), dict.fromkeys(headings, (0.0, TURN / len(headings)))))
     views = _Views(ways, {}, roads.nodes[roads.spots], angles + thin.robot_from_laser[2])
-    for view in dict.fromkeys(view for _, driven in ways for view in driven):
+    for view in dict.fromkeys(view for *_, driven in ways for view in driven):
         views.seen[view] = _seen(views.pose_of(view), question, thin, model)
         yield
     return views
@@ -362,7 +426,7 @@ def _cast(at: Poses, laser: LaserScan, longest: float, model: SensorModel) -> ND
 
 def _driven(
     roads: _Roads, target: int, *, all_round: bool
-) -> tuple[Poses, dict[View, tuple[float, float]]]:
+) -> tuple[Poses, int, dict[View, tuple[float, float]]]:
     nodes = roads.way_to(target)
     along = np.diff(roads.nodes[nodes], axis=0)
     headings = np.arctan2(along[:, 1], along[:, 0])
@@ -378,7 +442,7 @@ def _driven(
         view = int(roads.spot_of[node]), 0 if all_round else int(octant)
         metres, radians = views.get(view, (0.0, 0.0))
         views[view] = metres + float(length), radians + float(turn)
-    return poses, views
+    return poses, roads.count_sure(nodes), views
 
 
 def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) -> _Seen:
@@ -386,7 +450,8 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     count = len(question.places)
     at = compose(question.places, spot)
     ranges = _cast(at, laser, _longest(question, model), model)
-    off = _SPREADS * np.maximum(question.sigmas, _LEAST_SIGMAS)
+    variances = np.diagonal(question.covariances, axis1=1, axis2=2)
+    off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
     poses = plain((at[:, None] + off[:, None] * _OFFSETS).reshape(-1, 3))
     evidence = np.zeros((count, count))
     for k in range(count):
@@ -405,15 +470,11 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
     rules = settings.belief
     per_metre = _new_view(question.gate_m, rules.view_distance_m)
     per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
-    worth = evidence_weight(1.0, question.residual, rules)
     poses = np.array([views.pose_of(view) for view in views.seen])
     new = dict(zip(views.seen, question.seen.new_share(poses, rules), strict=True))
-    informs = {}
-    for view, seen in views.seen.items():
-        size = seen.evidence + rules.evidence_noise
-        informs[view] = worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0)
+    informs = {view: _counted(seen, question, settings) for view, seen in views.seen.items()}
     ways = []
-    for poses, driven in views.ways:
+    for poses, sure_poses, driven in views.ways:
         total = np.zeros_like(next(iter(informs.values())))
         for view, (metres, radians) in driven.items():
             total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
@@ -423,7 +484,8 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
             question.probabilities, total, rules.localized_probability
         )
         last = max(driven, key=lambda view: float(informs[view].sum()))
-        ways.append(Way(poses, length, turn, information, sure, _sight(views, last, question)))
+        parts = poses[:sure_poses], poses[sure_poses:]
+        ways.append(Way(*parts, length, turn, information, sure, _sight(views, last, question)))
     return ways
 
 
@@ -480,7 +542,7 @@ def _best(ways: list[Way]) -> list[Way]:
     ways.sort(key=lambda way: -way.information / (way.effort_m + _BEGINNING_M))
     chosen: list[Way] = []
     for way in ways:
-        ends = (math.dist(way.poses[-1, :2], other.poses[-1, :2]) for other in chosen)
+        ends = (math.dist(way.end, other.end) for other in chosen)
         if len(chosen) < MAX_WAYS and all(apart >= 2.0 * _SPACING_M for apart in ends):
             chosen.append(way)
     return chosen

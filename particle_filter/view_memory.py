@@ -47,6 +47,11 @@ class ViewMemory(msgspec.Struct, frozen=True):
         possible = (np.abs(rows) <= MOST) & (rows >= (-MOST, -MOST, -MOST, 0.0, 0.0, 0.0))
         return None if possible.all() else "views out of range"
 
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """The (V, 6) numbers of `views`; a copy."""
+        return np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS).astype(np.float64)
+
     def after(
         self, before_from_after: Pose, motion: MotionSettings, rules: BeliefSettings
     ) -> tuple[float, "ViewMemory"]:
@@ -96,7 +101,7 @@ class ViewMemory(msgspec.Struct, frozen=True):
 
         Only the views in memory count, not the other poses.
         """
-        rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS).astype(np.float64)
+        rows = self.rows
         if rules.view_distance_m == 0.0 or not len(rows):
             return np.ones(len(poses))
         wide_m = np.sqrt(rules.view_distance_m**2 + rows[:, 4] / 6.0)
@@ -109,7 +114,7 @@ class ViewMemory(msgspec.Struct, frozen=True):
 
     def _moved(self, before_from_after: Pose, motion: MotionSettings) -> NDArray[np.float64]:
         """Return (V, 6) views relative to the new pose, with the variance of this motion added."""
-        rows = np.frombuffer(self.views, "<f4").reshape(-1, COLUMNS).astype(np.float64)
+        rows = self.rows
         noise = motion_covariance(before_from_after, motion)
         rows[:, :3] = compose(inverse(before_from_after), rows[:, :3])
         # An error of the turn displaces a view in proportion to its distance.

@@ -53,7 +53,10 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     poses: tuple[PoseTuple, ...]
     """Relative to the robot at the step: x [m] ahead, y [m] to the left, heading [rad]."""
+    rest: tuple[PoseTuple, ...] = ()
+    """Where the way leads from there. Ask again first: places are not known well enough yet."""
     length_m: NotNegative
+    """Length of both."""
     turn_rad: NotNegative
     """Sum of all turns."""
     information: NotNegative

@@ -10,7 +10,6 @@ from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion, Way
-from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_matrix, pose_tuple
 from protocol.steps import Scan
 from worker.jobs import scan_beams, scan_of_laser
@@ -47,6 +46,7 @@ def advice(
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
+            rest=tuple(map(pose_tuple, way.rest)),
             length_m=way.length_m,
             turn_rad=way.turn_rad,
             information=way.information,
@@ -74,7 +74,7 @@ def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question
         fit = float(model.log_likelihood(poses[:1], beams)[0]) / beams.count
     return Question(
         poses,
-        np.array([_sigmas(place) for place in places]),
+        np.array([covariance_matrix(place.covariance) for place in places]),
         np.array([max(place.probability, 1e-12) for place in places]),
         scan_of_laser(scan),
         residual(fit, model.settings) if beams.count else 0.0,
@@ -83,8 +83,3 @@ def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question
         asked.gate_distance_m,
         asked.gate_turn_rad,
     )
-
-
-def _sigmas(place: Hypothesis) -> tuple[float, ...]:
-    variances = np.diagonal(covariance_matrix(place.covariance))
-    return tuple(np.sqrt(np.maximum(variances, 0.0)).tolist())

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from particle_filter.advice import LEAST_INFORMATION, Question, Way, advised_ways, information_of
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
@@ -19,6 +20,7 @@ from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
 
 RADIUS_M = 0.2
+KNOWN = np.diag([0.03, 0.03, 0.01]) ** 2
 RIGHT, LEFT = (2.0, 2.0, 0.0), (12.0, 2.0, 0.0)
 
 
@@ -39,7 +41,7 @@ def question(*places: tuple[float, float, float], seen: ViewMemory | None = None
     laser = LaserScan(np.ones(len(ANGLES)), 8.0, float(ANGLES[0]), step, NO_OFFSET)
     count = len(places)
     return Question(
-        np.array(places), np.full((count, 3), 0.03), np.full(count, 1.0 / count), laser,
+        np.array(places), np.array([KNOWN] * count), np.full(count, 1.0 / count), laser,
         0.0, RADIUS_M, seen or ViewMemory(), 0.2, 0.2,
     )  # fmt: skip
 
@@ -77,6 +79,14 @@ def test_a_view_seen_before_adds_no_information() -> None:
     assert all(end > 0.5 for end in ends)
 
 
+@pytest.mark.parametrize(("x_m", "is_advised"), [(0.0, True), (5.5, False)])
+def test_a_cupboard_that_was_not_seen_is_not_looked_for_again(x_m: float, is_advised: bool) -> None:
+    """Only the flat with a cupboard would have gained evidence in the far room."""
+    earlier = np.array([[x_m, 0.3, 0.0, 1.0, 0.0, 0.0]], "<f4")
+    asked = replace(ASKED, seen=ViewMemory(earlier.tobytes()))
+    assert bool(ways_in(FLATS, asked)) == is_advised
+
+
 def test_no_way_distinguishes_equal_flats() -> None:
     ways, reach_m = finished(
         advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
@@ -100,7 +110,21 @@ def test_no_way_comes_near_a_wall_at_any_place(off: tuple[float, float, float]) 
                 nearest = np.hypot(*(obstacles - (x, y)).T).min() - 0.5 * CELL_M * math.sqrt(2.0)
                 assert nearest >= RADIUS_M - 0.05
                 checked += 1
-    assert checked > 200
+    assert checked > 150
+
+
+def test_a_way_stays_clear_if_a_place_is_off_by_its_standard_deviation() -> None:
+    heading_rad = 0.15
+    known = np.array([np.diag([0.02, 0.02, heading_rad]) ** 2] * 2)
+    obstacles = (np.argwhere(FLATS != FREE)[:, ::-1] + 0.5) * CELL_M
+    ways = ways_in(FLATS, replace(ASKED, covariances=known))
+    assert any(len(way.rest) for way in ways)  # the door is too far away for such a heading
+    for way in ways:
+        for off in (-heading_rad, 0.0, heading_rad):
+            points = dense(way.poses[:, :2])
+            in_map = compose(np.array([*RIGHT[:2], off]), np.insert(points, 2, 0.0, axis=1))
+            nearest, _ = cKDTree(obstacles).query(in_map[:, :2])
+            assert nearest.min() >= RADIUS_M
 
 
 def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,35 @@
+"""Advised ways of a simulated robot, at all its places and at its true pose."""
+
+import numpy as np
+
+from benchmarks.advice import RADIUS_M, Obstacles, place_of, run
+from protocol.advice import Way
+
+CROSS = place_of("cross_feature")
+
+
+def test_no_advised_pose_is_near_an_obstacle() -> None:
+    made = run(CROSS, 6, 60, advised=True)
+    assert made.checked > 10_000
+    assert made.unsafe == 0
+
+
+def test_a_way_through_a_wall_is_counted() -> None:
+    poses = tuple((x, 0.0, 0.0) for x in np.arange(0.0, 4.0, 0.2).tolist())
+    way = Way(
+        poses=poses, length_m=3.8, turn_rad=0.0, information=0.5, sure_probability=0.5,
+        sight_bearing_rad=0.0, sight_ranges_m=(),
+    )  # fmt: skip
+    checked, unsafe = Obstacles(CROSS.map).count_unsafe(way, [(0.0, -4.0, 0.0)])
+    assert checked == 4 * (len(poses) - 1)
+    assert unsafe > checked // 3
+
+
+def test_distances_are_those_to_the_sides_of_cells() -> None:
+    obstacles = Obstacles(CROSS.map)
+    across = np.array([[0.0, -4.0, 0.0]]) + np.linspace(0.0, 3.0, 301)[:, None] * (1.0, 0.0, 0.0)
+    room = obstacles.distance_m(across)
+    wall = int(np.argmax(room == 0.0))
+    assert wall > 0
+    assert np.allclose(np.diff(room[wall - 20 : wall]), -0.01, atol=1e-9)
+    assert room[0] > RADIUS_M
