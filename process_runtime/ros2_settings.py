@@ -42,6 +42,27 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     pose_topics: Annotated[
         str, described("poses in the map by other sensors, separated by commas; empty: none")
     ] = ""
+    gnss_topics: Annotated[
+        str, described("satellite fixes, separated by commas; they need a datum")
+    ] = ""
+    datum: Annotated[
+        str,
+        described(
+            "latitude and longitude of the map's origin, and direction of its x axis, counter-"
+            "clockwise from east, separated by commas",
+            "deg",
+        ),
+    ] = ""
+    tag_topics: Annotated[
+        str, described("detected AprilTags, whose poses are in tf, separated by commas")
+    ] = ""
+    detection_topics: Annotated[
+        str, described("detected landmarks in three dimensions, separated by commas")
+    ] = ""
+    sight_sigma_per_m: Annotated[
+        float,
+        described("standard deviation of a sight without covariance, for each metre to it", gt=0),
+    ] = 0.05
     map_topic: Annotated[str, described("the map, latched")] = "map"
     tf_topic: Annotated[
         str, described("transforms; nav2's launch files remap /tf to tf in the namespace")

@@ -22,7 +22,7 @@ from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
 from ros2_bridge import message_types as types
 from ros2_bridge import topics
-from ros2_bridge.initial_pose import given_pose, initial_pose, observed_pose
+from ros2_bridge.initial_pose import given_pose, initial_pose
 from ros2_bridge.laser_scans import LaserScans
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import (
@@ -34,6 +34,7 @@ from ros2_bridge.messages_out import (
     pose_stamped,
     transform,
 )
+from ros2_bridge.observing import Observing
 from ros2_bridge.outputs import NO_ID, Output, Publish, Refused
 from ros2_bridge.particles import ClusterParticles
 from ros2_bridge.pose_choice import MapFromOdom, PoseChoice
@@ -56,6 +57,7 @@ class Amcl:
         self._unpublished: Belief | None = None
         self._frames = TransformTree()
         self._scans = LaserScans(self._frames, settings)
+        self._observing = Observing(self._frames, settings)
         self._place = MapFromOdom()
         self._choice = PoseChoice(settings.publish)
         self._particles = ClusterParticles()
@@ -68,7 +70,7 @@ class Amcl:
 
     def use(self, settings: Ros2Settings) -> None:
         """Change the settings; names of topics and frames stay the same."""
-        self.settings = self._scans.settings = settings
+        self.settings = self._scans.settings = self._observing.settings = settings
         self._choice.publish = settings.publish
 
     # --- lifecycle
@@ -102,6 +104,7 @@ class Amcl:
         """Stop using scans and publishing poses."""
         self.is_active = False
         self._scans.clear()
+        self._observing.clear()
 
     def clean_up(self) -> None:
         """Reset: the next map is treated as new."""
@@ -190,14 +193,15 @@ class Amcl:
         except ValueError as problem:
             yield Refused("initial pose refused", str(problem))
 
-    def on_observed_pose(self, message: Any, topic: str) -> Iterator[Output]:
-        """Handle a `geometry_msgs/PoseWithCovarianceStamped` of another sensor."""
+    def on_observed(self, message: Any, topic: str, now_ns: int) -> Iterator[Output]:
+        """Handle a message of another sensor, see `Observing`; it may wait for its transforms."""
         if not self.is_active:
             return
         try:
-            yield observed_pose(message, topic, self.settings)
+            yield from self._observing.add(message, topic, now_ns)
         except ValueError as problem:
-            yield Refused("observed pose refused", f"{topic}: {problem}")
+            yield Refused("observation refused", f"{topic}: {problem}")
+        yield from self._observing.ready(now_ns)
 
     # --- from the system
 
@@ -274,7 +278,8 @@ class Amcl:
             yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
 
     def on_tick(self, now_ns: int) -> Iterator[Output]:
-        """Use the scans whose transforms are known; refuse those that have waited too long."""
+        """Use what has its transforms now; refuse what has waited for them too long."""
+        yield from self._observing.ready(now_ns)
         for reading in self._scans.ready(now_ns):
             yield reading
             if isinstance(reading, Refused):
@@ -291,6 +296,7 @@ class Amcl:
 
     def _on_clock_set_back(self, where: str, back_ns: int) -> Iterator[Output]:
         self._scans.clear()
+        self._observing.clear()
         self._place.forget_scans()
         self._odometry_ns = self._published_ns = None
         if where == "/clock":

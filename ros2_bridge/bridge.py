@@ -209,8 +209,8 @@ class BridgeLoop:
                 self._do(amcl.on_transforms(message, now_ns, fixed=True))
             case self._topics.map:
                 self._do(amcl.on_map(message))
-            case topic if topic in self._topics.poses:
-                self._do(amcl.on_observed_pose(message, topic.name))
+            case topic if topic in self._topics.observed:
+                self._do(amcl.on_observed(message, topic.name, now_ns))
             case topics.INITIAL_POSE:
                 self._do(amcl.on_initial_pose(message))
             case topics.CLOCK:

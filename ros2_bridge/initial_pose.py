@@ -1,4 +1,4 @@
-"""Poses of the robot from ROS: initial poses, and observations of other sensors."""
+"""Initial poses of the robot from ROS."""
 
 import math
 from contextlib import suppress
@@ -9,10 +9,8 @@ import numpy as np
 from particle_filter.poses import between, compose
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.answers import SetPose
-from protocol.message import MAX_ID_CHARACTERS, Covariance, PoseTuple
+from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.reading_checks import observation_problem
-from protocol.steps import Observation
 from protocol.validity import gaussian_problem
 from recordings.headers import frame_name, stamp_of
 from recordings.rigid import rigid_of
@@ -22,8 +20,6 @@ from ros2_bridge.outputs import NO_ID
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
 """Least standard deviations: senders that omit the covariance send zeros."""
 _PLANAR = (0, 1, 5)
-_KNOWN_RAD = math.pi / 2.0
-"""An observation with a larger standard deviation of its heading is used without it."""
 _SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
 """AMCL's standard deviations for a pose in parameters."""
 
@@ -36,7 +32,7 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
     Raises:
         ValueError: its frame is not that of the map, or its numbers are not a valid pose.
     """
-    then, wide = _in_map(message, settings)
+    then, wide = pose_in_map(message, settings)
     covariance = _usable(wide)
     if problem := gaussian_problem(pose_tuple(then), covariance):
         raise ValueError(problem.replace("_", " "))
@@ -51,39 +47,13 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
     return _command(settings, pose_tuple(now), covariance, now_ns)
 
 
-def observed_pose(message: Any, topic: str, settings: Ros2Settings) -> Observation:
-    """Convert a `geometry_msgs/PoseWithCovarianceStamped` to an observation; a topic is a source.
-
-    A heading with a variance of 0 or less, or that is nearly uniform, is unknown.
-
-    Raises:
-        ValueError: its frame is not that of the map, it has no stamp, or its numbers are not valid.
-    """
-    pose, covariance = _in_map(message, settings)
-    known = 3 if 0.0 < covariance[2, 2] <= _KNOWN_RAD**2 else 2
-    stamp_ns = stamp_of(message.header)
-    if stamp_ns == 0:
-        raise ValueError("it has no stamp")
-    seen = Observation(
-        sender=topic[-MAX_ID_CHARACTERS:],
-        stamp_ns=stamp_ns,
-        mean=tuple(pose[:known].tolist()),
-        covariance=tuple(covariance[:known, :known].ravel().tolist()),
-    )
-    if not all(map(math.isfinite, (*seen.mean, *seen.covariance))):
-        raise ValueError("not all numbers are finite")
-    if problem := observation_problem(seen):
-        raise ValueError(problem)
-    return seen
-
-
 def initial_pose(settings: Ros2Settings) -> SetPose:
     pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
     spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
     return _command(settings, pose, covariance_tuple(spread), None)
 
 
-def _in_map(message: Any, settings: Ros2Settings) -> tuple[Any, Any]:
+def pose_in_map(message: Any, settings: Ros2Settings) -> tuple[Any, Any]:
     """Return the planar (3,) pose and (3, 3) covariance of a pose in the map's frame."""
     frame = frame_name(message.header.frame_id)
     if frame != settings.global_frame:

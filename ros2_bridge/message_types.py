@@ -26,7 +26,10 @@ PATH = "nav_msgs/msg/Path"
 CLOCK = "rosgraph_msgs/msg/Clock"
 PARTICLE_CLOUD = "nav2_msgs/msg/ParticleCloud"
 MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
+APRIL_TAGS = "apriltag_msgs/msg/AprilTagDetectionArray"
 DETECTION = "vision_msgs/msg/Detection3D"
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
 DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 STRING = "std_msgs/msg/String"
 FLOAT64 = "std_msgs/msg/Float64"
@@ -68,6 +71,13 @@ _MESSAGES = {
         "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
         "vision_msgs/BoundingBox3D bbox\nstring id\n"
     ),
+    DETECTIONS: "std_msgs/Header header\nvision_msgs/Detection3D[] detections\n",
+    "apriltag_msgs/msg/Point": "float64 x\nfloat64 y\n",
+    "apriltag_msgs/msg/AprilTagDetection": (
+        "string family\nint32 id\nint32 hamming\nfloat32 goodness\nfloat32 decision_margin\n"
+        "apriltag_msgs/Point centre\napriltag_msgs/Point[4] corners\nfloat64[9] homography\n"
+    ),
+    APRIL_TAGS: "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n",
 }
 _SERVICES = {
     EMPTY: (_NOTHING, _NOTHING),

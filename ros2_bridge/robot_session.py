@@ -23,6 +23,8 @@ from ros2_bridge.wire import (
 from zenoh_link.session import MANY_LINKS, open_session, receiving_threads
 from zenoh_link.wire import alive
 
+OBSERVED = ("pose_topics", "gnss_topics", "tag_topics", "detection_topics")
+"""Settings with the topics of other sensors."""
 _ASK_S = 1.0
 _LOOK_EVERY_S = 0.25
 _GONE_WITHIN_S = 3.0
@@ -45,7 +47,7 @@ def node_name(settings: Ros2Settings) -> NodeName:
         **{key: [getattr(settings, key)] for key in ("map_topic", "tf_topic", "tf_static_topic")},
         "scan_topic": settings.scan_topic.split(","),
         "pointcloud_topic": [settings.pointcloud_topic or "none"],
-        "pose_topics": (settings.pose_topics or "none").split(","),
+        **{key: (getattr(settings, key) or "none").split(",") for key in OBSERVED},
     }
     wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]
     wrong += [] if is_name(settings.node_name) else ["node_name"]

@@ -47,6 +47,12 @@ def service_qos(ros_type: str) -> Qos:
     return Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else Qos()
 
 
+def _topics(names: str, ros_type: str, qos: Qos) -> tuple[Topic, ...]:
+    """Return the topics of a setting, which separates names by commas."""
+    distinct = dict.fromkeys(filter(None, map(str.strip, names.split(","))))
+    return tuple(Topic(name, ros_type, qos) for name in distinct)
+
+
 @dataclass(frozen=True)
 class Topics:
     """The topics whose names are settings."""
@@ -71,10 +77,15 @@ class Topics:
         return (*scans, Topic(cloud, types.POINT_CLOUD, qos)) if cloud else scans
 
     @property
-    def poses(self) -> tuple[Topic, ...]:
-        """Poses by other sensors, each an observation."""
-        names = filter(None, map(str.strip, self.settings.pose_topics.split(",")))
-        return tuple(Topic(name, types.POSE_STAMPED, Qos()) for name in dict.fromkeys(names))
+    def observed(self) -> tuple[Topic, ...]:
+        """Observations of other sensors."""
+        settings, sensor_data = self.settings, Qos(depth=5, best_effort=True)
+        return (
+            *_topics(settings.pose_topics, types.POSE_STAMPED, Qos()),
+            *_topics(settings.gnss_topics, types.NAV_SAT_FIX, sensor_data),
+            *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),
+            *_topics(settings.detection_topics, types.DETECTIONS, sensor_data),
+        )
 
     @property
     def map(self) -> Topic:
@@ -84,7 +95,7 @@ class Topics:
         """Return all topics to subscribe to."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
         transforms = (self.tf, self.tf_static)
-        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.poses, *clock)
+        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.observed, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
         """Return all topics to publish."""

@@ -45,7 +45,7 @@ def test_several_topics_a_cloud_and_poses_are_readings_of_one_robot(
         robot.put(front, laser_scan(SCAN, "front", stamp_ns))
         robot.put(rear, laser_scan(SCAN, "rear", stamp_ns))
         robot.put(points, cloud([(2.0, 0.0, 0.1)], stamp_ns=stamp_ns))
-        for topic in robot.topics.poses:
+        for topic in robot.topics.observed:
             robot.put(topic, pose_stamped((1.0, 2.0, 0.5), COVARIANCE, stamp_ns, "map"))
         senders = {one.sender for one in list(system.observations)}
         frames = {one.laser for one in list(system.lasers)}

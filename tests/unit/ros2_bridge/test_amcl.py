@@ -478,7 +478,7 @@ def observed(covariance: Any, stamp_ns: int = SECOND, frame: str = "map") -> Any
 
 def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -> None:
     amcl = Robot().amcl
-    (seen,) = amcl.on_observed_pose(observed(wide(0.4, 0.5, 0.1)), "uwb/pose")
+    (seen,) = amcl.on_observed(observed(wide(0.4, 0.5, 0.1)), "uwb/pose", 0)
     assert isinstance(seen, Observation)
     assert (seen.sender, seen.stamp_ns, seen.landmark) == ("uwb/pose", SECOND, "")
     np.testing.assert_allclose(seen.mean, PLACE)
@@ -487,7 +487,7 @@ def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -
 
 @pytest.mark.parametrize("heading", [0.0, -1.0, 1e6, nan])
 def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -> None:
-    (seen,) = Robot().amcl.on_observed_pose(observed(wide(0.4, 0.5, heading)), "gnss")
+    (seen,) = Robot().amcl.on_observed(observed(wide(0.4, 0.5, heading)), "gnss", 0)
     assert isinstance(seen, Observation)
     assert (len(seen.mean), seen.covariance) == (2, (0.4, 0.0, 0.0, 0.5))
 
@@ -504,15 +504,15 @@ def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -
     ],
 )
 def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None:
-    (refused,) = Robot().amcl.on_observed_pose(message, "gnss")
+    (refused,) = Robot().amcl.on_observed(message, "gnss", 0)
     assert isinstance(refused, Refused)
-    assert refused.cause == "observed pose refused"
+    assert refused.cause == "observation refused"
     assert refused.detail.startswith(f"gnss: {problem}")
 
 
 def test_an_inactive_node_uses_no_observed_pose() -> None:
     amcl = Robot(active=False).amcl
-    assert list(amcl.on_observed_pose(observed(wide(1.0, 1.0, 1.0)), "gnss")) == []
+    assert list(amcl.on_observed(observed(wide(1.0, 1.0, 1.0)), "gnss", 0)) == []
 
 
 def test_a_pose_given_while_inactive_is_remembered() -> None:

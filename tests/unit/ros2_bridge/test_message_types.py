@@ -38,6 +38,7 @@ def test_every_decoded_message_equals_the_encoded_one(ros_type: str) -> None:
         (types.OCCUPANCY_GRID, "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"),
         (types.POSE_STAMPED, "26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e"),
         (types.TF_MESSAGE, "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"),
+        (types.NAV_SAT_FIX, "62223ab3fe210a15976021da7afddc9e200dc9ec75231c1b6a557fc598a65404"),
         (types.PARTICLE_CLOUD, "193d8cb88ca2b98cd81ece15342744f054bb398ebfa8f6369914432303f42b11"),
         (types.BOND_STATUS, "87eaccffa254ffffadc0b61600452e8251740f06c25659a2dbda4927fdb1f70a"),
     ],
