@@ -46,10 +46,6 @@ def run_check(
     """Check a map, and whether a recording matches the map; print a report.
 
     The exit code is `EXIT_ANOTHER_MAP` if the recording is probably of another map.
-
-    Raises:
-        ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
-            picture cannot be written.
     """
     if report_file is not None:
         if report_file.suffix.lower() != ".png":

@@ -98,12 +98,7 @@ class _Run:
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
-    """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C.
-
-    Raises:
-        ClusterMclError: an input cannot be used, or a process failed.
-        StoppedError: the user pressed Ctrl-C.
-    """
+    """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C."""
     started_s = time.monotonic()
     if options.record is not None:
         check_output_file(options.record)

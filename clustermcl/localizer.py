@@ -239,10 +239,6 @@ class ClusterMCL(RobotCommands):
     def change_map(self, grid_map: GridMap, landmarks: Sequence[Landmark] = ()) -> None:
         """Use another map from the next scan on; drop all places, and search again.
 
-        Args:
-            grid_map: the map.
-            landmarks: of the map.
-
         Raises:
             ValueError: the map has no obstacle.
         """

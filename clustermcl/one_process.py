@@ -49,11 +49,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_one_process(settings: Settings) -> None:
-    """Refuse settings that need further processes.
-
-    Raises:
-        SettingsError: such a setting.
-    """
+    """Refuse settings that need further processes."""
     refused = {
         "zenoh.start_router=false": not settings.zenoh.start_router,
         f"worker.count={settings.worker.count}": settings.worker.count > 1,
@@ -67,13 +63,7 @@ def check_one_process(settings: Settings) -> None:
 
 
 def run_parts(invocation: Invocation) -> None:
-    """Run all parts until the process is stopped or a part ends.
-
-    Raises:
-        SettingsError: a setting needs more processes.
-        AlreadyRunningError: another process listens at the router's address.
-        ClusterMclError: a part cannot run, for example without a usable map.
-    """
+    """Run all parts until the process is stopped or a part ends."""
     settings, stop = invocation.settings, invocation.stop
     check_one_process(settings)
     compile_kernels(SensorSettings())

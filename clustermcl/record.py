@@ -33,11 +33,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_record(settings: Settings, path: Path) -> int:
-    """Record until SIGINT or SIGTERM, and return the number of recorded steps.
-
-    Raises:
-        ClusterMclError: no router answers, or the file cannot be written.
-    """
+    """Record until SIGINT or SIGTERM, and return the number of recorded steps."""
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())

@@ -44,11 +44,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
-    """Record until the stop flag is set; then add the new landmarks to the file, and count them.
-
-    Raises:
-        ClusterMclError: no router answers, or the file is damaged or cannot be written.
-    """
+    """Record until the stop flag is set; then add the new landmarks to the file, and count them."""
     check_output_file(path)
     known = {each.name for each in load_landmarks(path)} if path.exists() else set()
     survey = LandmarkSurvey(known)

@@ -52,7 +52,9 @@ def print_replay(
     map_file: Path | None,
     as_json: bool,
 ) -> bool:
-    """Recompute a whole recording, and print the events and beliefs of some steps.
+    """Recompute a whole recording; return whether every belief equals the recorded one.
+
+    The events and beliefs of some steps are printed.
 
     Args:
         folder: folder of the recording.
@@ -60,14 +62,6 @@ def print_replay(
         last_step: last step to print; None: the last in the recording.
         map_file: map of the recording; None: any map is accepted.
         as_json: print a JSON object per line instead of text.
-
-    Returns:
-        Whether every belief equals the recorded one.
-
-    Raises:
-        RecordingError: there is no recording, it cannot be read, or it has another map.
-        MapFileError: the map cannot be read.
-        LandmarksFileError: the landmarks file next to the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step

@@ -24,12 +24,7 @@ _POLL_S = 0.1
 
 
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
-    """Run all processes of a robot until Ctrl-C; restart a process that ends.
-
-    Raises:
-        ClusterMclError: the map, the recording, an address or the endpoint is unusable.
-        ProcessEndedError: a process refused to start.
-    """
+    """Run all processes of a robot until Ctrl-C; restart a process that ends."""
     _check_settings(settings)
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)

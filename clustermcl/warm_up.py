@@ -16,11 +16,7 @@ from worker.warm_up import compile_kernels
 
 
 def run_warm_up(settings: Settings) -> None:
-    """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file.
-
-    Raises:
-        ClusterMclError: the map cannot be used, or the kernels cannot be written to disk.
-    """
+    """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file."""
     begun_s = time.monotonic()
     compile_kernels(settings.sensor, lambda name: _print(f"compiling {name}"))
     if kernels.cache_problems:

@@ -44,12 +44,7 @@ class MapChangeDetector(Part):
     consecutive: int = 0
 
     def has_changed(self, scan: Scan, present: str) -> bool:
-        """Process a scan; return whether the bridge certainly has another map.
-
-        Args:
-            scan: any that arrives.
-            present: digest of the map in which the robot is localized.
-        """
+        """Process a scan; return whether the bridge certainly has a map other than `present`."""
         if scan.map_digest == present:
             self.consecutive = 0
             return False

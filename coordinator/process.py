@@ -65,11 +65,7 @@ def run_coordinator(invocation: Invocation) -> None:
 def follow_and_lead(
     invocation: Invocation, node: Node, replica: Replica, *, may_wait: bool
 ) -> None:
-    """Follow while the robot has a leader, then lead until stopped or deposed.
-
-    Raises:
-        AlreadyRunningError: as `run_coordinator`.
-    """
+    """Follow while the robot has a leader, then lead until stopped or deposed."""
     settings = invocation.settings
     with metrics_served(settings.metrics, lambda: node.session):
         loop = Loop(node, replica, settings.robot.radius_m)

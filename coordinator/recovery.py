@@ -55,13 +55,10 @@ class Term(Part):
         return term
 
     def on_term(self, number: int) -> bool:
-        """Process another coordinator's term.
+        """Process another coordinator's term; return whether this one's was raised.
 
         Before this coordinator begins, its term is raised above the other one. Later, a higher
         term deposes it.
-
-        Returns:
-            Whether this coordinator's term was raised.
         """
         if self.begun:
             if number > self.number:
@@ -73,11 +70,7 @@ class Term(Part):
         return True
 
     def on_worker_term(self, number: int, now_ns: int) -> bool:
-        """Process the highest term that a worker has received, which never deposes.
-
-        Returns:
-            Whether this coordinator's term was raised.
-        """
+        """Process a worker's term, which never deposes; return whether this one's was raised."""
         if not self.begun:
             return self.on_term(number)
         if number > self.number:
@@ -87,13 +80,10 @@ class Term(Part):
         return False
 
     def rises_above_workers(self, now_ns: int) -> bool:
-        """Raise the term above a worker's term whose coordinator has not appeared.
+        """Raise the term if a worker's coordinator has not appeared; return whether.
 
         The other coordinator may have died before it led. If it is alive, its next message deposes
         this coordinator.
-
-        Returns:
-            Whether this coordinator's term was raised.
         """
         if self.claimed is None or now_ns - self.claimed_ns < UNSEEN_NS:
             return False

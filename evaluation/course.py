@@ -73,12 +73,6 @@ class Course:
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
     """Begin a run.
 
-    Args:
-        case: the robot.
-        seed: of the simulated robot; a recording does not depend on it.
-        settings: the motion gate.
-        start_step: the first step used of a recording.
-
     Raises:
         ClusterMclError: a file cannot be used, or the world does not exist; a recording may
             raise it at its first step.

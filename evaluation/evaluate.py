@@ -69,11 +69,7 @@ class EvaluateOptions:
 def executed(
     options: EvaluateOptions, run: Run, on_update: Callable[[], None] | None = None
 ) -> RunMeasures:
-    """Execute a run, and write its files.
-
-    Raises:
-        ClusterMclError: an input cannot be used.
-    """
+    """Execute a run, and write its files."""
     course, steps = run.begun()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []

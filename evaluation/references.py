@@ -60,9 +60,6 @@ def written_trajectory(path: Path | None) -> Iterator[OnPose]:
 
     Args:
         path: the file, replaced if it exists; None: write nothing.
-
-    Raises:
-        OutputError: the file cannot be written.
     """
     lines = ["# timestamp x y z qx qy qz qw\n"]
     yield lambda stamp_ns, map_from_robot: lines.append(_line(stamp_ns, map_from_robot))

@@ -61,9 +61,6 @@ class Run:
 
         Args:
             cache_folder: folder for computed likelihood fields; None: the user's.
-
-        Raises:
-            ClusterMclError: an input cannot be used.
         """
         course = course_of(self.case, self.seed, self.settings.bridge, self.start_step)
         settings = msgspec.structs.replace(self.settings, seed=self.seed)

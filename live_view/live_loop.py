@@ -63,13 +63,7 @@ def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> 
 
 
 class LiveLoop:
-    """The loop of one robot's page. No other thread uses the picture, so there is no lock.
-
-    Args:
-        settings: the router's endpoint and the robot's name.
-        about: constants for the page, such as whether commands are allowed.
-        stop: flag that ends the loop.
-    """
+    """The loop of one robot's page. No other thread uses the picture, so there is no lock."""
 
     def __init__(self, settings: Settings, about: Mapping[str, Any], stop: StopFlag) -> None:
         self._settings, self._stop = settings, stop

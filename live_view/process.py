@@ -66,11 +66,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_live_view(invocation: Invocation) -> None:
-    """Serve the page until the process is stopped, also while no system is running.
-
-    Raises:
-        SettingsError: the address, a certificate or a robot's name cannot be used.
-    """
+    """Serve the page until the process is stopped, also while no system is running."""
     settings, arguments = invocation.settings, invocation.arguments
     options = PageOptions(
         address=parsed_address(arguments.listen),

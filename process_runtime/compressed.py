@@ -47,10 +47,6 @@ def open_decompressed(path: Path) -> BinaryIO:
 def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
     """Read a whole file, decompressed.
 
-    Args:
-        path: the file.
-        error: class of the error to raise, such as `MapFileError` for a map.
-
     Raises:
         InputFileError: as `error`: the file is missing, unreadable, truncated, damaged or too long.
     """

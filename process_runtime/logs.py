@@ -15,12 +15,7 @@ class _OneLine(logging.Formatter):
 
 
 def configure_logging(process: str, level: str) -> None:
-    """Configure the log: messages from `level` upwards on standard error. May be called again.
-
-    Args:
-        process: prefix of each line, such as ``coordinator`` or ``worker-3``.
-        level: ``debug``, ``info``, ``warning`` or ``error``.
-    """
+    """Configure the log: messages from `level` upwards on standard error. May be called again."""
     handler = logging.StreamHandler(sys.stderr)
     name = process.replace("%", "%%")
     handler.setFormatter(_OneLine(_FORMAT.format(process=name), datefmt="%H:%M:%S"))

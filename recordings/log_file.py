@@ -111,11 +111,7 @@ class TextLog:
 
 
 def stamp_ns_of(text: str) -> int:
-    """Convert a decimal time in seconds to nanoseconds, without rounding errors.
-
-    Raises:
-        ValueError: the text is not a time.
-    """
+    """Convert a decimal time in seconds to nanoseconds, without rounding errors."""
     try:
         seconds = Decimal(text)
     except InvalidOperation:
@@ -126,11 +122,7 @@ def stamp_ns_of(text: str) -> int:
 
 
 def numbers_of(words: Sequence[str]) -> list[float]:
-    """Convert words to numbers, perhaps NaN or infinite.
-
-    Raises:
-        ValueError: a word is not a number.
-    """
+    """Convert words to numbers, perhaps NaN or infinite."""
     numbers: list[float] = []
     for word in words:
         try:
@@ -141,11 +133,7 @@ def numbers_of(words: Sequence[str]) -> list[float]:
 
 
 def ranges_of(words: Sequence[str], m_per_unit: float = 1.0) -> NDArray[np.float32]:
-    """Return (B,) ranges [m]; a range that is not finite means no return.
-
-    Raises:
-        ValueError: a word is not a number.
-    """
+    """Return (B,) ranges [m]; a range that is not finite means no return."""
     with np.errstate(over="ignore"):  # 1e300 m becomes infinite
         return (np.array(numbers_of(words)) * m_per_unit).astype(np.float32)
 

@@ -41,15 +41,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_simulator(invocation: Invocation) -> None:
-    """Simulate until the process is stopped.
-
-    Raises:
-        SettingsError: the source is not a simulation.
-        UnknownWorldError: there is no world of this name.
-        MapFileError: the map cannot be used.
-        NoRoomError: the robot does not fit into the map.
-        AlreadyRunningError: a bridge or simulator of this robot is already running.
-    """
+    """Simulate until the process is stopped."""
     settings, arguments = invocation.settings, invocation.arguments
     robot = parsed_source(settings.bridge.source)
     if not isinstance(robot, Simulated):

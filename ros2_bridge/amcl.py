@@ -88,11 +88,7 @@ class Amcl:
         self._was_reset = False
 
     def resume(self, held: int | None) -> None:
-        """Continue after a bridge was killed.
-
-        Args:
-            held: number of the cluster that it published as the pose.
-        """
+        """Continue after a bridge was killed that published the cluster `held` as the pose."""
         self.is_active, self._choice.held = True, held
 
     @property
@@ -124,13 +120,7 @@ class Amcl:
             yield from self._on_clock_set_back("/clock", before_ns - now_ns)
 
     def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
-        """Handle a `tf2_msgs/TFMessage`: odometry, the lasers' poses and more.
-
-        Args:
-            message: from `/tf` or `/tf_static`.
-            now_ns: time on a monotonic clock.
-            fixed: whether the message is from `/tf_static`.
-        """
+        """Handle a `tf2_msgs/TFMessage`, `fixed` if from `/tf_static`: odometry, lasers' poses."""
         for one in message.transforms:
             parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
             if (parent, child) == (self.settings.global_frame, self.settings.odom_frame):

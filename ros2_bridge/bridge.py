@@ -92,15 +92,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
 
 
 class BridgeLoop:
-    """Owns the state of the bridge, so there is no lock.
-
-    Args:
-        settings: of all processes.
-        node: of our system, open; its inbox also takes what ROS nodes send.
-        publishers: by the names of their topics.
-        bond: the heartbeat for nav2.
-        file: the state of a killed bridge.
-    """
+    """Owns the state of the bridge, so there is no lock."""
 
     def __init__(
         self,

@@ -71,14 +71,9 @@ class Lifecycle:
         return [asked for asked, _ in _WAYS if asked.start is self.state]
 
     def change(self, number: int, label: str = "") -> tuple[Transition, ...]:
-        """Request a transition.
+        """Request a transition, and return those made; none if the state does not allow it.
 
-        Args:
-            number: of the transition.
-            label: its name, which takes precedence over the number, as in ROS.
-
-        Returns:
-            The transitions made; none if the state does not allow it.
+        The label takes precedence over the number, as in ROS.
         """
         for asked, succeeded in _WAYS:
             meant = asked.label == label if label else asked.number == number

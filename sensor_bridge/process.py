@@ -77,14 +77,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bridge(invocation: Invocation) -> None:
-    """Run the bridge until the process is stopped.
-
-    Raises:
-        SettingsError: no map is set, or the source is a simulation.
-        MapFileError: the map cannot be used.
-        LandmarksFileError: the landmarks file next to the map cannot be used.
-        RecordingError: the recording cannot be used.
-    """
+    """Run the bridge until the process is stopped."""
     settings, arguments = invocation.settings.bridge, invocation.arguments
     source = arguments.source or settings.source
     map_file = map_file_of(arguments.map or settings.map, source)

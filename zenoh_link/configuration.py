@@ -83,9 +83,6 @@ def peer_configuration(settings: ZenohSettings) -> Configuration:
     """Return the configuration of a ROS node on the router's machine, as rmw_zenoh sets it.
 
     Peers keep their direct links when the router stops.
-
-    Raises:
-        SettingsError: as `client_configuration`.
     """
     configuration = client_configuration(settings, None)
     configuration["connect"]["exit_on_failure"] = True  # else `zenoh.open` returns without a link

@@ -342,10 +342,8 @@ class Node:
                 self.on_other(event)
 
     def replace_stale_session(self) -> bool:
-        """Replace a session that has received nothing since its link came back; see `turn`.
-
-        Returns:
-            Whether it was replaced: another session sees peers.
+        """Replace a session that has received nothing since its link came back, if another session
+        sees peers; return whether. See `turn`.
         """
         return self._stale.is_armed and self._replace_session()
 

@@ -59,11 +59,7 @@ class RouterProbe:
         return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
 
     def probe(self) -> threading.Thread:
-        """Record the last probe's result; start the next probe unless the last one still runs.
-
-        Returns:
-            The thread of the running probe.
-        """
+        """Record the last probe's result; start the next one unless it runs; return its thread."""
         self._looks += 1
         if self._looking is not None:
             self._failed = 0 if self._is_open else self._failed + self._was_open
@@ -129,11 +125,7 @@ _IN_USE = ("Address already in use", "Unable to acquire lock")
 
 
 def run_router(invocation: Invocation) -> None:
-    """Route until the process is stopped or the router no longer accepts clients.
-
-    Raises:
-        InputFileError: the ``--config`` file is missing or not a Zenoh configuration.
-    """
+    """Route until the process is stopped or the router no longer accepts clients."""
     file: Path | None = invocation.arguments.config
     router = invocation.settings.zenoh.router
     if file is None:

@@ -178,11 +178,6 @@ def settings_with_nav2(
 ) -> tuple[Settings, list[str]]:
     """Load settings: assignments override the file, and the file overrides nav2's parameters.
 
-    Args:
-        nav2_params: the robot's `nav2_params.yaml`; None: none.
-        settings_file: settings file (TOML); None: none.
-        assignments: settings as ``section.key=value``.
-
     Returns:
         The settings, and a line for each nav2 parameter that has another effect here, or none.
 

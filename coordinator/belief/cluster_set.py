@@ -469,9 +469,6 @@ class ClusterSet(Part):
             first_step: first step of the search; clusters that began since then have a positive
                 probability.
             explained: probability that moves from elsewhere to the places of the search.
-
-        Returns:
-            The candidates with their probabilities.
         """
         own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
         held = math.fsum(cluster.probability for cluster in own)

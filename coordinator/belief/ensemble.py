@@ -101,11 +101,7 @@ class Ensemble(Part, kw_only=True):
         return (*self.search.job_ids, *self.decoy.search.job_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
-        """Start the first search; call this once, before the first step.
-
-        Returns:
-            The jobs that must process the scan of `step` itself.
-        """
+        """Start the first search, before the first step; return the jobs that process its scan."""
         self.prior_pose = prior_pose
         self.begin |= self.standing_jobs(step)
         self._start_search(step)

@@ -84,7 +84,7 @@ class SearchCourse(Part):
         near: Circle | None = None,
         corners: Corners = (),
     ) -> dict[str, Job]:
-        """Begin a search.
+        """Begin a search, and return its jobs.
 
         Args:
             first_step: the first step whose scan it uses.
@@ -92,9 +92,6 @@ class SearchCourse(Part):
             log_off_map: log of the probability that it is not on the map.
             near: circle to search; None: the whole map.
             corners: corners of the region to search; empty: the whole map.
-
-        Returns:
-            The jobs of the search.
         """
         self.pool = SearchPool(self.begun, first_step, self.settings.search, self.mirrored)
         jobs: dict[str, Job] = {
@@ -192,15 +189,9 @@ class Decoy(Part):
     def follow(
         self, step: int, reports: Sequence[Report], *, is_open: bool
     ) -> tuple[dict[str, Job], list[Ended]]:
-        """Begin and end the decoy's jobs after a step.
+        """Begin and end the decoy's jobs after a step, and return them.
 
-        Args:
-            step: number of the step.
-            reports: reports of all jobs.
-            is_open: whether it is uncertain that the robot is on the map.
-
-        Returns:
-            The jobs that begin, and those that end.
+        `is_open`: it is uncertain that the robot is on the map.
         """
         begin: dict[str, Job] = {}
         ended: list[Ended] = []

@@ -63,11 +63,6 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
     """Localize with the first steps of a recording, and compare its scans with the map.
 
     The mirrored recording is localized too, as a decoy: a robot that is not on this map.
-
-    Args:
-        scans: the steps of the recording; at least one.
-        grid_map: the map.
-        settings: settings of the filter.
     """
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)

@@ -58,11 +58,7 @@ class View:
 
 
 class Viewer:
-    """Computes views of a map.
-
-    Args:
-        grid_map: the map.
-        range_m: range of the laser, which scans 360 degrees.
+    """Computes views of a map, with a laser that scans 360 degrees.
 
     Raises:
         NoRoomError: no robot fits into the map.
