@@ -89,6 +89,10 @@ def _judged_steps(
 class RunError(ClusterMclError):
     """A run failed, or its process was killed."""
 
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(problem)
+
 
 def in_parallel(
     work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
