@@ -10,7 +10,7 @@ import re
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import msgspec
@@ -19,7 +19,6 @@ import zenoh
 
 from benchmarks.live_page import Page, running
 from clustermcl.stack import Stack, meeting_in
-from clustermcl.stack import running as stack_running
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
@@ -95,7 +94,7 @@ def measured(world: str, rounds: int, steps: int) -> tuple[list[list[float]], li
     without, with_page = list[list[float]](), list[list[float]]()
     with tempfile.TemporaryDirectory() as name:
         settings = settings_in(Path(name), world)
-        with stack_running(Stack(settings, Path(name), logs_in_folder=True)) as stack:
+        with closing(Stack(settings, Path(name), logs_in_folder=True)) as stack:
             stack.start_all()
             with open_session(
                 settings.zenoh, settings.robot, StopFlag(), wait_s=STEP_WITHIN_S

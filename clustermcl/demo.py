@@ -15,7 +15,7 @@ import zenoh
 from clustermcl.as_json import dumped
 from clustermcl.demo_output import DemoOutput, DemoSummary, result_lines, result_object
 from clustermcl.record import recorded
-from clustermcl.stack import Stack, meeting_in, running, temporary_folder
+from clustermcl.stack import Stack, meeting_in, temporary_folder
 from clustermcl.verbosity import is_verbose
 from evaluation.amcl_process import amcl_name
 from evaluation.references import load_reference
@@ -121,7 +121,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             page_arguments=_page_arguments(page, run, by_hand) if page else None,
             with_amcl=page is not None,
         )
-        with running(stack):
+        with closing(stack):
             text = _followed(stack, meeting, run, options, page, stop, started_s)
             standard_output().write(text + "\n")
             standard_output().flush()

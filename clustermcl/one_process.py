@@ -44,8 +44,8 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    # Options of the parts' own programs, which settings replace here.
-    parser.set_defaults(map=None, source=None, steps=None, by_hand=False)
+    # Options of the simulator's own program, which settings replace here.
+    parser.set_defaults(map=None, steps=None, by_hand=False)
 
 
 def check_one_process(settings: Settings) -> None:

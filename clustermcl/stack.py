@@ -119,7 +119,8 @@ class Stack:
         for ended in self.ended():
             raise ProcessEndedError(ended)
 
-    def stop(self) -> None:
+    def close(self) -> None:
+        """Stop all processes."""
         self._supervisor.stop()
 
     def _child(self, module: str, *arguments: str, name: str | None = None) -> ChildSpec:
@@ -176,12 +177,3 @@ def meeting_in(folder: Path, settings: Settings) -> Settings:
     if not coordinator.state_folder:
         coordinator = msgspec.structs.replace(coordinator, state_folder=str(folder / "state"))
     return msgspec.structs.replace(settings, zenoh=zenoh, coordinator=coordinator)
-
-
-@contextmanager
-def running(stack: Stack) -> Iterator[Stack]:
-    """Stop the stack at the end of the ``with`` block."""
-    try:
-        yield stack
-    finally:
-        stack.stop()

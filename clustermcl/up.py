@@ -2,11 +2,12 @@
 
 import shlex
 import sys
+from contextlib import closing
 from typing import assert_never
 
 import msgspec
 
-from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
+from clustermcl.stack import ProcessEndedError, Stack, temporary_folder
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
@@ -30,7 +31,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
         stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
-        with running(stack):
+        with closing(stack):
             stack.start_all()
             _print(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
             _print(f"query it with: {_query_command(settings)}")

@@ -1,6 +1,5 @@
 """The sensor bridge process: readings of a robot or a recording become numbered steps."""
 
-import argparse
 import logging
 import time
 from collections import Counter, deque
@@ -65,40 +64,31 @@ def main() -> None:
         "sensor_bridge",
         run_bridge,
         describe="Sensor bridge of Cluster-MCL: synchronises, gates and numbers scans.",
-        add_arguments=_add_arguments,
-    )
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--map", metavar="FILE", help="map file (default: bridge.map)")
-    parser.add_argument(
-        "--source", metavar="SOURCE", help="recording, or 'zenoh' (default: bridge.source)"
     )
 
 
 def run_bridge(invocation: Invocation) -> None:
     """Run the bridge until the process is stopped."""
-    settings, arguments = invocation.settings.bridge, invocation.arguments
-    source = arguments.source or settings.source
-    map_file = map_file_of(arguments.map or settings.map, source)
-    if is_published(map_file, source, ros2=invocation.settings.ros2.enabled):
+    settings = invocation.settings.bridge
+    map_file = map_file_of(settings.map, settings.source)
+    if is_published(map_file, settings.source, ros2=invocation.settings.ros2.enabled):
         _log.info("waiting for a map on %s", keys.MAP_READING)
         serve_robot(invocation, None, None)
         return
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
-    serve_robot(invocation, grid_map, source_of(source, settings))
+    serve_robot(invocation, grid_map, source_of(settings))
 
 
-def source_of(named: str, settings: BridgeSettings) -> Source | None:
+def source_of(settings: BridgeSettings) -> Source | None:
     """Return the source of readings; None: a robot publishes them.
 
     Raises:
         SettingsError: the source is a simulation.
         RecordingError: the recording cannot be used.
     """
-    match parsed_source(named):
+    match parsed_source(settings.source):
         case Live():
             return None
         case Recorded(path):
@@ -106,7 +96,8 @@ def source_of(named: str, settings: BridgeSettings) -> Source | None:
         case Simulated():
             raise SettingsError(
                 key="bridge.source",
-                problem=f"{named} is a simulation: start 'python -I -m robot_simulator' instead",
+                problem=f"{settings.source} is a simulation: start "
+                "'python -I -m robot_simulator' instead",
             )
         case choice:
             assert_never(choice)

@@ -5,7 +5,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import psutil
 import zenoh
 
 from clustermcl.client import Client
-from clustermcl.stack import WORKERS, Stack, meeting_in, running
+from clustermcl.stack import WORKERS, Stack, meeting_in
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
 from process_runtime.stop import StopFlag
@@ -163,7 +163,7 @@ def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> I
             zenoh_settings = msgspec.structs.replace(met.zenoh, router=endpoint)
             met = msgspec.structs.replace(met, zenoh=zenoh_settings)
         stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
-        resources.enter_context(running(stack))
+        resources.enter_context(closing(stack))
         stack.start_all()
         session = resources.enter_context(
             open_session(met.zenoh, met.robot, StopFlag(), wait_s=PATIENCE_S)

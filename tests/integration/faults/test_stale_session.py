@@ -95,7 +95,12 @@ def test_processes_that_receive_nothing_next_to_others_open_other_sessions_and_k
     arguments = {
         "worker": ("--name", "w", "--count", "1"),
         "coordinator": (),
-        "sensor_bridge": ("--source", "zenoh", "--map", str(write_room(tmp_path))),
+        "sensor_bridge": (
+            "--set",
+            "bridge.source=zenoh",
+            "--set",
+            f"bridge.map={write_room(tmp_path)}",
+        ),
     }
     processes = []
     for name, words in arguments.items():

@@ -52,7 +52,7 @@ class System:
 
     def stop(self) -> None:
         if self._stack is not None:
-            self._stack.stop()
+            self._stack.close()
             self._stack = None
 
     def causes(self) -> list[str]:

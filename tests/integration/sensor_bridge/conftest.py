@@ -20,8 +20,7 @@ def start_bridge(
     """Starts a bridge with a map, ``zenoh`` or a file; returns a robot once it answers."""
 
     def start(grid_map: object = "zenoh") -> Robot:
-        endpoint = f"zenoh.router={router.router}"
-        words = ("--map", str(grid_map), "--set", endpoint)
+        words = ("--set", f"zenoh.router={router.router}", "--set", f"bridge.map={grid_map}")
         process = start_process(python_module("sensor_bridge", *words))
         robot = Robot(open_client(), process)
         wait_until(lambda: robot.dropped() is not None)

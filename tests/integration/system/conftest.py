@@ -2,13 +2,13 @@
 
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from clustermcl.stack import Stack, meeting_in, running
+from clustermcl.stack import Stack, meeting_in
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
 
@@ -37,7 +37,7 @@ def start_stack() -> Iterator[StartStack]:
             met = meeting_in(folder, msgspec.structs.replace(settings, worker=cache))
             arguments = ("--steps", str(steps))
             stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
-            resources.enter_context(running(stack))
+            resources.enter_context(closing(stack))
             return stack, met
 
         yield start

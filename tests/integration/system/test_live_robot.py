@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
 from clustermcl.client import Client
-from clustermcl.stack import Stack, meeting_in, running
+from clustermcl.stack import Stack, meeting_in
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
@@ -33,7 +34,7 @@ def test_the_example_of_the_wire_page_drives_a_robot(short_folder: str) -> None:
         msgspec.structs.replace(SMALL, bridge=bridge, worker=worker, coordinator=COORDINATOR),
     )
     stack = Stack(settings, folder, logs_in_folder=True)
-    with running(stack):
+    with closing(stack):
         stack.start_all()
         with Client(patient_client(settings)) as client:
             wait_until(lambda: len(client.status().workers) == 4)
