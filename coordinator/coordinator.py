@@ -12,8 +12,8 @@ import msgspec
 from msgspec import field
 
 from coordinator import events
+from coordinator.belief.given_places import PriorPose
 from coordinator.belief.outcome import belief_after
-from coordinator.belief.prior_pose import PriorPose
 from coordinator.checkpoint import to_bytes
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import (

@@ -10,8 +10,7 @@ from collections.abc import Iterable
 import msgspec
 import numpy as np
 
-from coordinator.belief.given_places import diagonal
-from coordinator.belief.prior_pose import PriorPose
+from coordinator.belief.given_places import PriorPose, diagonal
 from coordinator.checkpoint import state_in
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import AskState

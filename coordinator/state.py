@@ -12,9 +12,8 @@ from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.given_places import candidate
+from coordinator.belief.given_places import PriorPose, candidate
 from coordinator.belief.outcome import Outcome
-from coordinator.belief.prior_pose import PriorPose
 from coordinator.change_detectors import MapChangeDetector, OverloadDetector
 from coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, CheckpointState, state_in
 from coordinator.commands import Commands

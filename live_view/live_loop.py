@@ -207,7 +207,7 @@ class LiveLoop:
     def _on_map(self, message: MapMessage) -> None:
         self._asking_map = False
         self.map = reduced(message)
-        self.room.set_map(self.map.digest, self.map.zlib_cells)
+        self.room.map = (self.map.digest, self.map.zlib_cells)
         self.picture.on_map(self.map)
 
     def _on_no_map(self, _problem: str) -> None:

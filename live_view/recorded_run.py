@@ -174,7 +174,7 @@ class RecordedRun:
 
     def _show_map(self, grid_map: MapMessage) -> None:
         self._map = shown = reduced(grid_map)
-        self.room.set_map(shown.digest, shown.zlib_cells)
+        self.room.map = (shown.digest, shown.zlib_cells)
         self.picture.on_map(shown)
 
 
@@ -197,7 +197,6 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
 
 def best_pose(belief: Belief) -> PoseAnswer:
     """Return the most probable place in the form of the coordinator's answer."""
-    best = belief.hypotheses[0] if belief.hypotheses else None
     return PoseAnswer(
         sender=belief.sender,
         state=belief.state,
@@ -205,9 +204,9 @@ def best_pose(belief: Belief) -> PoseAnswer:
         stamp_ns=belief.stamp_ns,
         age_s=0.0,
         step=belief.step,
-        probability=best.probability if best else 0.0,
-        pose=best.pose if best else None,
-        covariance=best.covariance if best else None,
+        probability=belief.probability,
+        pose=belief.pose,
+        covariance=belief.covariance,
         workers=0,
         term=belief.term,
     )

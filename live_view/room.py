@@ -75,7 +75,7 @@ FromBrowser = Joined | Commanded | Questioned
 
 
 class Room:
-    """The open pages of one robot. Call `set_map`, `publish` and `send` from any thread.
+    """The open pages of one robot. Set `map`, call `publish` and `send` in any thread.
 
     Args:
         name: name of the robot, which is part of the link.
@@ -86,13 +86,9 @@ class Room:
         self.name, self.on_event = name, on_event
         self.browsers: set[Browser] = set()
         self.map: tuple[str, bytes] = ("", b"")
-        """The map's digest and its cells, compressed by zlib."""
+        """The digest and the cells, compressed by zlib, of the map that pages fetch."""
         self.loop: asyncio.AbstractEventLoop | None = None
         """The server's event loop; None before the server starts."""
-
-    def set_map(self, digest: str, zlib_cells: bytes) -> None:
-        """Set the map that pages fetch."""
-        self.map = (digest, zlib_cells)
 
     def publish(self, frames: Mapping[str, Any]) -> None:
         if self.browsers:

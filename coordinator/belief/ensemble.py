@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
 from coordinator.belief.cluster_set import PERHAPS_LIFTED, Candidate, Cluster, ClusterSet, news_of
+from coordinator.belief.given_places import PriorPose, with_prior_pose
 from coordinator.belief.outcome import Outcome, hypothesis_of
-from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from coordinator.belief.search_pool import Pool, pool_of
 from coordinator.part import Part

@@ -1,11 +1,20 @@
-"""Particles around a given pose, or around the last pose of an earlier run."""
+"""Places around a given pose, and the pose of an earlier run, a candidate of the first search."""
 
+import math
+from collections.abc import Sequence
+
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
+from coordinator.belief.cluster_set import Candidate
+from particle_filter.overlaps import is_near
+from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose, generator
+from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix
+from protocol.message import Covariance, NumberOrNone, PoseTuple, Probability
+from protocol.pose_arrays import covariance_matrix, pose_tuple
 from protocol.work import Particles, Place
 
 GIVEN_PARTICLES = 1_000
@@ -51,3 +60,67 @@ def candidate(
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
     sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
     return Place(share=probability, pose=mean, covariance=covariance, sample=sample)
+
+
+class PriorPose(msgspec.Struct, frozen=True):
+    """A pose from an earlier run; it is used until the first search has ended."""
+
+    step: NumberOrNone
+    odom_from_robot: PoseTuple
+    pose: PoseTuple
+    covariance: Covariance
+    probability: Probability
+
+
+def with_prior_pose(
+    found: Sequence[Place],
+    prior: PriorPose,
+    odom_from_robot: PoseTuple,
+    settings: FilterSettings,
+) -> list[Candidate]:
+    """Return the places of a search and the prior place, as candidates.
+
+    A found place near the prior one gets its probability. Otherwise the prior place is added; if
+    there is no room, the least probable found place is dropped.
+
+    Args:
+        found: most probable first; their shares are probabilities.
+        prior: the place as it was after an earlier step; it is tracked from there.
+        odom_from_robot: odometry now, by which the prior place is moved.
+        settings: of the filter.
+    """
+    rules = settings.belief
+    moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
+    now = pose_tuple(compose(np.array(prior.pose), moved))
+    means = [place.pose for place in found]
+    is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
+    there = int(np.argmax(is_there)) if is_there.any() else None
+    kept = found if there is not None else found[: rules.max_clusters - 1]
+    total = math.fsum(place.share for place in kept)
+    if not kept or total <= 0.0:
+        return [(_offered(now, prior, 1.0, settings), "prior pose")]
+    left = (1.0 - prior.probability) / total
+    scaled = [replace(place, share=place.share * left) for place in kept]
+    if there is not None:
+        raised = scaled[there].share + prior.probability
+        scaled[there] = replace(scaled[there], share=raised)
+    both: list[Candidate] = [(place, "first search") for place in scaled]
+    if there is None:
+        both.append((_offered(now, prior, prior.probability, settings), "prior pose"))
+    return both
+
+
+def _offered(
+    mean: PoseTuple, prior: PriorPose, probability: float, settings: FilterSettings
+) -> Place:
+    start = candidate(
+        probability,
+        prior.pose,
+        prior.covariance,
+        seed=settings.seed,
+        purpose=Purpose.LAST_POSE,
+        entity=0,
+        step=prior.step,
+        odom_from_robot=prior.odom_from_robot,
+    )
+    return replace(start, pose=mean)

@@ -4,16 +4,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar
 
-from msgspec import field
+from msgspec import Meta, field
 from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Cluster
-from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
 from coordinator.belief.search_pool import Pool, SearchPool
-from coordinator.part import FEW, Count, Part
+from coordinator.part import FEW, Count, LogProbability, Part
 from particle_filter.settings import FilterSettings
 from protocol.job_events import Ended, EndedCause
-from protocol.message import Circle, Corners, PoseTuple
+from protocol.message import Circle, Corners, Finite, Number, PoseTuple
 from protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 LOST_SEARCHES = 5
@@ -25,6 +24,46 @@ SCANS = 4
 """Scans of one search for them."""
 PATIENCE = 10
 """Steps from the end of a search for them to the next search."""
+KEPT_STEPS = 100
+"""Largest number of steps by which a search may lag behind the clusters."""
+
+
+class SearchEvidence(Part):
+    """The evidence of scans since a search began, and the share of its places that are clusters."""
+
+    log_elsewhere: LogProbability = 0.0
+    """Log of the probability, when the search began, that the robot was elsewhere."""
+    log_off_map: LogProbability = -math.inf
+    """Log of the probability, when the search began, that the robot was not on the map."""
+    gathered: Annotated[dict[Number, Finite], FEW] = {}
+    """Log-likelihood of all scans since the search began, up to each of the last steps."""
+    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    """Share of the search's places that clusters hold or that were admitted."""
+
+    def gather(self, step: int, log_likelihood: float) -> None:
+        """Add the log-likelihood of a scan, averaged over the whole belief."""
+        self.gathered[step] = next(reversed(self.gathered.values()), 0.0) + log_likelihood
+        if len(self.gathered) > KEPT_STEPS:
+            del self.gathered[next(iter(self.gathered))]
+
+    def log_weight(self, step: int, log_evidence: float) -> float:
+        """Return the log weight of all places of the search, relative to the belief.
+
+        Args:
+            step: the last step that the search has used.
+            log_evidence: log of the average likelihood of all its scans over the whole map.
+        """
+        gathered = self.gathered.get(step)
+        return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
+
+    def newly_explained(self, share: float) -> float:
+        """Return the share of elsewhere that is newly explained, at most 1.
+
+        Args:
+            share: share of the search's places that clusters hold or that were admitted.
+        """
+        before, self.explained = self.explained, max(share, self.explained)
+        return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
 
 
 class SearchCourse(Part):

@@ -91,7 +91,7 @@ class Stage(Actor):
     def show(self, grid_map: MapMessage) -> None:
         """A map, reduced as the process does it."""
         self.map = message = reduced(grid_map)
-        self.room.set_map(message.digest, message.zlib_cells)
+        self.room.map = (message.digest, message.zlib_cells)
         self.picture.on_map(message)
 
     def pump(self) -> None:

@@ -642,7 +642,7 @@ def test_amcl_is_drawn_in_a_second_map(driver: Any, pictures: Path, screen: str)
         stage.show_map(120, 200)
         assert stage.map is not None
         amcl = stage.others["amcl"]
-        amcl.room.set_map(stage.map.digest, stage.map.zlib_cells)
+        amcl.room.map = (stage.map.digest, stage.map.zlib_cells)
         amcl.picture.on_map(stage.map)
         page = Page(driver, stage.server.link)
         with page.on_screen(screen):

@@ -4,7 +4,7 @@ import pytest
 
 from coordinator.belief.cluster_set import Candidate
 from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.prior_pose import PriorPose, with_prior_pose
+from coordinator.belief.given_places import PriorPose, with_prior_pose
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.job_events import Began
 from protocol.message import PoseTuple
