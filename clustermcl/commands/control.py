@@ -11,8 +11,6 @@ from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from protocol.errors import SettingsError
 
-_SIGMA_M, _SIGMA_DEG = 0.5, 15.0
-
 
 @client_command
 def set_pose(
@@ -23,56 +21,32 @@ def set_pose(
         float, typer.Argument(metavar="HEADING", help="In the map, counter-clockwise [deg].")
     ],
     position_sigma_m: Annotated[
-        float | None,
-        typer.Option(metavar="M", help=f"Standard deviation of x and of y [m]; {_SIGMA_M}."),
-    ] = None,
+        float, typer.Option(metavar="M", help="Standard deviation of x and of y [m].")
+    ] = 0.5,
     heading_sigma_deg: Annotated[
-        float | None,
-        typer.Option(metavar="DEG", help=f"Standard deviation of HEADING [deg]; {_SIGMA_DEG}."),
-    ] = None,
-    covariance: Annotated[
-        tuple[float, float, float, float, float, float] | None,
-        typer.Option(
-            metavar="XX XY XH YY YH HH",
-            help="Covariance instead, H being the heading [m2, m deg, deg2].",
-        ),
-    ] = None,
+        float, typer.Option(metavar="DEG", help="Standard deviation of HEADING [deg].")
+    ] = 15.0,
     stamp_ns: Annotated[
         int | None,
         typer.Option(help="Time of the pose by the robot's clock; later motion is added [ns]."),
     ] = None,
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
-    if covariance is not None and (position_sigma_m, heading_sigma_deg) != (None, None):
-        problem = "--covariance replaces both sigmas: leave them out"
-        raise SettingsError(key="--covariance", problem=problem)
-    position_m = _SIGMA_M if position_sigma_m is None else position_sigma_m
-    heading_sigma = _SIGMA_DEG if heading_sigma_deg is None else heading_sigma_deg
-    numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
-    if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
+    sigmas = (position_sigma_m, heading_sigma_deg)
+    if not all(map(math.isfinite, (x_m, y_m, heading_deg, *sigmas))) or min(sigmas) <= 0.0:
         raise typer.BadParameter("a pose needs finite numbers and positive standard deviations")
     pose = (x_m, y_m, math.radians(heading_deg))
     try:
         with connected(settings) as client:
             client.set_pose(
                 pose,
-                position_sigma_m=position_m,
-                heading_sigma_rad=math.radians(heading_sigma),
-                covariance=_symmetric(*covariance) if covariance else None,
+                position_sigma_m=position_sigma_m,
+                heading_sigma_rad=math.radians(heading_sigma_deg),
                 stamp_ns=stamp_ns,
             )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None
     _report(settings, f"was set to {pose_text(pose)}")
-
-
-def _symmetric(
-    xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Return a covariance row by row, with degrees converted to radians."""
-    rad = math.pi / 180.0
-    xh, yh, hh = xh * rad, yh * rad, hh * rad * rad
-    return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
 @client_command

@@ -91,10 +91,6 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["evaluate", "sim:cross", "--odom-topic", "/odom"], "without a ROS bag"),
         (["check", "m.yaml", "--base-frame", "base"], "without a ROS bag"),
         (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
-        (
-            ["set-pose", "1", "2", "3", "--heading-sigma-deg", "5", "--covariance", *"100101"],
-            "replaces both sigmas",
-        ),
     ],
     ids=" ".join,
 )
