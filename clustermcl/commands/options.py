@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
-from clustermcl import completion
 from clustermcl.as_json import JsonObject, dumped
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
@@ -37,10 +36,7 @@ SettingsFile = Annotated[
 Assignments = Annotated[
     list[str] | None,
     typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="A setting, which overrides the file; may be repeated.",
-        autocompletion=completion.settings,
+        "--set", metavar="KEY=VALUE", help="A setting, which overrides the file; may be repeated."
     ),
 ]
 ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Scan topic in a ROS bag.")]

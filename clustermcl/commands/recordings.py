@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-from clustermcl import completion
 from clustermcl.commands.options import (
     AsJson,
     Assignments,
@@ -32,12 +31,7 @@ MOST_STEPS = 100_000
 def evaluate(
     settings: Settings,
     recording: Annotated[
-        str,
-        typer.Argument(
-            metavar="RECORDING",
-            help="Recording, sim:WORLD or sim:MAP.yaml.",
-            autocompletion=completion.recordings,
-        ),
+        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
     ],
     map_file: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -46,12 +40,7 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
     ] = None,
     algorithm: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="cluster-mcl, mcl (ordinary) or amcl (augmented).",
-            autocompletion=completion.algorithms,
-        ),
+        str, typer.Option(metavar="NAME", help="cluster-mcl, mcl (ordinary) or amcl (augmented).")
     ] = "cluster-mcl",
     seeds: Annotated[
         int,

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from clustermcl import completion
 from clustermcl.commands.options import (
     HERE,
     AllowCommands,
@@ -35,12 +34,7 @@ from protocol.errors import SettingsError
 def demo(
     settings: Settings,
     recording: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FILE",
-            help="Recording, or sim:WORLD, or sim:MAP.yaml.",
-            autocompletion=completion.recordings,
-        ),
+        str | None, typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml.")
     ] = None,
     map_file: Annotated[
         str | None,
