@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from process_runtime.output import OutputLostError, written_output
-
 FULL = Path("/dev/full")
 pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs Linux's full disk")
 
@@ -41,12 +39,3 @@ def test_an_output_that_is_closed_is_one_line_and_exit_code_2(words: list[str]) 
 def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
     message = "secure_router: the output cannot be written: No space left on device\n"
     assert typed("zenoh_link.secure_router") == (2, message)
-
-
-def test_other_errors_of_files_are_not_about_the_output() -> None:
-    with pytest.raises(FileNotFoundError), written_output():
-        Path("/no/such/file").read_bytes()
-
-
-def test_an_output_error_has_its_facts_as_attributes() -> None:
-    assert OutputLostError(problem="disk full").problem == "disk full"

@@ -2,19 +2,21 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from coordinator.belief.outcome import Outcome
 from coordinator.pose_tracker import PoseTracker
 from particle_filter.poses import wrap_angle
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.answers import Hypothesis, PoseAnswer
+from protocol.answers import PoseAnswer
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.unit.coordinator.reports import NO_SPREAD
+from tests.unit.evaluation.places import outcome, place
 
 DRIVEN_NS = 60_000_000_000
 """Some 30 m."""
@@ -23,25 +25,8 @@ UNLIKELY = 16.27
 
 
 def outcome_at(map_from_robot: PoseTuple) -> Outcome:
-    place = Hypothesis(
-        cluster=0,
-        probability=1.0,
-        log_probability=0.0,
-        pose=map_from_robot,
-        covariance=NO_SPREAD,
-        effective_sample_size=1.0,
-        age_steps=1,
-    )
-    return Outcome(
-        step=1,
-        state="localized",
-        hypotheses=(place,),
-        elsewhere_probability=0.0,
-        searching=False,
-        missing=(),
-        begin={},
-        events=(),
-    )
+    here = replace(place(1.0, map_from_robot), covariance=NO_SPREAD)
+    return outcome("localized", here, elsewhere=0.0)
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

@@ -2,17 +2,17 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from coordinator.belief.outcome import Outcome
 from coordinator.pose_tracker import PoseTracker
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.motion import move
 from particle_filter.poses import between, compose
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
 from tests.unit.coordinator.reports import NO_SPREAD
+from tests.unit.evaluation.places import outcome, place
 
 SECOND = 1_000_000_000
 FACING_NORTH: PoseTuple = (2.0, 3.0, math.pi / 2)
@@ -35,28 +35,10 @@ def believed_at(
     mean: PoseTuple, odom_from_robot: PoseTuple, motion: MotionSettings = SURE
 ) -> PoseTracker:
     tracker = new_tracker(motion)
-    best = Hypothesis(
-        cluster=0,
-        probability=0.9,
-        log_probability=math.log(0.9),
-        pose=mean,
-        covariance=NO_SPREAD,
-        effective_sample_size=1.0,
-        age_steps=3,
-    )
-    outcome = Outcome(
-        step=7,
-        state="localized",
-        hypotheses=(best,),
-        elsewhere_probability=0.0,
-        searching=False,
-        missing=(),
-        begin={},
-        events=(),
-    )
+    best = replace(place(0.9, mean), covariance=NO_SPREAD)
     tracker.scan(1 * SECOND, odom_from_robot, now_ns=0)
     tracker.weighed(1 * SECOND, odom_from_robot)
-    tracker.believed(outcome, odom_from_robot)
+    tracker.believed(outcome("localized", best, elsewhere=0.0), odom_from_robot)
     return tracker
 
 

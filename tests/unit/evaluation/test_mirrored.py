@@ -11,20 +11,13 @@ from particle_filter.sensor_model import points_in_robot
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import LaserBeams, Scan, mirrored
+from tests.unit.coordinator.reports import scan as scan_of
 
 MOUNT = (0.3, 0.1, 0.4)
-SCAN = Scan(
-    sender="test",
-    step=3,
-    stamp_ns=5,
-    odom_from_robot=(1.0, 2.0, 0.5),
-    robot_from_laser=MOUNT,
-    angle_min_rad=-1.0,
-    angle_step_rad=0.5,
-    range_max_m=10.0,
+SCAN = msgspec.structs.replace(
+    scan_of(3), odom_from_robot=(1.0, 2.0, 0.5), robot_from_laser=MOUNT, angle_min_rad=-1.0,
     ranges=ArrayBlob.of(np.array([1.0, 2.0, np.inf, 4.0]), "float32"),
-    map_digest="",
-)
+)  # fmt: skip
 
 
 def ends(laser: Scan | LaserBeams) -> np.ndarray:

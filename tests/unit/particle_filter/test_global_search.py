@@ -1,15 +1,12 @@
 """A search over a whole map, from the first scan on."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from particle_filter import global_search
-from particle_filter.arrays import UNKNOWN, Points
-from particle_filter.branch_and_bound import BranchAndBoundSearch, SearchSpace
-from particle_filter.global_search import GlobalSearch, _Kept
+from particle_filter.arrays import UNKNOWN
+from particle_filter.global_search import GlobalSearch
 from particle_filter.poses import compose, heading_distance
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
@@ -78,29 +75,6 @@ def test_the_left_out_gap_shows_whether_leaves_were_sampled() -> None:
         search = GlobalSearch(model_of(cells), settings, shard=0)
         finished(search.advance(None, START, seen_from(START, cells), rng))
         assert search.left_out_gap == pytest.approx(gap, abs=1.0)
-
-
-@pytest.mark.parametrize(("poses", "searches"), [(4, [1, 4]), (60, [1, 2]), (2_000, [1])])
-def test_a_search_that_left_out_more_is_repeated_after_more_scans(
-    poses: int, searches: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One scan leaves 1.0, 0.16 and 0.002 of the weight to a sample of more."""
-    hits = list[int]()
-
-    class Counted(BranchAndBoundSearch):
-        def __init__(self, model: SensorModel, space: SearchSpace, points: Points, *rest: Any):
-            hits.append(len(points))
-            super().__init__(model, space, points, *rest)
-
-    monkeypatch.setattr(global_search, "BranchAndBoundSearch", Counted)
-    cells, rng, before = plain_room(), np.random.default_rng(0), None
-    settings = FilterSettings(belief=LITERAL, search=SearchSettings(poses=poses, shards=1))
-    search = GlobalSearch(model_of(cells), settings, shard=0)
-    for step in range(10):
-        pose = pose_at(step)
-        finished(search.advance(before, pose, seen_from(pose, cells), rng))
-        before = pose
-    assert [count // hits[0] for count in hits] == searches
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -228,19 +202,3 @@ def test_a_correction_counts_once_for_a_standing_robot() -> None:
     # All scans are as likely as they are: what is taken back of them lacks in full.
     lost = math.log1p(far_side[0] * math.expm1(-2.0))
     np.testing.assert_allclose(np.diff(reported) - np.diff(as_given), lost, atol=0.08)
-
-
-def test_heavy_poses_are_split_within_their_part_of_the_map() -> None:
-    search = searched(plain_room(), 1, seed=0)
-    poses = np.array([[1.0, 2.0, 0.3], [2.0, 1.0, -0.3], [3.0, 2.0, 1.0]])
-    log_weights, sizes = np.log([0.979, 0.01, 0.011]), np.array([1.0, 1.0, 0.5])
-    search._wanted = 50
-    kept, parent = search._split(_Kept(poses, log_weights, sizes), np.random.default_rng(0))
-    assert np.bincount(parent).tolist() == [49, 1, 1]
-    np.testing.assert_array_equal(kept.poses[-2:], poses[-2:])
-    apart = np.abs(kept.poses[:49] - poses[0])
-    assert (apart <= search._space.cell / 2).all()
-    assert (apart.max(axis=0) > 0.4 * search._space.cell).all()
-    weights = np.bincount(parent, np.exp(kept.log_weights))
-    np.testing.assert_allclose(weights, [0.979, 0.01, 0.011])
-    np.testing.assert_allclose(kept.sizes, [*[49 ** (-1 / 3)] * 49, 1.0, 0.5])

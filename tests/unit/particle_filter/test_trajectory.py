@@ -22,19 +22,9 @@ def through(
 DRIVING = through((1.0, (0, 0, 0)), (2.0, (1, -2, 0.5)))
 
 
-def test_between_two_poses_it_is_interpolated() -> None:
+def test_a_pose_is_interpolated_between_known_poses_which_are_returned_exactly() -> None:
     assert DRIVING.pose_at(seconds(1.25)) == pytest.approx((0.25, -0.5, 0.125))
-
-
-def test_the_pose_at_a_known_time_is_returned_exactly() -> None:
     assert DRIVING.pose_at(seconds(2.0)) == (1, -2, 0.5)
-
-
-def test_the_heading_turns_the_short_way_round() -> None:
-    trajectory = through((1.0, (0, 0, math.pi - 0.1)), (2.0, (0, 0, -math.pi + 0.3)))
-    pose = trajectory.pose_at(seconds(1.5))
-    assert pose is not None
-    assert pose[2] == pytest.approx(-math.pi + 0.1)
 
 
 @given(heading=st.floats(-math.pi, 3.14), turn=st.floats(-3.1, 3.1), share=st.floats(0, 1))

@@ -1,7 +1,10 @@
 """Small beliefs, as a coordinator publishes them."""
 
-from protocol.answers import Belief, Hypothesis, State
+from msgspec.structs import replace
+
+from protocol.answers import Belief, State
 from protocol.message import Covariance, PoseTuple
+from tests.unit.evaluation import places as made
 
 COVARIANCE: Covariance = (0.04, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.02)
 
@@ -10,24 +13,8 @@ def belief(
     stamp_ns: int, *places: tuple[int, float, PoseTuple], state: State = "ambiguous", term: int = 1
 ) -> Belief:
     """Places are cluster, probability and pose, most probable first."""
-    return Belief(
-        sender="coordinator",
-        step=stamp_ns,
-        stamp_ns=stamp_ns,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        state=state,
-        hypotheses=tuple(
-            Hypothesis(
-                cluster=cluster,
-                probability=probability,
-                log_probability=0.0,
-                pose=mean,
-                covariance=COVARIANCE,
-                effective_sample_size=100.0,
-                age_steps=3,
-            )
-            for cluster, probability, mean in places
-        ),
-        searching=False,
-        term=term,
-    )
+    drawn = [
+        replace(made.place(probability, mean, cluster=cluster), covariance=COVARIANCE)
+        for cluster, probability, mean in places
+    ]
+    return replace(made.belief(stamp_ns, state, *drawn, term=term), stamp_ns=stamp_ns)

@@ -1,26 +1,13 @@
 import msgspec
-import numpy as np
 
 from benchmarks.experiments.case import AfterStep, Case, OnceRight, SimulatedRobot
 from benchmarks.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
-from protocol.arrays import ArrayBlob
-from protocol.steps import Scan
 from robot_simulator.worlds.catalogue import world
 from tests.unit.benchmarks.experiments.made_up import NOWHERE, TRUTH, at, case
+from tests.unit.coordinator.reports import scan
 from tests.unit.evaluation.places import outcome
 
-SCAN = Scan(
-    sender="test",
-    step=0,
-    stamp_ns=0,
-    odom_from_robot=(0.0, 0.0, 0.0),
-    robot_from_laser=(0.0, 0.0, 0.0),
-    angle_min_rad=-1.0,
-    angle_step_rad=0.1,
-    range_max_m=12.0,
-    ranges=ArrayBlob.of(np.ones(21), "float32"),
-    map_digest="",
-)
+SCAN = scan(0)
 
 
 def observer(of: Case) -> Observer:
