@@ -15,40 +15,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.special import ndtr
 
-from particle_filter.arrays import FREE, Points, Pose, Poses
+from particle_filter.arrays import Points, Pose, Poses
 from particle_filter.evidence_model import evidence_weight, scan_exponent
-from particle_filter.grid import Grid
 from particle_filter.kernels import plain
 from particle_filter.poses import TURN, compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses
+from particle_filter.roads import SPACING_M, Roads, roads_of
 from particle_filter.sensor_model import LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 
-REACH_M = 20.0
-"""Ways stay within this distance of the robot along x and y [m]."""
-MARGIN_M = 0.1
-"""Distance that a way keeps from obstacles, beyond the robot's radius [m]."""
 MAX_WAYS = 5
 LEAST_INFORMATION = 0.2
 """A way with less information is not advised [nat]."""
-_LATTICE_M = 0.1
-"""Distance between points whose clearance is checked; nodes of ways are twice as far apart [m]."""
-_NEAR_M = 0.5
-"""Distance from the robot within which a place may have less clearance than required [m]."""
-SURE_SIGMAS = 1.0
-"""Distance from obstacles, in standard deviations of the position that a way has at a place."""
-_DETOUR = 0.2
-"""Cost of driving near obstacles: clearance at which a metre costs twice [m]."""
-_SPACING_M = 1.0
-_MAX_SPOTS, _MAX_SPOTS_OF_MANY, _MANY = 200, 60, 16
-"""Largest number of view points: usually, and for more than `_MANY` places."""
+_MAX_SPOTS_OF_MANY, _MANY = 60, 16
+"""Largest number of view points for more than `_MANY` places."""
 _MAX_PAST, _MAX_PAST_OF_MANY = 100, 20
 """Largest number of earlier views that are predicted, too."""
 _OCTANTS = 8
@@ -145,7 +129,8 @@ def advised_ways(
         At most `MAX_WAYS`, most information per metre first; none if no way within reach has
         `LEAST_INFORMATION`. And the distance to the farthest view point [m].
     """
-    roads = yield from _roads(question, model.grid)
+    places = question.places, question.covariances
+    roads = yield from roads_of(*places, question.radius_m, model.grid)
     question = yield from _without_missed(question, model, settings)
     views = yield from _views(question, model, settings, roads)
     reach_m = float(np.hypot(*roads.nodes[roads.spots].T).max())
@@ -186,164 +171,6 @@ def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDA
     return np.asarray(worth * seen.evidence**2 / np.where(size > 0.0, size, 1.0))
 
 
-# --- where the robot can drive at all places ----------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Roads:
-    """Shortest ways from the robot to all reached nodes, and the spots from which it may look."""
-
-    nodes: NDArray[np.float64]
-    """(N, 2) x, y in the robot's frame [m]."""
-    before: NDArray[np.int64]
-    """(N,) the node before each on its way; negative: the robot's, or not reached."""
-    origin: int
-    spot_of: NDArray[np.int64]
-    """(N,) the spot whose view stands for that of a node; -1: not reached."""
-    spots: NDArray[np.int64]
-    """(S,) node of each spot."""
-    sure: NDArray[np.bool_]
-    """(n, n) for points of the lattice: clear of obstacles whatever the errors of the places."""
-
-    def way_to(self, node: int) -> NDArray[np.int64]:
-        """Return the (n,) nodes of the way, from the robot's node on."""
-        way = [node]
-        while way[-1] != self.origin:
-            way.append(int(self.before[way[-1]]))
-        return np.array(way[::-1])
-
-    def count_sure(self, way: NDArray[np.int64]) -> int:
-        """Return how many nodes of a way can be driven to without a new question."""
-        rows, cols = np.divmod(way, (len(self.sure) + 1) // 2)
-        halfway = self.sure[rows[1:] + rows[:-1], cols[1:] + cols[:-1]]
-        return 1 + int(np.argmin(np.append(halfway & self.sure[2 * rows[1:], 2 * cols[1:]], False)))
-
-
-def _roads(question: Question, grid: Grid) -> Slices[_Roads]:
-    side = 2 * round(REACH_M / (2.0 * _LATTICE_M))
-    axis = np.arange(-side, side + 1) * _LATTICE_M
-    x, y = np.meshgrid(axis, axis)
-    points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    needed = question.radius_m
-    near = np.hypot(points[:, 0], points[:, 1]) < _NEAR_M
-    clear = np.full(len(points), np.inf)
-    drivable, sure = np.ones((2, len(points)), np.bool_)
-    for place, covariance in zip(question.places, question.covariances, strict=True):
-        room = _clearance(grid, place, points)
-        at_robot = room[len(points) // 2]
-        as_now = near & (room > max(at_robot - 0.5 * _LATTICE_M, 0.0))
-        spread = SURE_SIGMAS * _spread(place, covariance, points)
-        here = spread[len(points) // 2]
-        drivable &= (room > needed + max(here, MARGIN_M)) | as_now
-        sure &= (room > needed + np.maximum(spread, MARGIN_M)) | as_now
-        clear = np.minimum(clear, room - spread)
-        yield
-    drivable[len(points) // 2] = True
-    shape = x.shape
-    return _shortest(
-        drivable.reshape(shape),
-        sure.reshape(shape),
-        clear.reshape(shape),
-        points.reshape(*shape, 3),
-    )
-
-
-def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDArray[np.float64]:
-    """Return the (P,) largest standard deviation of the position that points have in the map [m].
-
-    An error of the heading displaces a point in proportion to its distance.
-
-    Args:
-        place: (3,) the robot's pose in the map.
-        covariance: (3, 3) of that pose.
-        points: (P, 3) in the robot's frame.
-    """
-    x, y, _ = (compose(place, points) - place).T
-    (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance
-    along_x = xx - 2.0 * y * xh + y**2 * hh
-    along_y = yy + 2.0 * x * yh + x**2 * hh
-    both = xy + x * xh - y * yh - x * y * hh
-    apart = np.hypot(0.5 * (along_x - along_y), both)
-    return np.asarray(np.sqrt(np.maximum(0.5 * (along_x + along_y) + apart, 0.0)))
-
-
-def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
-    """Return the (P,) distance from points to ground that is not known to be free [m].
-
-    Args:
-        grid: the map; only the surroundings of the points are read.
-        place: the robot's pose in the map.
-        points: (P, 3) in the robot's frame.
-    """
-    c, s, x0, y0 = grid.in_cells
-    in_map = compose(place, points)
-    cols = np.floor(c * in_map[:, 0] - s * in_map[:, 1] + x0).astype(np.int64)
-    rows = np.floor(s * in_map[:, 0] + c * in_map[:, 1] + y0).astype(np.int64)
-    stride = max(round(_LATTICE_M / grid.cell_m), 1)
-    first_row, first_col = int(rows.min()), int(cols.min())
-    high, wide = int(np.ptp(rows)) // stride + 1, int(np.ptp(cols)) // stride + 1
-    blocked = np.ones((high * stride, wide * stride), np.bool_)
-    top, left = max(first_row, 0), max(first_col, 0)
-    part = grid.cells[top : first_row + len(blocked), left : first_col + blocked.shape[1]]
-    if part.size and first_row + len(blocked) > 0 and first_col + blocked.shape[1] > 0:
-        row, col = top - first_row, left - first_col
-        blocked[row : row + part.shape[0], col : col + part.shape[1]] = part != FREE
-    blocks = np.asarray(blocked.reshape(high, stride, wide, stride).any(axis=(1, 3)))
-    # Half a block is subtracted, because the obstacle may begin at the block's border.
-    room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
-    return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
-
-
-def _shortest(
-    drivable: NDArray[np.bool_],
-    sure: NDArray[np.bool_],
-    clear: NDArray[np.float64],
-    points: NDArray[np.float64],
-) -> _Roads:
-    """Connect every second point of the lattice, if the points between them are free, too."""
-    size = (len(drivable) + 1) // 2
-    number = np.arange(size * size).reshape(size, size)
-    begins, ends, costs = [], [], []
-    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        rows, cols = np.mgrid[0 : size - down, max(-right, 0) : size - max(right, 0)]
-        at, to = (2 * rows, 2 * cols), (2 * (rows + down), 2 * (cols + right))
-        half = (2 * rows + down, 2 * cols + right)
-        open_ = drivable[at] & drivable[half] & drivable[to]
-        room = np.maximum(clear[half][open_], 0.05)
-        begins.append(number[rows, cols][open_])
-        ends.append(number[rows + down, cols + right][open_])
-        costs.append(2.0 * _LATTICE_M * math.hypot(down, right) * (1.0 + _DETOUR / room))
-    count, origin = size * size, size * size // 2
-    edges = (np.concatenate(costs), (np.concatenate(begins), np.concatenate(ends)))
-    graph = coo_array(edges, shape=(count, count)).tocsr()
-    graph = csr_array(graph + graph.T)
-    lengths, befores = dijkstra(graph, indices=[origin], return_predecessors=True)
-    length, before = lengths[0], befores[0]
-    nodes = points[::2, ::2, :2].reshape(-1, 2)
-    reached = np.flatnonzero(np.isfinite(length))
-    spots, spot_of = _spots(nodes, reached, clear[::2, ::2].reshape(-1), origin)
-    return _Roads(nodes, np.asarray(before, np.int64), origin, spot_of, spots, sure)
-
-
-def _spots(
-    nodes: NDArray[np.float64], reached: NDArray[np.int64], clear: NDArray[np.float64], origin: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Choose the roomiest node of each square as a spot, in about `_MAX_SPOTS` squares."""
-    area = len(reached) * (2.0 * _LATTICE_M) ** 2
-    side = max(_SPACING_M, math.sqrt(area / _MAX_SPOTS))
-    squares = np.round(nodes[reached] / side).astype(np.int64)
-    _, square = np.unique(squares, axis=0, return_inverse=True)
-    order = np.lexsort((-clear[reached], square.ravel()))
-    _, first = np.unique(square.ravel()[order], return_index=True)
-    spots = reached[order[first]]
-    spots[square.ravel()[np.searchsorted(reached, origin)]] = origin
-    spot_of = np.full(len(nodes), -1)
-    spot_of[reached] = square.ravel()
-    return spots, spot_of
-
-
-# --- scans that are expected there ----------------------------------------------------------------
-
 View = tuple[int, int]
 """A spot, and the robot's heading there in eighths of a turn."""
 
@@ -376,7 +203,7 @@ class _Views:
 
 
 def _views(
-    question: Question, model: SensorModel, settings: FilterSettings, roads: _Roads
+    question: Question, model: SensorModel, settings: FilterSettings, roads: Roads
 ) -> Slices[_Views]:
     thin = _thinned(question.laser, settings.sensor.max_beams)
     angles = _angles(thin)
@@ -413,19 +240,15 @@ def _angles(laser: LaserScan) -> NDArray[np.float64]:
     return np.asarray(laser.angle_min + laser.angle_step * np.arange(len(laser.ranges)), np.float64)
 
 
-def _longest(question: Question, model: SensorModel) -> float:
-    return min(question.laser.range_max_m, model.settings.max_range_m)
-
-
-def _cast(at: Poses, laser: LaserScan, longest: float, model: SensorModel) -> NDArray[np.float64]:
+def _cast(at: Poses, laser: LaserScan, model: SensorModel) -> NDArray[np.float64]:
     """Return (K, B) ranges of a laser on a robot at (K, 3) poses [m]."""
-    grid = model.grid
+    grid, longest = model.grid, min(laser.range_max_m, model.settings.max_range_m)
     in_grid = compose(inverse(grid.map_from_grid), compose(at, laser.robot_from_laser))
     return cast_rays_from_poses(model.jumps, grid.cell_m, in_grid, _angles(laser), longest)
 
 
 def _driven(
-    roads: _Roads, target: int, *, all_round: bool
+    roads: Roads, target: int, *, all_round: bool
 ) -> tuple[Poses, int, dict[View, tuple[float, float]]]:
     nodes = roads.way_to(target)
     along = np.diff(roads.nodes[nodes], axis=0)
@@ -449,7 +272,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     """Predict the scan of each place at a spot, and weigh it at all places."""
     count = len(question.places)
     at = compose(question.places, spot)
-    ranges = _cast(at, laser, _longest(question, model), model)
+    ranges = _cast(at, laser, model)
     variances = np.diagonal(question.covariances, axis1=1, axis2=2)
     off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
     poses = plain((at[:, None] + off[:, None] * _OFFSETS).reshape(-1, 3))
@@ -461,9 +284,6 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
         fits = model.log_likelihood(poses, beams).reshape(count, len(_OFFSETS)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
     return _Seen(evidence, ranges)
-
-
-# --- their information --------------------------------------------------------------------------
 
 
 def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[Way]:
@@ -480,9 +300,8 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
             total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
         turn = float(np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi).sum())
-        information, sure = information_of(
-            question.probabilities, total, rules.localized_probability
-        )
+        least = rules.localized_probability
+        information, sure = information_of(question.probabilities, total, least)
         last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
         ways.append(Way(*parts, length, turn, information, sure, _sight(views, last, question)))
@@ -543,6 +362,6 @@ def _best(ways: list[Way]) -> list[Way]:
     chosen: list[Way] = []
     for way in ways:
         ends = (math.dist(way.end, other.end) for other in chosen)
-        if len(chosen) < MAX_WAYS and all(apart >= 2.0 * _SPACING_M for apart in ends):
+        if len(chosen) < MAX_WAYS and all(apart >= 2.0 * SPACING_M for apart in ends):
             chosen.append(way)
     return chosen

@@ -3,8 +3,9 @@
 import numpy as np
 from msgspec.structs import replace
 
-from particle_filter.advice import REACH_M, Question, advised_ways
+from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
+from particle_filter.roads import REACH_M
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
