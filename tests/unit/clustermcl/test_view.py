@@ -17,12 +17,12 @@ from tests.unit.recordings.bags import scan, written
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8350", "127.0.0.1:0"])
 def test_the_page_of_a_demo_needs_a_loopback_address_and_a_port(listen: str) -> None:
-    with pytest.raises(SettingsError, match="this machine alone"):
+    with pytest.raises(SettingsError, match="a loopback address and a port"):
         run_demo(DemoOptions(view_at=listen), Settings())
 
 
 def test_manual_driving_needs_the_page_and_a_simulated_robot() -> None:
-    with pytest.raises(SettingsError, match="give --view"):
+    with pytest.raises(SettingsError, match="needs --view"):
         run_demo(DemoOptions(by_hand=True), Settings())
     driven = DemoOptions(by_hand=True, recording="robot.log", view_at="127.0.0.1:8350")
     with pytest.raises(SettingsError, match="only a simulated robot"):
