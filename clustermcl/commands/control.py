@@ -26,10 +26,6 @@ def set_pose(
     heading_sigma_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Standard deviation of HEADING [deg].")
     ] = 15.0,
-    stamp_ns: Annotated[
-        int | None,
-        typer.Option(help="Time of the pose by the robot's clock; later motion is added [ns]."),
-    ] = None,
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
     sigmas = (position_sigma_m, heading_sigma_deg)
@@ -42,7 +38,6 @@ def set_pose(
                 pose,
                 position_sigma_m=position_sigma_m,
                 heading_sigma_rad=math.radians(heading_sigma_deg),
-                stamp_ns=stamp_ns,
             )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None

@@ -9,7 +9,7 @@ from robot_simulator.worlds.office import office
 from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags, gates, rectangle
 from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
 
-_WORLDS = {
+WORLDS = {
     draw.__name__: draw
     for draw in (
         cross, cross_feature, cross_tags, rectangle, gates, office, hall, hall_symmetric,
@@ -18,19 +18,15 @@ _WORLDS = {
 }  # fmt: skip
 
 
-def world_names() -> tuple[str, ...]:
-    return tuple(_WORLDS)
-
-
 def world(name: str) -> World:
     """Return the world of a name.
 
     Raises:
         UnknownWorldError: there is no world of this name.
     """
-    if name not in _WORLDS:
-        raise UnknownWorldError(name, known=world_names())
-    return _WORLDS[name]()
+    if name not in WORLDS:
+        raise UnknownWorldError(name, known=tuple(WORLDS))
+    return WORLDS[name]()
 
 
 def simulated_world(robot: Simulated) -> World:
@@ -41,6 +37,6 @@ def simulated_world(robot: Simulated) -> World:
         MapFileError: the file cannot be used as a map.
     """
     name = robot.world
-    if name not in world_names() and (Path(name).suffix or Path(name).exists()):
+    if name not in WORLDS and (Path(name).suffix or Path(name).exists()):
         return world_from_map(load_map_with_obstacles(name))
     return world(name)

@@ -11,7 +11,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.catalogue import world, world_names
+from robot_simulator.worlds.catalogue import WORLDS, world
 from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
 from tests.unit.robot_simulator.looks import beams_that_touch, unlike_when_turned
 
@@ -35,7 +35,7 @@ def ticks_until_feature(somewhere: World, times: int) -> list[Tick]:
     return ticks[: int(np.argmax(touching > 0))]
 
 
-@pytest.mark.parametrize("name", world_names())
+@pytest.mark.parametrize("name", WORLDS)
 def test_every_world_is_walled_in_and_has_room_for_the_robot(name: str) -> None:
     somewhere = world(name)
     cells = somewhere.truth.cells
