@@ -179,7 +179,7 @@ def run(case: Case, seed: int, settings: Settings) -> list[Answer]:
         outcome = process.advance(scan)
         if case.given_m and not answers:
             place = given_place(case.given_m, truth, scan, seed)
-            process.carry_out(process.ensemble.go_on_from([place], scan.step, "forgotten"))
+            process.carry_out(process.ensemble.continue_from([place], scan.step, "forgotten"))
         answers.append(answer_of(outcome, truth))
         if len(answers) == case.steps:
             return answers

@@ -37,7 +37,7 @@ def save_snapshot(file: Path, settings: Settings) -> None:
         problem = f"{file}: a snapshot is a .png or a .html file"
         raise SettingsError(key="FILE", problem=problem)
     check_output_file(file)
-    frames, grid_map = looked_at(settings, stop_on_signals())
+    frames, grid_map = frames_and_map(settings, stop_on_signals())
     if file.suffix.lower() == ".png":
         drawn_picture(grid_map, frames["step"]).save(file)
     else:
@@ -45,7 +45,7 @@ def save_snapshot(file: Path, settings: Settings) -> None:
         write_output_file(file, saved_page(frames, grid_map, now))
 
 
-def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMessage]:
+def frames_and_map(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMessage]:
     """Return the frames of one robot's page by topic, and the map.
 
     Raises:

@@ -203,9 +203,9 @@ class CoordinatorState(Part):
         if scan is None:
             return True
         reports = self.collector.open_steps[scan.step].reports
-        unhurried = self.ensemble.unhurried if self.collector.waits_for_no_search else ()
+        deferrable = self.ensemble.deferrable if self.collector.waits_for_no_search else ()
         return any(
-            job_id not in reports and job_id not in unhurried and self.placement.waits_for(job_id)
+            job_id not in reports and job_id not in deferrable and self.placement.waits_for(job_id)
             for job_id in self.ensemble.expected
         )
 
@@ -214,8 +214,8 @@ class CoordinatorState(Part):
         if self.collector.oldest_scan is None:
             return None
         expected = list(filter(self.placement.waits_for, self.ensemble.expected))
-        placed_ns, unhurried = self.placement.jobs.placed_ns, self.ensemble.unhurried
-        return self.collector.ready(expected, placed_ns, now_ns, unhurried)
+        placed_ns, deferrable = self.placement.jobs.placed_ns, self.ensemble.deferrable
+        return self.collector.ready(expected, placed_ns, now_ns, deferrable)
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         self._use(ready.scan.settings)
@@ -282,7 +282,7 @@ class CoordinatorState(Part):
             return
         places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
         self.collector.restart(scan.step - 1, replace(scan, step=scan.step - 1))
-        self._follow(self.ensemble.go_on_from(places, scan.step - 1, "new map"), scan)
+        self._follow(self.ensemble.continue_from(places, scan.step - 1, "new map"), scan)
 
     def _in_new_map(self, cluster: Cluster, applied: Scan, scan: Scan) -> Place:
         """Return a cluster's place just before the first scan of another map."""
@@ -392,7 +392,7 @@ class CoordinatorState(Part):
                 now_ns,
                 live=applied.live,
             )
-            self.outcome = self.ensemble.again(applied.step, state.missing)
+            self.outcome = self.ensemble.repeated_outcome(applied.step, state.missing)
             self.pose.believed(self.outcome, applied.odom_from_robot)
 
     def _begin_standing_jobs(self, applied: Scan | None) -> None:

@@ -205,7 +205,7 @@ class StepCollector(Part):
         expected: Iterable[str],
         placed_ns: Callable[[str], int],
         now_ns: int,
-        unhurried: Container[str] = (),
+        deferrable: Container[str] = (),
     ) -> ReadyStep | None:
         """Return the next step if it is complete or its deadline has passed, else None.
 
@@ -214,7 +214,7 @@ class StepCollector(Part):
             placed_ns: returns when a job was given to its worker [ns], as `Jobs.placed_ns`; a step
                 waits longer for a new job.
             now_ns: by the same clock as in `on_scan`.
-            unhurried: ids of jobs that may report a step later.
+            deferrable: ids of jobs that may report a step later.
         """
         scan, settings = self.oldest_scan, self.settings
         if scan is None:
@@ -228,7 +228,7 @@ class StepCollector(Part):
         missing = [
             job_id
             for job_id in expected
-            if job_id not in opened.reports and not (no_search and job_id in unhurried)
+            if job_id not in opened.reports and not (no_search and job_id in deferrable)
         ]
         if missing:
             wait_s = settings.lockstep_deadline_s if scan.lockstep else settings.step_deadline_s

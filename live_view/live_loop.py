@@ -14,7 +14,7 @@ from live_view.commands import AskAdvice, DriveRobot, ShowEarlier, ShowPast, mes
 from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
-from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, Room
+from live_view.room import Browser, Commanded, FromBrowser, PageOpened, PastRequested, Room
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -51,14 +51,14 @@ _WAITING_SCANS = 64
 M = TypeVar("M", bound=Message)
 
 
-def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> None:
+def answer_browser(room: Room, picture: Picture, asked: PageOpened | PastRequested) -> None:
     """Send a page all frames when it joins, or the past steps that it requests."""
     match asked:
-        case Joined(browser):
+        case PageOpened(browser):
             room.send(browser, picture.everything())
-        case Questioned(browser, ShowPast(step)):
+        case PastRequested(browser, ShowPast(step)):
             room.send(browser, {"past": picture.past(step)})
-        case Questioned(browser, ShowEarlier(before)):
+        case PastRequested(browser, ShowEarlier(before)):
             room.send(browser, {"earlier": picture.rows_before(before)})
 
 
@@ -221,7 +221,7 @@ class LiveLoop:
 
     def _on_browser(self, event: FromBrowser) -> None:
         match event:
-            case Joined() | Questioned():
+            case PageOpened() | PastRequested():
                 answer_browser(self.room, self.picture, event)
             case Commanded():
                 self._command(event)

@@ -32,7 +32,7 @@ from live_view.commands import (
     ShowPast,
     parsed_request,
 )
-from live_view.room import Browser, Commanded, Joined, Questioned, Room, encoded
+from live_view.room import Browser, Commanded, PageOpened, PastRequested, Room, encoded
 from live_view.saved_page import static_files
 from protocol.errors import MalformedMessageError, SettingsError
 
@@ -236,7 +236,7 @@ class PageServer:
         browser = Browser(lambda data: _send(connection, data))
         room.browsers.add(browser)
         try:
-            room.on_event(Joined(browser))
+            room.on_event(PageOpened(browser))
             async for text in connection:
                 self._on_request(room, browser, text)
         except MalformedMessageError as error:
@@ -253,7 +253,7 @@ class PageServer:
             case Drawn() as drawn:
                 browser.on_drawn(drawn)
             case ShowPast() | ShowEarlier() as question:
-                room.on_event(Questioned(browser, question))
+                room.on_event(PastRequested(browser, question))
             case command if self._commands:
                 if isinstance(command, DriveRobot):
                     browser.drives = command.by_hand

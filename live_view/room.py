@@ -49,7 +49,7 @@ class Browser:
 
 
 @dataclass(frozen=True)
-class Joined:
+class PageOpened:
     """A page that was just opened, and needs all frames."""
 
     browser: Browser
@@ -64,14 +64,14 @@ class Commanded:
 
 
 @dataclass(frozen=True)
-class Questioned:
+class PastRequested:
     """A page's request for frames or rows of past steps."""
 
     browser: Browser
     question: Question
 
 
-FromBrowser = Joined | Commanded | Questioned
+FromBrowser = PageOpened | Commanded | PastRequested
 
 
 class Room:

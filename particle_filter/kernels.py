@@ -39,7 +39,9 @@ def kernel(function: F) -> F:
     if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
         _stamp_with_callees(compiled, function)
         for method in ("load_overload", "save_overload"):
-            setattr(compiled._cache, method, _forgiving(getattr(compiled._cache, method)))
+            setattr(
+                compiled._cache, method, _ignoring_cache_errors(getattr(compiled._cache, method))
+            )
         compiled._cache.load_overload = _announced(compiled._cache.load_overload, function.__name__)
     return cast(F, compiled)
 
@@ -54,7 +56,7 @@ def _announced(load: Callable[..., Any], name: str) -> Callable[..., Any]:
     return load_or_announce
 
 
-def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
+def _ignoring_cache_errors(method: Callable[..., Any]) -> Callable[..., Any]:
     """Ignore errors of the disk cache: the kernel is compiled instead."""
 
     def forgiving(*arguments: Any) -> Any:

@@ -192,14 +192,14 @@ class LikelihoodFieldModel:
         it. The mean is estimated from a systematic sample of the particles, minus a tolerance,
         because neither poses nor maps are exact.
         """
-        count, tolerance = self._looked_from(sharers), self.settings.occlusion_tolerance
+        count, tolerance = self._particles_to_sample(sharers), self.settings.occlusion_tolerance
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count)
         occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
         return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 
-    def _looked_from(self, sharers: int) -> int:
+    def _particles_to_sample(self, sharers: int) -> int:
         """Return the number of particles to sample so that all beams are checked equally often."""
         whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
         return min(stride * ceil(whole / (stride * sharers)), whole)

@@ -245,7 +245,7 @@ class _Child:
         wait_s = None if refused else self._backoff.after_death(lived_s)
         self.forget()
         self._start_at_s = None if wait_s is None else now_s + wait_s
-        return ChildExit(self.spec.name, code, wait_s, self._last_words())
+        return ChildExit(self.spec.name, code, wait_s, self._last_log_lines())
 
     def leave(self, until_s: float) -> None:
         """Ask the process to end; `has_left` kills it after this time of `time.monotonic` [s]."""
@@ -272,7 +272,7 @@ class _Child:
             self._listener.close()
         self._listener = None
 
-    def _last_words(self) -> str:
+    def _last_log_lines(self) -> str:
         if self.spec.log is None:
             return ""
         with self.spec.log.open("rb") as log:

@@ -240,12 +240,12 @@ def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
     is_laser = np.array([isinstance(entry, LaserEntry) for entry in entries], bool)
     times = np.array([entry.stamp_ns for entry in entries], np.int64)
     for sensor in (is_laser, ~is_laser):
-        times[sensor] = mended(times[sensor])
+        times[sensor] = monotonic_times(times[sensor])
     order = np.argsort(times, kind="stable")
     return [entries[i] for i in order], [int(times[i]) for i in order]
 
 
-def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return (n,) times that never decrease [ns]; stamps in ascending order are unchanged.
 
     Each time is the mean of the latest stamp before it and the earliest stamp after it.

@@ -82,7 +82,7 @@ _MAX_BYTES = 1024
 _log = logging.getLogger(__name__)
 
 
-class Doing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The state of a bridge."""
 
     state: State
@@ -101,7 +101,7 @@ class RestartFile:
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
-        self._kept: Doing | None = None
+        self._kept: BridgeState | None = None
         self._again_s = 0.0
 
     def __enter__(self) -> "RestartFile":
@@ -111,7 +111,7 @@ class RestartFile:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
-    def read(self) -> Doing | None:
+    def read(self) -> BridgeState | None:
         """Return the state of a bridge killed within `TIMEOUT_S`; None: there is none."""
         path = self._path
         try:
@@ -119,25 +119,25 @@ class RestartFile:
                 return None
             with path.open("rb") as file:
                 about, content = os.fstat(file.fileno()), file.read(_MAX_BYTES)
-            doing = msgspec.json.decode(content, type=Doing)
+            bridge_state = msgspec.json.decode(content, type=BridgeState)
         except (OSError, msgspec.DecodeError) as error:
             _log.warning("%s is not used: %s", path, error)
             return None
-        return doing if 0.0 <= time.time() - about.st_mtime < TIMEOUT_S else None
+        return bridge_state if 0.0 <= time.time() - about.st_mtime < TIMEOUT_S else None
 
-    def keep(self, doing: Doing, now_s: float) -> None:
+    def keep(self, bridge_state: BridgeState, now_s: float) -> None:
         """Write a changed state; update the file's time twice a second."""
-        if self._path is None or (doing == self._kept and now_s < self._again_s):
+        if self._path is None or (bridge_state == self._kept and now_s < self._again_s):
             return
         try:
-            if doing == self._kept:
+            if bridge_state == self._kept:
                 os.utime(self._path)
             else:
-                _replace(self._path, msgspec.json.encode(doing))
+                _replace(self._path, msgspec.json.encode(bridge_state))
         except OSError as error:
             _log.warning("a killed bridge will start unconfigured: %s", error)
             self._path = None
-        self._kept, self._again_s = doing, now_s + _EVERY_S
+        self._kept, self._again_s = bridge_state, now_s + _EVERY_S
 
 
 def restart_file(settings: Settings, node: str) -> RestartFile:

@@ -27,7 +27,7 @@ from protocol.steps import LaserReading, MapReading, Observation, OdometryReadin
 from protocol.work import Report, TrackReport
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
-from ros2_bridge.bond import BondThread, Doing, RestartFile, restart_file
+from ros2_bridge.bond import BondThread, BridgeState, RestartFile, restart_file
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
@@ -140,10 +140,10 @@ class BridgeLoop:
                 self._publish_all_places()
             self._every_second()
             state, held = self.services.lifecycle.state, self._amcl.held
-            doing = Doing(state=state, bond=self._bond.instance_id, held=held)
-            self._file.keep(doing, time.monotonic())
+            bridge_state = BridgeState(state=state, bond=self._bond.instance_id, held=held)
+            self._file.keep(bridge_state, time.monotonic())
 
-    def _resume(self, before: Doing) -> None:
+    def _resume(self, before: BridgeState) -> None:
         """Continue in the state of a killed bridge; the coordinator still knows the pose."""
         _log.info("%s again: continuing the state of the killed bridge", before.state.label)
         self.services.lifecycle.state = before.state

@@ -65,7 +65,7 @@ class Sources:
             for source, (wrong, right) in self._rates.items()
         )
 
-    def saw(self, step: int, source: Source, seen: Observation, weight: float) -> None:
+    def on_observation(self, step: int, source: Source, seen: Observation, weight: float) -> None:
         """Store an observation and its weight until the belief of its step arrives."""
         self._seen.append((step, source, seen, weight))
 

@@ -27,7 +27,7 @@ from protocol.steps import (
     Reading,
     Scan,
 )
-from sensor_bridge.sights import Sights
+from sensor_bridge.pending_observations import PendingObservations
 from sensor_bridge.stages import Clock, Lasers, OdometryContinuity, OutlierFilter, Synchroniser
 
 STANDS = 0.25
@@ -130,7 +130,10 @@ class StepMaker:
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
-        self._gate, self._sights = MotionGate(settings), Sights(landmarks, self.dropped)
+        self._gate, self._pending_observations = (
+            MotionGate(settings),
+            PendingObservations(landmarks, self.dropped),
+        )
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -147,19 +150,19 @@ class StepMaker:
 
     def observe(self, observation: Observation) -> None:
         """Take an observation of another sensor; the next step has it."""
-        self._sights.see(observation)
+        self._pending_observations.on_observation(observation)
 
     def judge(self, belief: Belief) -> None:
         """Compare the observations of a step with the belief after it."""
-        self._sights.judge(belief)
+        self._pending_observations.judge(belief)
 
     @property
     def sources(self) -> tuple[SourceHealth, ...]:
         """The outlier rate of each source of observations."""
-        return self._sights.health()
+        return self._pending_observations.health()
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        if self._sights.moved(stamp_ns, odom_from_robot):
+        if self._pending_observations.moved(stamp_ns, odom_from_robot):
             self._gate.open_next()
 
     def finish(self) -> Scan | None:
@@ -204,7 +207,10 @@ class StepMaker:
 
     def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
-        self._map_digest, self._sights = map_digest, Sights(landmarks, self.dropped)
+        self._map_digest, self._pending_observations = (
+            map_digest,
+            PendingObservations(landmarks, self.dropped),
+        )
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
@@ -223,7 +229,7 @@ class StepMaker:
         if not self._gate.on_scan(pose):
             self._lasers[reading.laser].unused = reading
             return
-        beams, seen = beams_of(reading), self._sights.take(self._next_step, pose)
+        beams, seen = beams_of(reading), self._pending_observations.take(self._next_step, pose)
         self._next_step += 1
         yield Scan(
             sender=self._sender,
@@ -241,7 +247,7 @@ class StepMaker:
             others=tuple(self._others(reading, pose)),
             settings=self._live_settings,
             observations=seen,
-            landmarks=self._sights.landmarks_of(seen),
+            landmarks=self._pending_observations.landmarks_of(seen),
         )
 
     def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:

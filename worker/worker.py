@@ -228,7 +228,7 @@ class Worker:
             return [Warn("scan of another map", detail)]
         if not self._is_prepared(scan):
             self._held.append(scan)
-            return self._go_on()
+            return self._continue()
         lost = self._table.lost_before(scan)
         if lost is None or self._has_fallen_behind(dropped):
             return _published(self._table.on_scan(scan))
@@ -306,13 +306,13 @@ class Worker:
         before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)
         # The coordinator no longer expects its previous order to be followed.
         answered = [Answer(before.question, self._answer())] if before else []
-        return [*answered, *self._go_on()]
+        return [*answered, *self._continue()]
 
     def _overtaken(self, question: Any, order: WorkOrder) -> list[Instruction]:
         detail = f"order {order.order} after {self._fence.newest}"
         return [Warn("order overtaken", detail), Answer(question, self._answer())]
 
-    def _go_on(self) -> list[Instruction]:
+    def _continue(self) -> list[Instruction]:
         """Follow the waiting order and take the held scans, or request what they need."""
         waiting, settings = self._waiting, self._ordered
         if waiting is not None:
@@ -325,7 +325,7 @@ class Worker:
         sensor = filter_with(settings, self._live).sensor
         has_model = self._has_model(digest, sensor)
         if waiting is not None and (has_model or not waiting.order.begin):
-            return [*self._follow(waiting), *self._go_on()]
+            return [*self._follow(waiting), *self._continue()]
         if has_model:
             return self._release()
         if self._preparing:
@@ -351,7 +351,7 @@ class Worker:
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
         """Take the sensor model that `BuildModel` requested."""
         self._preparing, self._model, self._model_digest = False, model, map_digest
-        return self._go_on()
+        return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:
         """Take the map that `FetchMap` requested."""
@@ -366,7 +366,7 @@ class Worker:
             error = MapMismatchError(worker=self._name, expected=expected, found=message.digest)
             return self._refuse_waiting(error)
         self._map = message
-        return self._go_on()
+        return self._continue()
 
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
         self._waiting = None

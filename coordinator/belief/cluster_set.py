@@ -55,7 +55,7 @@ LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
 
-def news_of(before_from_after: Pose) -> float:
+def new_evidence_share(before_from_after: Pose) -> float:
     """Return the share of a scan, after a motion (3,), that counts as evidence for `nowhere`."""
     moved_m, turned_rad = way(before_from_after)
     return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
@@ -173,7 +173,7 @@ class ClusterSet(Part):
                 whole map.
             new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
             news: share of the scan that is new evidence of the robot being at any cluster
-                (`news_of`).
+                (`new_evidence_share`).
             decoy: report of a job that tracks the mirrored scans; None: there is none.
             awaits_decoy: the first decoy is being searched for; classes do not count until then.
 

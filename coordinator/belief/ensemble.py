@@ -13,7 +13,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.cluster_set import PERHAPS_LIFTED, Candidate, Cluster, ClusterSet, news_of
+from coordinator.belief.cluster_set import (
+    PERHAPS_LIFTED,
+    Candidate,
+    Cluster,
+    ClusterSet,
+    new_evidence_share,
+)
 from coordinator.belief.given_places import PriorPose, with_prior_pose
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
@@ -96,7 +102,7 @@ class Ensemble(Part, kw_only=True):
         return (*self.clusters.job_ids, *self.decoy.track_ids, *searches, *self._elsewhere)
 
     @property
-    def unhurried(self) -> tuple[str, ...]:
+    def deferrable(self) -> tuple[str, ...]:
         """The expected jobs that may report later: searches, while clusters are tracked."""
         return (*self.search.job_ids, *self.decoy.search.job_ids) if len(self.clusters) else ()
 
@@ -126,7 +132,7 @@ class Ensemble(Part, kw_only=True):
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
-        arrived |= set(self.unhurried)  # searches may lag
+        arrived |= set(self.deferrable)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
@@ -135,7 +141,7 @@ class Ensemble(Part, kw_only=True):
         new_view = self._new_view(before_from_after)
         news = 1.0
         if before_from_after is not None and observed is None:
-            news = news_of(before_from_after)
+            news = new_evidence_share(before_from_after)
         log_likelihood = self.clusters.weigh(
             tracks,
             elsewhere.log_likelihood if elsewhere else math.nan,
@@ -203,7 +209,7 @@ class Ensemble(Part, kw_only=True):
         self._start_search(step + 1, near, corners)
         return self._outcome(step, ())
 
-    def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
+    def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
         """Replace all clusters by these places, whose shares sum to one."""
         self._forget(step, cause)
         self.seen = ViewMemory()
@@ -211,7 +217,7 @@ class Ensemble(Part, kw_only=True):
         self._admit([(place, "prior pose") for place in places], step)
         return self._outcome(step, ())
 
-    def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
+    def repeated_outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """Repeat the outcome of the last step, without jobs and events."""
         return self._outcome(step, missing)
 

@@ -149,7 +149,7 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
         case Checkpoint():
             return _checkpoint(value)
         case msgspec.Struct():
-            fields = {name: getattr(value, name) for name in _looked_at(type(value))}
+            fields = {name: getattr(value, name) for name in _bulky_fields(type(value))}
             changed = _changed(fields)
             return replace(value, **changed) if changed else value
         case tuple() | list():
@@ -164,7 +164,7 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
 
 
 @cache
-def _looked_at(kind: type[msgspec.Struct]) -> tuple[str, ...]:
+def _bulky_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
     """Return the fields that may be large: all but numbers, names, poses and covariances."""
     small = (int, float, str, bool, PoseTuple, Covariance)
     return tuple(field.name for field in msgspec.structs.fields(kind) if field.type not in small)

@@ -44,7 +44,7 @@ def test_improbable_parts_of_a_split_begin_and_end_in_one_step(model: SensorMode
     process = InProcess(blunt, settings)
     process.advance(scan(0))
     whole, in_two = place(0.6, (2.0, 3.0, 0.0)), place(0.4, (4.0, 4.0, 1.0), (6.0, 3.0, 0.0))
-    given = process.ensemble.go_on_from([whole, in_two], 0, "forgotten")
+    given = process.ensemble.continue_from([whole, in_two], 0, "forgotten")
     process.carry_out(given)
     kept, apart = given.begin
 

@@ -33,7 +33,7 @@ def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> O
 
 def judged(sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE) -> bool:
     """Whether the source is broken after one more observation."""
-    sources.saw(belief.step, of, seen, seen.share)
+    sources.on_observation(belief.step, of, seen, seen.share)
     sources.judge(belief)
     return sources.is_broken(of)
 
@@ -67,7 +67,7 @@ def test_an_uncertain_belief_does_not_update_sources() -> None:
     sources = Sources(TAGS)
     for belief in (replace(SURE, state="ambiguous"), replace(SURE, hypotheses=())):
         assert not any(judged(sources, sight(WRONG), belief) for _ in range(5))
-    sources.saw(7, EYE, sight(WRONG), 1.0)
+    sources.on_observation(7, EYE, sight(WRONG), 1.0)
     sources.judge(SURE)  # of an earlier step
     assert not sources.is_broken(EYE)
 
@@ -91,7 +91,7 @@ def test_health_shows_what_each_source_contributed_and_whether_it_is_broken() ->
     sources = Sources(TAGS)
     for step in range(3):
         for mean, of in ((RIGHT, EYE), (WRONG, ("bad", "tag"))):
-            sources.saw(step, of, sight(mean), 0.5)
+            sources.on_observation(step, of, sight(mean), 0.5)
         sources.judge(replace(SURE, step=step))
     good, bad = sources.health()
     assert (good.name, bad.name) == ("eye tag", "bad tag")

@@ -14,7 +14,7 @@ from coordinator.belief.cluster_set import (
     STILL_PROBABLE,
     Candidate,
     ClusterSet,
-    news_of,
+    new_evidence_share,
 )
 from particle_filter.evidence_model import residual, through_beam_loss
 from particle_filter.off_map import MapQuality
@@ -67,13 +67,13 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 def test_the_belief_of_a_standing_robot_does_not_change() -> None:
     made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
-        made.weigh(reports_of(0.9, 0.1), 5.0, new_view=0.0, news=news_of(np.zeros(3)))
+        made.weigh(reports_of(0.9, 0.1), 5.0, new_view=0.0, news=new_evidence_share(np.zeros(3)))
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
 def test_kidnapping_and_transition_probabilities_scale_with_the_new_share_of_a_view() -> None:
     made = first(0.6, 0.4, transition_probability=0.1)
-    half = news_of(np.array([NEWS_M * math.log(2.0), 0.0, 0.0]))
+    half = new_evidence_share(np.array([NEWS_M * math.log(2.0), 0.0, 0.0]))
     made.weigh(reports_of(0.1, 0.1), math.log(0.1), news=half)
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx(

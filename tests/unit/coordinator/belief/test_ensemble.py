@@ -331,5 +331,5 @@ def test_a_search_waits_until_there_is_room_for_its_places() -> None:
 
 def test_after_a_given_pose_elsewhere_is_weighed_from_the_next_step_on() -> None:
     made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
-    outcome = made.go_on_from([place(1.0, SOUTH, 7)], 7, "new map")
+    outcome = made.continue_from([place(1.0, SOUTH, 7)], 7, "new map")
     assert outcome.begin[ELSEWHERE] == ElsewhereJob(first_step=8)

@@ -27,7 +27,7 @@ MAX_WAITING = 64
 VIEW_M = 0.5
 """Distance driven after which 63 % of the error of an observation of the same landmark is new."""
 SAME_M = 1.0
-"""Sights of landmarks closer than this are of the same one, whatever their names."""
+"""Observations of landmarks closer than this are of the same one, whatever their names."""
 LEAST_SHARE = 0.02
 """An observation with less news is not used, nor remembered."""
 FIRST_SHARE = 0.5
@@ -46,7 +46,7 @@ class _Sight:
     """Share of it that was new."""
 
 
-class Sights:
+class PendingObservations:
     """The observations since the last step.
 
     A source errs in the same way for some time and some distance. So an
@@ -67,7 +67,7 @@ class Sights:
         self.judge, self.health = self._sources.judge, self._sources.health
         self._past: deque[_Sight] = deque(maxlen=256)
 
-    def see(self, observation: Observation) -> None:
+    def on_observation(self, observation: Observation) -> None:
         """Take an observation; it waits for odometry of its time."""
         newest_ns = self._trajectory.newest_ns
         if observation.landmark and observation.landmark not in self._names:
@@ -109,7 +109,7 @@ class Sights:
                 self._dropped[TOO_FAR] += 1
                 continue
             is_broken = self._sources.is_broken(source)
-            self._sources.saw(step, source, here, 0.0 if is_broken else seen.share)
+            self._sources.on_observation(step, source, here, 0.0 if is_broken else seen.share)
             if is_broken:
                 self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
             else:

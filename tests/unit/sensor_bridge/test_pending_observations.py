@@ -8,13 +8,13 @@ import pytest
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation
-from sensor_bridge.sights import (
+from sensor_bridge.pending_observations import (
     MAX_WAITING,
     OBSERVATION_AHEAD,
     TOO_FAR,
     TOO_MANY_OBSERVATIONS,
     UNKNOWN_LANDMARK,
-    Sights,
+    PendingObservations,
 )
 from sensor_bridge.stages import NO_ODOMETRY
 
@@ -28,14 +28,14 @@ def seen(at_s: float, x: float = 2.0, y: float = 0.0, name: str = "tag") -> Obse
     return Observation(sender="eye", stamp_ns=stamp_ns, landmark=name, mean=(x, y), covariance=EVEN)
 
 
-def driven(sights: Sights, until_s: int, speed: float = 1.0) -> None:
+def driven(sights: PendingObservations, until_s: int, speed: float = 1.0) -> None:
     for second in range(until_s + 1):
         sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
 
 
 def test_an_observation_is_moved_to_the_pose_of_the_step() -> None:
-    sights = Sights(TAGS, Counter())
-    sights.see(seen(0.5))
+    sights = PendingObservations(TAGS, Counter())
+    sights.on_observation(seen(0.5))
     driven(sights, 1)
     (moved,) = sights.take(0, (1.0, 0.0, 0.0))
     assert moved.mean == pytest.approx((1.5, 0.0))
@@ -45,9 +45,9 @@ def test_an_observation_is_moved_to_the_pose_of_the_step() -> None:
 
 
 def test_observations_of_one_tag_over_a_minute_are_not_independent() -> None:
-    sights, shares = Sights(TAGS, Counter()), []
+    sights, shares = PendingObservations(TAGS, Counter()), []
     for second in range(60):
-        sights.see(seen(second))
+        sights.on_observation(seen(second))
         sights.moved(second * SECOND, (0.0, 0.0, 0.0))
         shares += [each.share for each in sights.take(0, (0.0, 0.0, 0.0))]
     assert shares[0] == 1.0
@@ -55,11 +55,13 @@ def test_observations_of_one_tag_over_a_minute_are_not_independent() -> None:
 
 
 def test_a_wrong_name_does_not_make_a_repeated_observation_new() -> None:
-    sights = Sights((*TAGS, Landmark(name="other", x=5.0, y=5.0, sigma=0.1)), Counter())
+    sights = PendingObservations(
+        (*TAGS, Landmark(name="other", x=5.0, y=5.0, sigma=0.1)), Counter()
+    )
     driven(sights, 0)
-    sights.see(seen(0.0))
-    sights.see(seen(0.0, name="other"))
-    sights.see(seen(0.0, y=1.5, name="other"))
+    sights.on_observation(seen(0.0))
+    sights.on_observation(seen(0.0, name="other"))
+    sights.on_observation(seen(0.0, y=1.5, name="other"))
     sights.moved(0, (0.0, 0.0, 0.0))
     assert [(each.mean[1], each.share) for each in sights.take(0, (0.0, 0.0, 0.0))] == [
         (0.0, 1.0),
@@ -69,9 +71,9 @@ def test_a_wrong_name_does_not_make_a_repeated_observation_new() -> None:
 
 def test_later_observations_of_the_same_tag_weigh_less() -> None:
     """A tag that was moved is wrong at every sight, however far the robot drives meanwhile."""
-    sights, shares = Sights(TAGS, Counter()), []
+    sights, shares = PendingObservations(TAGS, Counter()), []
     for metre in range(30):
-        sights.see(seen(metre, x=5.0 - 0.1 * metre))
+        sights.on_observation(seen(metre, x=5.0 - 0.1 * metre))
         sights.moved(metre * SECOND, (0.1 * metre, 0.0, 0.0))
         shares += [each.share for each in sights.take(metre, (0.1 * metre, 0.0, 0.0))]
     assert shares[0] == 1.0
@@ -81,20 +83,20 @@ def test_later_observations_of_the_same_tag_weigh_less() -> None:
 
 def test_unusable_observations_are_counted_by_cause() -> None:
     dropped = Counter[str]()
-    sights = Sights(TAGS, dropped)
+    sights = PendingObservations(TAGS, dropped)
     driven(sights, 5)
     for observation in (seen(5.0, name="nobody"), seen(60.0), seen(-60.0)):
-        sights.see(observation)
+        sights.on_observation(observation)
     driven(sights, 6)
     assert dropped == {UNKNOWN_LANDMARK: 1, OBSERVATION_AHEAD: 1, NO_ODOMETRY: 1}
 
 
 def test_a_flood_of_observations_is_bounded() -> None:
     dropped = Counter[str]()
-    sights = Sights(TAGS, dropped)
+    sights = PendingObservations(TAGS, dropped)
     driven(sights, 5)
     for number in range(1000):
-        sights.see(seen(5.5, x=3.0 * number))
+        sights.on_observation(seen(5.5, x=3.0 * number))
     driven(sights, 6)
     assert len(sights.take(0, (6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
     assert dropped == {TOO_MANY_OBSERVATIONS: 1000 - MAX_OBSERVATIONS}
@@ -125,9 +127,9 @@ def test_an_impossible_observation_is_refused(change: dict[str, object], words: 
 
 def test_an_observation_moved_out_of_range_does_not_spoil_the_step() -> None:
     dropped = Counter[str]()
-    sights = Sights(TAGS, dropped)
-    sights.see(seen(0.0, x=1e8 - 0.5))
-    sights.see(seen(0.0))
+    sights = PendingObservations(TAGS, dropped)
+    sights.on_observation(seen(0.0, x=1e8 - 0.5))
+    sights.on_observation(seen(0.0))
     driven(sights, 1, speed=-1.0)
     (kept,) = sights.take(0, (-1.0, 0.0, 0.0))
     assert kept.mean == pytest.approx((3.0, 0.0))
