@@ -7,7 +7,7 @@ way of `ClusterMCL.advice` while several places are possible, and asks again at 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
@@ -20,11 +20,11 @@ from scipy.spatial import cKDTree
 from clustermcl import ClusterMCL, Reading
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
-from particle_filter.poses import TURN, compose, inverse, wrap_angle
-from protocol.advice import Way
+from particle_filter.poses import compose, inverse, wrap_angle
+from protocol.advice import Advice, Way
 from protocol.answers import Belief
 from protocol.message import PoseTuple
-from robot_simulator.simulation import Simulation
+from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World, world_from_map
 
@@ -34,7 +34,10 @@ RADIUS_M = 0.25
 """Radius that ways are asked for [m]; the simulated robot is smaller."""
 MAX_WAY_STEPS = 120
 """Steps after which an advised robot asks again at the latest: more than any way needs."""
-TURN_RATE_RAD_S = 1.0
+TURN_RATE_RAD_S, TURN_TICKS = 1.0, 63
+"""A turn on the spot."""
+BINS = (0.25, 0.5, 1.0)
+"""Limits of the predicted gains that are compared with real ones [nat]."""
 SHARES = (0.0, 0.25, 0.5, 0.75)
 """Where poses between two of a way are checked."""
 CELL_TOLERANCE_M = 0.05
@@ -52,8 +55,9 @@ class Run:
     """Steps that were sure and wrong."""
     made: int
     """Steps in all."""
-    ways: tuple[tuple[float, float], ...]
-    """For each way that was driven: predicted and gained information [nat]."""
+    ways: tuple[tuple[float, float, float], ...]
+    """For each way that was driven: predicted information, predicted gain of the right place, and
+    its gain [nat]."""
     checked: int
     """Poses of advised ways at each place and at the true pose."""
     unsafe: int
@@ -84,52 +88,65 @@ class Obstacles:
         return room.size, int((room < least).sum())
 
 
+class Driver:
+    """Drives a simulated robot along advised ways."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation, self._turns = simulation, 0
+
+    @property
+    def drives(self) -> bool:
+        """Whether the robot is on its way."""
+        return self._simulation.follows or self._turns > 0
+
+    def ticks(self) -> Iterator[Tick]:
+        """Yield the readings; endless."""
+        for tick in self._simulation:
+            if self._turns > 0:
+                self._simulation.drive_by_hand(0.0, TURN_RATE_RAD_S)
+            else:
+                self._simulation.wander()
+            self._turns -= 1
+            yield tick
+
+    def follow(self, poses: Sequence[PoseTuple], truth: PoseTuple) -> None:
+        """Drive along poses that are relative to the true pose at the scan."""
+        if math.dist(poses[0][:2], poses[-1][:2]) == 0.0:
+            self._turns = TURN_TICKS
+            return
+        in_map = compose(np.array(truth), np.array(poses))
+        # The robot has moved a little since the scan.
+        now = inverse(np.array(self._simulation.map_from_robot))
+        self._simulation.follow(compose(now, in_map)[1:, :2])
+
+
 def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = False) -> Run:
     """Drive until the robot is sure and right, at most `limit` steps."""
-    simulation, mcl = Simulation(place, seed), ClusterMCL(place.map, seed=seed)
+    driver, mcl = Driver(Simulation(place, seed)), ClusterMCL(place.map, seed=seed)
     obstacles, checks = Obstacles(place.map), [(0, 0)]
-    ways: list[tuple[float, float]] = []
-    predicted, before, until, turns_until_ns, wrong, made = math.nan, 0.0, -1, 0, 0, 0
-    for tick in islice(simulation, 40 * limit):
-        if tick.laser.stamp_ns < turns_until_ns:
-            simulation.drive_by_hand(0.0, TURN_RATE_RAD_S)
-        else:
-            simulation.wander()
-        for reading in tick.readings:
-            belief = mcl.update(Reading.of(reading))
-            if belief is None:
-                continue
-            made += 1
-            truth = tick.map_from_robot
-            right = belief.pose is not None and is_right(belief.pose, truth)
+    ways: list[tuple[float, float, float]] = []
+    begun, until, wrong, made, found = None, -1, 0, 0, False
+    for tick in islice(driver.ticks(), 40 * limit):
+        for belief in filter(None, map(mcl.update, map(Reading.of, tick.readings))):
+            made, truth = made + 1, tick.map_from_robot
             sure = belief.state == "localized"
-            wrong += sure and not right
-            drives = simulation.follows or tick.laser.stamp_ns < turns_until_ns
-            over = not drives or made >= until or sure
-            if over and not math.isnan(predicted):
-                ways.append((predicted, log_of_truth(belief, truth) - before))
-                predicted = math.nan
-            if (sure and right) or made >= limit:
-                break
-            if advised and over and belief.state == "ambiguous":
+            found = sure and belief.pose is not None and is_right(belief.pose, truth)
+            wrong += sure and not found
+            over = not driver.drives or made >= until or sure
+            if over and begun:
+                ways.append((begun[0], begun[1], log_of_truth(belief, truth) - begun[2]))
+                begun = None
+            if not found and advised and over and belief.state == "ambiguous":
                 answer = mcl.advice(radius_m=RADIUS_M)
-                places = (*answer.places, truth)
+                places, until = (*answer.places, truth), made + MAX_WAY_STEPS
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
-                if answer.ways:
-                    way = answer.ways[0]
-                    # The way begins at the scan's pose; the robot has turned a little since.
-                    in_map = compose(np.array(truth), np.array(way.poses + way.rest * whole))
-                    now = inverse(np.array(simulation.map_from_robot))
-                    if way.length_m > 0.0:
-                        simulation.follow(compose(now, in_map)[1:, :2])
-                    else:
-                        turns_until_ns = tick.laser.stamp_ns + round(TURN / TURN_RATE_RAD_S * 1e9)
-                    predicted, before = way.information, log_of_truth(belief, truth)
-                    until = made + MAX_WAY_STEPS
-        else:
-            continue
-        break
-    found = made > 0 and sure and right
+                for way in answer.ways[:1]:
+                    driver.follow(way.poses + way.rest * whole, truth)
+                    if whole or not way.rest:
+                        gain = gain_of_truth(answer, way, truth)
+                        begun = way.information, gain, log_of_truth(belief, truth)
+        if found or made >= limit:
+            break
     checked, unsafe = np.sum(checks, axis=0).tolist()
     return Run(made if found else limit, found, wrong, made, tuple(ways), checked, unsafe)
 
@@ -143,6 +160,26 @@ def log_of_truth(belief: Belief, truth: PoseTuple) -> float:
     """Return the log of the probability of all places at the robot, at least 0.001."""
     near = (place for place in belief.hypotheses if is_right(place.pose, truth))
     return math.log(max(math.fsum(place.probability for place in near), 0.001))
+
+
+def gain_of_truth(answer: Advice, way: Way, truth: PoseTuple) -> float:
+    """Return the predicted gain of the right place; NaN: the robot is at none of the places."""
+    gains = zip(way.gains, answer.places, strict=True)
+    return next((gain for gain, place in gains if is_right(place, truth)), math.nan)
+
+
+def print_calibration(pairs: list[tuple[float, float, float]]) -> None:
+    """Print predicted against gained information, for all ways and by the predicted gain."""
+    for name, column in (("information", 0), ("gain of the right place", 1)):
+        rows = np.array([(pair[column], pair[2]) for pair in pairs if not math.isnan(pair[1])])
+        if len(rows) < 3:
+            return
+        correlation = np.corrcoef(rows.T)[0, 1]
+        print(f"{len(rows)} ways, {name}: correlation with the gain {correlation:.2f}")
+        bins = np.digitize(rows[:, 0], BINS)
+        for part in [rows] + [rows[bins == number] for number in np.unique(bins)]:
+            predicted, gained = part.mean(axis=0)
+            print(f"  {len(part)} ways: {predicted:.2f} nat predicted, {gained:.2f} gained")
 
 
 def place_of(name: str) -> World:
@@ -168,7 +205,7 @@ def main(
     whole: Annotated[bool, typer.Option(help="Drive whole ways, without asking again.")] = False,
 ) -> None:
     """Print for each world the steps of both robots, and predicted against gained information."""
-    pairs: list[tuple[float, float]] = []
+    pairs: list[tuple[float, float, float]] = []
     checked = unsafe = 0
     for name in worlds or ("cross_feature", "hall_block", "office"):
         place = place_of(name)
@@ -190,12 +227,7 @@ def main(
             checked += sum(one.checked for one in runs)
             unsafe += sum(one.unsafe for one in runs)
     print(f"{unsafe} of {checked} poses of ways too near to an obstacle")
-    if len(pairs) > 2:
-        predicted, gained = np.array(pairs).T
-        print(
-            f"{len(pairs)} ways: correlation {np.corrcoef(predicted, gained)[0, 1]:.2f}, "
-            f"predicted {predicted.mean():.2f}, gained {gained.mean():.2f} nat"
-        )
+    print_calibration(pairs)
 
 
 if __name__ == "__main__":

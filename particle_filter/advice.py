@@ -74,8 +74,10 @@ class Way:
     """Length of both [m]."""
     turn_rad: float
     """Sum of all turns [rad]."""
+    gains: NDArray[np.float64]
+    """(K,) expected gain of the logarithm of each place's probability, if it is right [nat]."""
     information: float
-    """Expected gain of the logarithm of the right place's probability [nat]."""
+    """Mean of these over the places [nat]."""
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
     sight: Sight
@@ -293,6 +295,7 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
     poses = np.array([views.pose_of(view) for view in views.seen])
     new = dict(zip(views.seen, question.seen.new_share(poses, rules), strict=True))
     informs = {view: _counted(seen, question, settings) for view, seen in views.seen.items()}
+    shares = question.probabilities / question.probabilities.sum()
     ways = []
     for poses, sure_poses, driven in views.ways:
         total = np.zeros_like(next(iter(informs.values())))
@@ -301,10 +304,12 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
         turn = float(np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi).sum())
         least = rules.localized_probability
-        information, sure = information_of(question.probabilities, total, least)
+        gains, sure = expected_gains(question.probabilities, total, least)
+        information = max(float(shares @ gains), 0.0)
         last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
-        ways.append(Way(*parts, length, turn, information, sure, _sight(views, last, question)))
+        sight = _sight(views, last, shares)
+        ways.append(Way(*parts, length, turn, gains, information, sure, sight))
     return ways
 
 
@@ -315,10 +320,10 @@ def _new_view(gate: float, distance: float) -> float:
     return -math.expm1(-gate / distance) / gate
 
 
-def information_of(
+def expected_gains(
     probabilities: NDArray[np.float64], evidence: NDArray[np.float64], sure: float
-) -> tuple[float, float]:
-    """Return the expected information of a way, and the probability of being sure after it.
+) -> tuple[NDArray[np.float64], float]:
+    """Return what a way gains at each place, and the probability of being sure after it.
 
     Args:
         probabilities: (K,) of the places; their sum may be below one.
@@ -327,28 +332,27 @@ def information_of(
         sure: the probability of a place that counts as sure.
 
     Returns:
-        The mutual information of place and scans by pairwise distances [nat], between 0 and the
-        entropy of the places; and a probability, for which the log-likelihood ratio is taken as
-        normal with twice its mean as variance.
+        (K,) expected gains of the log probabilities [nat]: their mean over the places is the mutual
+        information of place and scans by pairwise distances, between 0 and the entropy of the
+        places. And a probability, for which the log-likelihood ratio is taken as normal with
+        twice its mean as variance.
     """
     total = float(probabilities.sum())
     log_prior = np.log(probabilities / total)
     log_posterior = log_prior - evidence
     log_sum = np.logaddexp.reduce(log_posterior, axis=1)
     own = np.diagonal(log_posterior)
-    information = float((probabilities / total) @ (own - log_sum - log_prior))
     rest = log_posterior.copy()
     np.fill_diagonal(rest, -np.inf)
     rival = rest.argmax(axis=1)
     margin = own - np.logaddexp.reduce(rest, axis=1) - math.log(sure / (1.0 - sure))
     spread = np.sqrt(2.0 * evidence[np.arange(len(rival)), rival] + 1e-9)
-    return max(information, 0.0), float(probabilities @ ndtr(margin / spread))
+    return own - log_sum - log_prior, float(probabilities @ ndtr(margin / spread))
 
 
-def _sight(views: _Views, view: View, question: Question) -> Sight:
+def _sight(views: _Views, view: View, shares: NDArray[np.float64]) -> Sight:
     """Return the beam with the largest spread of ranges over the places."""
     ranges = views.seen[view].ranges
-    shares = question.probabilities / question.probabilities.sum()
     variance = shares @ (ranges - shares @ ranges) ** 2
     beam = int(variance.argmax())
     bearing = (float(views.angles[beam]) + math.pi) % TURN - math.pi

@@ -59,8 +59,10 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Length of both."""
     turn_rad: NotNegative
     """Sum of all turns."""
+    gains: tuple[Finite, ...] = ()
+    """Expected gain of the log probability of each of `Advice.clusters`, if it is right [nat]."""
     information: NotNegative
-    """Expected gain of the logarithm of the right place's probability [nat]."""
+    """Mean of these over the places."""
     sure_probability: Probability
     """Probability that the robot is localized after the way."""
     sight_bearing_rad: Finite

@@ -50,6 +50,7 @@ def advice(
             rest=tuple(map(pose_tuple, way.rest)),
             length_m=way.length_m,
             turn_rad=way.turn_rad,
+            gains=tuple(way.gains.tolist()),
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
             sight_bearing_rad=way.sight.bearing_rad,
