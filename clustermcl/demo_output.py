@@ -32,12 +32,8 @@ _SHOWN_EVENTS, _SHOWN_PLACES, _BAR = 3, 10, 12
 class DemoOutput:
     """The output of a running demo: a table on a terminal, otherwise a line for each change.
 
-    Nothing is printed with ``--quiet``.
-
-    Args:
-        title: first line of the output.
-        as_json: standard output is for the JSON object only: a table goes to standard error, and
-            lines are not printed.
+    Nothing is printed with ``--quiet``. With `as_json`, standard output is for the JSON object
+    only: a table goes to standard error, and lines are not printed.
     """
 
     def __init__(self, title: str, *, as_json: bool) -> None:

@@ -27,13 +27,7 @@ from worker.jobs import RunningJob, Tracking, running
 def outcomes(
     scans: Iterable[Scan], model: SensorModel, settings: FilterSettings
 ) -> Iterator[tuple[Scan, Outcome]]:
-    """Yield the belief after every step.
-
-    Args:
-        scans: steps of the motion gate, in ascending order.
-        model: the sensor model of the map.
-        settings: the settings at the start; those in a scan override them.
-    """
+    """Yield the belief after every step; settings in a scan override those at the start."""
     process = InProcess(model, settings)
     for scan in scans:
         yield scan, process.advance(scan)

@@ -86,14 +86,7 @@ class StepFacts:
 
 
 def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None) -> StepFacts:
-    """Return the facts of a step.
-
-    Args:
-        step: number of the step in the run, from 0.
-        stamp_ns: time of the scan [ns].
-        outcome: the belief after the step.
-        truth: the true pose; None if it is unknown.
-    """
+    """Return the facts of a step."""
     places = outcome.hypotheses if truth else ()
     errors = [pose_error(place.pose, truth) for place in places if truth]
     return StepFacts(
@@ -162,13 +155,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
 def measures_of(
     facts: Sequence[StepFacts], *, wall_s: float = 0.0, cpu_s: float = 0.0
 ) -> RunMeasures:
-    """Compute the measures of a run.
-
-    Args:
-        facts: the facts of all steps, in order.
-        wall_s: duration of the run [s].
-        cpu_s: CPU time of the run [s].
-    """
+    """Compute the measures of a run."""
     judged = [each for each in facts if each.truth]
     held = [each for each in after_first_search(facts) if each.truth]
     final = judged[-1].error if judged else None

@@ -63,11 +63,7 @@ _ALLOWED = {
 
 
 def load_ros_map(content: bytes, path: Path) -> GridMap:
-    """Read a map of map_server.
-
-    Args:
-        content: bytes of the YAML file.
-        path: path of the YAML file; the image may be packed by gzip or xz.
+    """Read a map of map_server from its YAML file; the image may be packed by gzip or xz.
 
     Raises:
         MapFileError: `content` is an image or not such a YAML file, a key is missing or invalid,

@@ -18,9 +18,7 @@ class Browser:
 
     A frame is a state, so a newer frame replaces a waiting one of the same topic: a slow page skips
     frames, and at most one frame of each topic waits. Use an object in the server's thread only.
-
-    Args:
-        send: function that sends a message to the page without waiting.
+    `send` does not wait.
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
@@ -77,9 +75,7 @@ FromBrowser = PageOpened | Commanded | PastRequested
 class Room:
     """The open pages of one robot. Set `map`, call `publish` and `send` in any thread.
 
-    Args:
-        name: name of the robot, which is part of the link.
-        on_event: called in the server's thread with each request of a page; must not block.
+    `on_event` is called in the server's thread with each request of a page; it must not block.
     """
 
     def __init__(self, name: str, on_event: Callable[[FromBrowser], object]) -> None:

@@ -43,13 +43,7 @@ class StepArchive:
         self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:
-        """Store a frame.
-
-        Args:
-            step: number of the frame's step; not less than in earlier calls.
-            topic: topic of the frame; see `Picture`.
-            frame: a JSON object.
-        """
+        """Store a frame of a step, whose number is not less than in earlier calls."""
         encoded = msgspec.json.encode(frame)
         self._newest.append((step, topic, msgspec.Raw(encoded)))
         self._newest_bytes += len(encoded)

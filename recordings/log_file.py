@@ -78,10 +78,6 @@ class LogParser(Protocol):
 class TextLog:
     """Numbered lines of a text file that may be compressed or truncated.
 
-    Args:
-        path: the file.
-        error: type of the exception for a file that cannot be read.
-
     Attributes:
         broken: after all lines are read: where and why a compressed stream ended early, or None.
     """

@@ -131,14 +131,7 @@ class RunLog:
             self.write(ODOMETRY, foxglove.frame_transform(stamp_ns, MAP, ODOM, odom), at_ns)
 
     def write(self, topic: str, message: object, at_ns: int, *, packed: bool = False) -> None:
-        """Append a message.
-
-        Args:
-            topic: the topic; all its messages have one type.
-            message: any object that msgspec can encode.
-            at_ns: time of the recording.
-            packed: encode as MessagePack instead of JSON.
-        """
+        """Append a message as JSON, or as MessagePack; all messages of a topic have one type."""
         codec = msgspec.msgpack if packed else msgspec.json
         at_ns, data = max(at_ns, 0), codec.encode(message)
         with self._named():
