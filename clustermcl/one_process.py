@@ -9,8 +9,6 @@ import argparse
 import logging
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import replace
 
 from coordinator.process import follow_and_lead
@@ -19,7 +17,8 @@ from particle_filter.settings import SensorSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
-from process_runtime.stop import StoppedError
+from process_runtime.stop import StopFlag
+from process_runtime.threads import run_in_threads
 from protocol.errors import SettingsError
 from sensor_bridge.process import run_bridge
 from worker.map_model import chosen_cache_folder
@@ -28,8 +27,6 @@ from worker.warm_up import compile_kernels
 from zenoh_link.configuration import as_zenoh, router_configuration
 from zenoh_link.node import Node
 from zenoh_link.router import listen
-
-_POLL_S = 0.2
 
 _log = logging.getLogger(__name__)
 
@@ -68,23 +65,25 @@ def run_parts(invocation: Invocation) -> None:
     check_one_process(settings)
     compile_kernels(SensorSettings())
     robot = router_configuration(settings.zenoh) | {"namespace": settings.robot.name}
-    with listen(as_zenoh(robot), settings.zenoh.router) as session, ThreadPoolExecutor(3) as pool:
-        shared = replace(invocation, session=session)
+    with listen(as_zenoh(robot), settings.zenoh.router) as session:
         _log.info("robot %r in one process, without fault tolerance", settings.robot.name)
+
+        def part(stop: StopFlag) -> Invocation:
+            return replace(invocation, session=session, stop=stop)
+
         # It declares its token before the coordinator looks for workers.
+        node = _node(part(stop), "worker")
         cache = chosen_cache_folder(settings.worker.cache_folder)
-        worker = WorkerLoop(_node(shared, "worker"), cache, lambda _jobs: None)
-        running = [
-            pool.submit(worker.run),
-            pool.submit(_coordinate, shared),
-            pool.submit(_bridge_of(settings), shared),
-        ]
-        while not stop.wait(_POLL_S) and not any(part.done() for part in running):
-            pass
-        stop.set()
-    for part in running:
-        with suppress(StoppedError):
-            part.result()
+        worker = WorkerLoop(node, cache, lambda _jobs: None)
+
+        def work(stop: StopFlag) -> None:
+            node.stop = stop
+            worker.run()
+
+        bridge = _bridge_of(settings)
+        run_in_threads(
+            [work, lambda stop: _coordinate(part(stop)), lambda stop: bridge(part(stop))], stop
+        )
 
 
 def _coordinate(invocation: Invocation) -> None:

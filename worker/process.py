@@ -10,8 +10,9 @@ import os
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, suppress
+from concurrent.futures import Future
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,13 +23,14 @@ from particle_filter.settings import SensorSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
-from process_runtime.stop import StopFlag, StoppedError
+from process_runtime.stop import StopFlag
 from process_runtime.supervisor import (
     ChildCount,
     ReportJobs,
     run_forked,
     work_without_preempting,
 )
+from process_runtime.threads import run_in_threads
 from protocol import keys
 from protocol.advice import AdviceQuestion
 from protocol.codec import decode
@@ -106,9 +108,9 @@ def run_workers(invocation: Invocation) -> None:
     def child(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:
         name = f"{prefix}-{index}"
         if folder is None:
-            serve(name, settings, cache, stop, report_jobs)
+            serve(name, settings, cache, report_jobs, stop)
         else:
-            serve_robots(name, robots, cache, stop, report_jobs)
+            serve_robots(name, robots, cache, report_jobs, stop)
 
     fixed = invocation.arguments.count or settings.worker.count
     # Linux also knows which cores this process may use.
@@ -143,7 +145,7 @@ def fleet_of(folder: Path, overrides: Sequence[str]) -> list[Settings]:
 
 
 def serve(
-    name: str, settings: Settings, cache: Path, stop: StopFlag, report_jobs: ReportJobs
+    name: str, settings: Settings, cache: Path, report_jobs: ReportJobs, stop: StopFlag
 ) -> None:
     """Serve one robot until the process is stopped."""
     with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
@@ -153,45 +155,18 @@ def serve(
 
 
 def serve_robots(
-    name: str, robots: Sequence[Settings], cache: Path, stop: StopFlag, report_jobs: ReportJobs
+    name: str, robots: Sequence[Settings], cache: Path, report_jobs: ReportJobs, stop: StopFlag
 ) -> None:
-    """Serve several robots, each in a thread, until the process is stopped or a thread ends."""
-    shares = [_Share() for _ in robots]
-    with ThreadPoolExecutor(len(robots)) as pool:
-        serving = [
-            pool.submit(serve, name, settings, cache, share.stop, share.report_jobs)
-            for settings, share in zip(robots, shares, strict=True)
-        ]
-        # Nothing gives a sign of life while a thread hangs, so that the parent restarts this child.
-        signs, stop.on_look = stop.on_look, lambda: None
-        while not stop.wait(POLL_S) and not any(robot.done() for robot in serving):
-            report_jobs(sum(share.jobs for share in shares))
-            if all(share.looked for share in shares):
-                signs()
-                for share in shares:
-                    share.looked = False
-        for share in shares:
-            share.stop.set()
-    for robot in serving:
-        with suppress(StoppedError):
-            robot.result()
-
-
-class _Share:
-    """The number of jobs of one robot's thread, and its signs of life, for the main thread."""
-
-    def __init__(self) -> None:
-        self.jobs = 0
-        self.looked = False
-        """Whether the thread has checked its stop flag since the last sign of life."""
-        self.stop = StopFlag()
-        self.stop.on_look = self._on_look
-
-    def report_jobs(self, count: int) -> None:
-        self.jobs = count
-
-    def _on_look(self) -> None:
-        self.looked = True
+    """Serve several robots, each in a thread, until the process is stopped or one thread ends."""
+    jobs = dict.fromkeys(range(len(robots)), 0)
+    run_in_threads(
+        [
+            partial(serve, name, settings, cache, partial(jobs.__setitem__, index))
+            for index, settings in enumerate(robots)
+        ],
+        stop,
+        on_turn=lambda: report_jobs(sum(jobs.values())),
+    )
 
 
 class WorkerLoop:
