@@ -141,7 +141,7 @@ def test_the_probability_of_a_better_place_agrees_with_the_exact_filter(
 
 
 @pytest.mark.parametrize(
-    ("told", "exactly"),
+    ("reported", "exactly"),
     [({}, {}), (TEMPERED, EXACTLY), ({"transition_probability": 0.1}, {"rho": 0.1})],
     ids=["plain Bayes", "evidence model", "rho"],
 )
