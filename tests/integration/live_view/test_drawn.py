@@ -227,7 +227,7 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     assert not drawn.is_visible("sources")
     stage.picture.on_status(status(processes=(simulator(),)))
     shows(stage, lambda: drawn.is_visible("kidnap"))
-    assert drawn.text("sources") == "eye exit9.4 nat · broken 80 %"
+    assert drawn.text("sources") == "eye exit\n9.4 nat · broken 80 %"
     press(drawn, "kk")
     shows(stage, lambda: stage.commands == [KidnapRobot()])
     drawn.click("kidnap")
