@@ -25,7 +25,7 @@ def test_tags_are_seen_through_all_processes_and_replayed(
     beliefs = beliefs_of(stack, settings)
     assert_same(beliefs, outcomes_of(TAGS, steps=STEPS))
     replayed = ran("replay", str(tmp_path / settings.robot.name))
-    assert replayed.stdout.splitlines()[-1].endswith("all are the recorded ones, bit for bit")
+    assert replayed.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
     world = world_of(TAGS)
     source = SimulatedSource(Simulation(world, TAGS.seed), steps=STEPS)
     made = list(simulated_steps(source, TAGS.bridge, world.map.digest))

@@ -12,7 +12,7 @@ import yaml
 from clustermcl.stack import COORDINATOR
 from process_runtime.settings import BridgeSettings
 from protocol import keys
-from protocol.answers import Status
+from protocol.answers import Belief, Status
 from protocol.codec import encode
 from protocol.health import Health
 from protocol.steps import Observation, OdometryReading
@@ -57,9 +57,12 @@ def test_a_tag_distinguishes_equal_arms() -> None:
                         )
                     laser.put(stamped)
             tested.session.put(keys.OBSERVATION_READING, b"\xc1")
-            sure = [belief for belief in tested.since(0) if belief.state == "localized"]
-            assert len(sure) > 5
-            wrong = [each.step for each in sure if not is_right(each, truth[each.stamp_ns])]
+
+            def sure() -> list[Belief]:
+                return [belief for belief in tested.since(0) if belief.state == "localized"]
+
+            wait_until(lambda: len(sure()) > 5)
+            wrong = [each.step for each in sure() if not is_right(each, truth[each.stamp_ns])]
             assert wrong == []
             with tested.client as client:
                 refused = {
