@@ -106,6 +106,25 @@ def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -
     assert story.places["c1"] != slower
 
 
+def test_a_frozen_worker_delays_one_step_and_then_loses_its_job() -> None:
+    story = with_two_clusters()
+    frozen = story.places["c1"]
+    story.frozen.add(frozen)
+    story.tracks(4, at_s=20.0, north=0.1, south=None)
+    assert story.beliefs[-1].step == 3, "it is waited for"
+    story.tick(at_s=20.0 + DEADLINE_S)
+    assert story.beliefs[-1].step == 4
+    for step in range(5, 4 + GIVEN_UP_AFTER):
+        assert story.places["c1"] == frozen
+        story.tracks(step, at_s=20.0 + step, north=0.1, south=None)
+        assert story.beliefs[-1].step == step, "and not a second time"
+        assert story.beliefs[-1].missing == ("c1",)
+    assert story.places["c1"] not in (frozen, story.places["c0"]), "another has its job"
+    step = 4 + GIVEN_UP_AFTER
+    story.tracks(step, at_s=20.0 + step, north=0.1, south=0.1)
+    assert story.beliefs[-1].missing == ()
+
+
 def test_a_thawed_worker_gets_jobs_again_after_its_pause() -> None:
     story = with_two_clusters()
     frozen = story.places["c1"]
