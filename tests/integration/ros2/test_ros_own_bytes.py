@@ -34,6 +34,7 @@ NOT_PACKED = (
     "diagnostic_msgs",
     "vision_msgs",
     "bond",
+    "apriltag_msgs",
 )
 """Not among the packages for Python: another implementation that knows them by their text writes
 them. Its definitions are right, for their hashes are those on the wire."""
