@@ -105,6 +105,8 @@ class Sources:
 def beta_below_half(a: float, b: float) -> float:
     """Return the probability that a Beta(a, b) variable is below one half.
 
+    `scipy.special.betainc` gives the same, but scipy would double the memory of the bridge.
+
     References:
         NIST Digital Library of Mathematical Functions, 8.17.8, in the form of a power series.
     """

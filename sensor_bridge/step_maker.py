@@ -130,10 +130,8 @@ class StepMaker:
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
-        self._gate, self._pending_observations = (
-            MotionGate(settings),
-            PendingObservations(landmarks, self.dropped),
-        )
+        self._gate = MotionGate(settings)
+        self._pending_observations = PendingObservations(landmarks, self.dropped)
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -207,10 +205,8 @@ class StepMaker:
 
     def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
-        self._map_digest, self._pending_observations = (
-            map_digest,
-            PendingObservations(landmarks, self.dropped),
-        )
+        self._map_digest = map_digest
+        self._pending_observations = PendingObservations(landmarks, self.dropped)
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
