@@ -14,7 +14,7 @@ from msgspec import field
 from coordinator import events
 from coordinator.belief.given_places import PriorPose
 from coordinator.belief.outcome import belief_after
-from coordinator.checkpoint import to_bytes
+from coordinator.checkpoint import state_in, to_bytes
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import (
     AnswerCommand,
@@ -83,7 +83,13 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
             self.version,
             self.now_ns,
             Term.of(self.term, self.known, self.kept),
-            StateRecovery(self.sender, self.now_ns, [self.known] if self.known else [], self.kept),
+            StateRecovery(
+                self.sender,
+                self.now_ns,
+                [self.known] if self.known else [],
+                self.kept,
+                state_in(self.kept).collector.applied if self.kept else None,
+            ),
             CoordinatorState.of(self.sender, self.filter_settings, self.settings, self.bridge),
             LastPlace.of(self.kept) if self.kept else None,
         )
@@ -209,7 +215,11 @@ class Coordinator(Part):
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Process fetched scans; a coordinator without a search begins with the newest one."""
-        if self.term.begun and not self.state.ensemble.searches:
+        self.recovery.on_history(scans)
+        resumed = self._resume_late(now_ns) if self.term.begun else []
+        if resumed or not self.term.begun:
+            return resumed + self._on_time_passed(now_ns)
+        if not self.state.ensemble.searches:
             self.state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
         return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
@@ -244,10 +254,7 @@ class Coordinator(Part):
             self.recovery.on_answer(worker, answer)
         if not self.term.begun:
             return self._on_time_passed(now_ns)
-        resumed = list[Instruction]()
-        if not self.state.founded:
-            founded = [one for one in self.recovery.checkpoints if one.founded]
-            resumed = self._resume_best(founded, now_ns)
+        resumed = self._resume_late(now_ns)
         self.recovery.drop_checkpoints()
         if not resumed:
             self._take_work_of(worker, answer, now_ns)
@@ -343,7 +350,7 @@ class Coordinator(Part):
             instructions += self._begin(now_ns)
         if self.term.begun and self.state.founded:
             self.recovery.answers.clear()
-            self.recovery.kept = None
+            self.recovery.kept = self.recovery.kept_scan = None
         return instructions
 
     def _begin(self, now_ns: int) -> list[Instruction]:
@@ -386,6 +393,13 @@ class Coordinator(Part):
         """Continue from the first usable state; return no instruction if there is none."""
         resumed = (self._resume(checkpoint, now_ns) for checkpoint in checkpoints)
         return next(filter(None, resumed), [])
+
+    def _resume_late(self, now_ns: int) -> list[Instruction]:
+        """Continue from a state that counts since the coordinator leads, if it has no place yet."""
+        if self.state.founded:
+            return []
+        founded = [one for one in self.recovery.checkpoints if one.founded]
+        return self._resume_best(founded, now_ns)
 
     def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
         """Continue from a state; return no instruction if it cannot be used.

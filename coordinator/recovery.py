@@ -13,7 +13,7 @@ import numpy as np
 from coordinator.belief.given_places import PriorPose, diagonal
 from coordinator.checkpoint import state_in
 from coordinator.events import WorkerSnapshot
-from coordinator.instructions import AskState
+from coordinator.instructions import AskState, FetchScans
 from coordinator.part import Part
 from particle_filter.poses import between, compose
 from protocol.message import Covariance, PoseTuple
@@ -186,8 +186,8 @@ class StateRecovery(Part):
     """The workers to ask, their answers, and the states to continue from.
 
     A state of another coordinator always counts. The state in the file may come from an earlier run
-    of the whole system. It counts if a worker has received its term, and no worker has received a
-    belief of a later term.
+    of the whole system. It counts if a worker has received its term or the bridge still has its
+    scan, and no worker has received a belief of a later term.
     """
 
     sender: str
@@ -197,12 +197,16 @@ class StateRecovery(Part):
     """The best states of other coordinators."""
     kept: Checkpoint | None = None
     """State from the file; None: there is none."""
+    kept_scan: Scan | None = None
+    """The last step of the kept state, until the bridge has answered whether it still has it."""
+    scan_asked_ns: int | None = None
+    """When the bridge was asked last."""
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
     answers: dict[str, WorkerSnapshot] = {}
     """Answers of the connected workers, by name."""
     is_of_this_run: bool = False
-    """Whether a worker has received the term of the kept state."""
+    """Whether a worker has received the term of the kept state, or the bridge has its scan."""
     founded: int = 0
     """The highest term of a belief that a worker has received."""
 
@@ -235,6 +239,14 @@ class StateRecovery(Part):
         self.founded = max(self.founded, answer.founded)
         self.is_of_this_run |= self.kept is not None and self.kept.term in answer.terms
 
+    def on_history(self, scans: Iterable[Scan]) -> None:
+        """Process the bridge's answer: a bridge of this run has the last scan of the kept state."""
+        kept, self.kept_scan = self.kept_scan, None
+        self.is_of_this_run |= kept is not None and any(
+            (one.step, one.stamp_ns, one.map_digest) == (kept.step, kept.stamp_ns, kept.map_digest)
+            for one in scans
+        )
+
     def drop_checkpoints(self) -> None:
         """Drop the states to continue from, except a kept state that may count later."""
         self.received.clear()
@@ -246,7 +258,7 @@ class StateRecovery(Part):
         for worker in (*self.asked_ns, *self.answers):
             self.asked_ns[worker] = None
 
-    def questions(self, term: int, applied: int, now_ns: int) -> list[AskState]:
+    def questions(self, term: int, applied: int, now_ns: int) -> list[AskState | FetchScans]:
         """Return the queries that are due now."""
         due = [
             worker
@@ -257,7 +269,15 @@ class StateRecovery(Part):
         others = [*self.received, *([self.kept] if self.kept else [])]
         since = min((one.step for one in others), default=applied)
         question = TakeOver(sender=self.sender, term=term, since=since)
-        return [AskState(worker, question) for worker in due]
+        questions = [AskState(worker, question) for worker in due]
+        return [*questions, *self._question_to_bridge(now_ns)]
+
+    def _question_to_bridge(self, now_ns: int) -> list[FetchScans]:
+        scan, asked_ns = self.kept_scan, self.scan_asked_ns
+        if scan is None or (asked_ns is not None and now_ns - asked_ns < ASK_AGAIN_NS):
+            return []
+        self.scan_asked_ns = now_ns
+        return [FetchScans(scan.step, scan.step)]
 
     def is_over(self, now_ns: int) -> bool:
         """Return whether to begin without waiting for more workers.
@@ -265,6 +285,8 @@ class StateRecovery(Part):
         Without a founded state all places are lost, which must not happen because workers are busy.
         """
         waited_ns = now_ns - self.began_ns
+        if self.kept_scan is not None and not self.is_of_this_run and waited_ns < KNOWN_NS:
+            return False
         if any(checkpoint.founded for checkpoint in self.checkpoints):
             wait_ns = KNOWN_NS
         elif len(self.answers) >= len(self.asked_ns):

@@ -6,6 +6,7 @@ import pytest
 from coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE, Coordinator, Started
 from coordinator.events import (
     CommandArrived,
+    HistoryArrived,
     LinkChanged,
     MapArrived,
     OdometryArrived,
@@ -21,6 +22,7 @@ from coordinator.instructions import (
     AnswerCommand,
     AskState,
     FetchMap,
+    FetchScans,
     Instruction,
     PublishBelief,
     PublishCheckpoint,
@@ -92,6 +94,8 @@ class Story:
                 case FetchMap() if self.has_map:
                     ground = free_everywhere(self.coordinator.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
+                case FetchScans(first=first, last=last) if last is not None:
+                    self.follow(self.coordinator.handle(HistoryArrived(()), 0))
                 case AskState(worker=worker):
                     nothing = WorkerSnapshot(term=0)
                     self.follow(self.coordinator.handle(WorkerStateArrived(worker, nothing), 0))
@@ -380,7 +384,7 @@ def test_the_last_pose_is_not_used_after_relocalize() -> None:
     ):
         story = Story(kept=earlier.checkpoints[-1])
         for command in commands:
-            commanded(story.coordinator, command)
+            story.follow(story.coordinator.handle(CommandArrived(command), 0))
         story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
         story.follow(story.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
         places = {NORTH: 0.5, SOUTH: 0.5}

@@ -123,6 +123,23 @@ def test_a_cluster_whose_worker_dies_with_the_coordinator_is_drawn_from_its_gaus
     assert believed.missing == ()
 
 
+def test_all_workers_and_the_coordinator_die_and_the_bridge_proves_that_the_file_counts(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    living = lived(model, steps=18)
+    living.coordinator = None
+    for name in tuple(living.workers):
+        living.kill_worker(name)
+    living.revive()
+    living.start_worker("new")
+    living.drive(18)
+    living.wait(1.6)
+    (after,) = undisturbed.beliefs[18]
+    (believed,) = living.beliefs[18]
+    assert {h.cluster for h in believed.hypotheses} == {h.cluster for h in after.hypotheses}
+    assert believed.missing == ()
+
+
 def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
     model: SensorModel, undisturbed: Living
 ) -> None:
@@ -134,7 +151,7 @@ def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
     assert living.coordinator.term.begun
     for step in (16, 17):
         living.drive(step)
-        assert all(not b.hypotheses for b in living.beliefs.pop(step, [])), "it has begun to search"
+        assert all(not b.hypotheses for b in living.beliefs.pop(step, [])), "no report can come"
     for name, worker in reachable.items():
         living.workers[name] = worker
         for step in (16, 17):

@@ -3,10 +3,11 @@ import math
 from msgspec.structs import replace
 
 from coordinator.events import WorkerSnapshot, snapshot_of
+from coordinator.instructions import FetchScans
 from coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
 from protocol.codec import encode
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
-from tests.unit.coordinator.reports import cloud_at, elsewhere
+from tests.unit.coordinator.reports import cloud_at, elsewhere, scan
 
 BEGAN_NS = 5_000_000_000
 KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
@@ -65,6 +66,24 @@ def test_the_file_counts_once_a_worker_has_received_its_term() -> None:
     assert recovery.checkpoints == [KEPT]
     recovery.forget("w2")
     assert recovery.checkpoints == [KEPT], "also when that one has gone since"
+
+
+def test_the_file_counts_once_the_bridge_shows_its_last_scan() -> None:
+    for found, counts in (((), False), ((scan(2),), False), ((scan(3),), True)):
+        recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
+        assert recovery.questions(7, -1, BEGAN_NS) == [FetchScans(3, 3)]
+        assert recovery.questions(7, -1, BEGAN_NS) == [], "it was asked just now"
+        assert is_over_after(recovery, KNOWN_NS), "the bridge may be dead too"
+        recovery.on_history(found)
+        assert recovery.is_over(BEGAN_NS)
+        assert recovery.checkpoints == [KEPT] * counts
+        assert recovery.questions(7, -1, BEGAN_NS + KNOWN_NS) == []
+
+
+def test_the_file_does_not_count_if_the_bridge_numbers_its_steps_anew() -> None:
+    recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
+    recovery.on_history([replace(scan(3), stamp_ns=scan(3).stamp_ns + 1)])
+    assert recovery.checkpoints == []
 
 
 def test_the_file_does_not_count_if_a_later_coordinator_had_a_belief() -> None:
