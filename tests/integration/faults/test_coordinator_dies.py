@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from clustermcl.stack import COORDINATOR
+from clustermcl.stack import COORDINATOR, WORKERS
 from coordinator.belief.outcome import Outcome
 from coordinator.checkpoint import state_in
 from coordinator.process import filter_settings
@@ -18,6 +18,7 @@ from process_runtime.settings import BridgeSettings, Settings
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode, encode
+from protocol.job_events import Began
 from protocol.steps import ScanHistory
 from protocol.work import Checkpoint
 from robot_simulator.worlds.catalogue import world
@@ -100,6 +101,25 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
         assert "Traceback" not in standby.err
         standby.send_signal(signal.SIGTERM)
         assert standby.wait() == 0
+
+
+def test_workers_and_coordinator_killed_together_lose_no_place() -> None:
+    """The bridge still has the last scan of the state file, so the robot is not searched for."""
+    with with_live_robot() as (tested, _robot):
+        tested.wait_until_it_tracks()
+        before, term, places = tested.step, tested.beliefs[-1].term, tested.clusters()
+        for pid in (*tested.worker_pids(), tested.pid(WORKERS)):
+            os.kill(pid, signal.SIGKILL)
+        tested.restart(COORDINATOR)
+        wait_until(lambda: tested.tracks() and tested.beliefs[-1].term > term)
+        later = tested.since(before)
+        assert all(belief.hypotheses for belief in later), "no step without a place"
+        assert tested.clusters() & places
+        with tested.client as client:
+            causes = {
+                one.event.cause for one in client.events().events if isinstance(one.event, Began)
+            }
+        assert "first search" not in causes
 
 
 def follows_within_two_seconds(tested: System) -> None:

@@ -94,7 +94,7 @@ class Story:
                 case FetchMap() if self.has_map:
                     ground = free_everywhere(self.coordinator.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
-                case FetchScans(first=first, last=last) if last is not None:
+                case FetchScans(last=last) if last is not None:
                     self.follow(self.coordinator.handle(HistoryArrived(()), 0))
                 case AskState(worker=worker):
                     nothing = WorkerSnapshot(term=0)
