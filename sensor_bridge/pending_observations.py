@@ -23,7 +23,7 @@ TOO_MANY_OBSERVATIONS = "too_many_observations"
 TOO_FAR = "observation_too_far_back"
 BROKEN_SOURCE = "broken_source"
 MAX_WAITING = 64
-"""Observations that wait for odometry."""
+"""Observations that wait for odometry; of more, those with the latest stamps are dropped."""
 VIEW_M = 0.5
 """Distance driven after which 63 % of the error of an observation of the same landmark is new."""
 SAME_M = 1.0
@@ -74,10 +74,11 @@ class PendingObservations:
             self._dropped[UNKNOWN_LANDMARK] += 1
         elif newest_ns is not None and observation.stamp_ns > newest_ns + MAX_AHEAD_NS:
             self._dropped[OBSERVATION_AHEAD] += 1
-        elif len(self._waiting) >= MAX_WAITING:
-            self._dropped[TOO_MANY_OBSERVATIONS] += 1
         else:
             self._waiting.append(observation)
+        if len(self._waiting) > MAX_WAITING:  # so that no clock ahead takes the places of others
+            self._waiting.remove(max(self._waiting, key=lambda each: each.stamp_ns))
+            self._dropped[TOO_MANY_OBSERVATIONS] += 1
 
     def moved(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
         """Process odometry; return whether something was seen that had not been seen before."""

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 
+import msgspec
 import pytest
 
 from protocol.codec import decode, encode
@@ -101,6 +102,19 @@ def test_a_flood_of_observations_is_bounded() -> None:
     assert len(sights.take(0, (6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
     assert dropped == {TOO_MANY_OBSERVATIONS: 1000 - MAX_OBSERVATIONS}
     assert MAX_WAITING < 1000
+
+
+def test_clocks_that_are_ahead_take_no_place_from_other_sensors() -> None:
+    dropped = Counter[str]()
+    sights = PendingObservations(TAGS, dropped)
+    driven(sights, 5)
+    for number in range(100):
+        ahead = msgspec.structs.replace(seen(14.0), sender=f"ahead {number}")
+        sights.on_observation(ahead)
+    sights.on_observation(seen(5.5))
+    driven(sights, 6)
+    assert len(sights.take(0, (6.0, 0.0, 0.0))) == 1
+    assert dropped == {TOO_MANY_OBSERVATIONS: 101 - MAX_WAITING}
 
 
 @pytest.mark.parametrize(
