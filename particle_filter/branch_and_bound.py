@@ -13,14 +13,13 @@ References:
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, LogWeights, Points, Pose, Poses
+from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.grid import Grid
 from particle_filter.kernels import kernel
@@ -286,17 +285,19 @@ class _Found:
         )
 
 
-@lru_cache(maxsize=2)
 def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
     """Find the leaves that hold a free cell, and count free cells.
 
-    A large map takes seconds; results are cached.
+    A large map takes seconds; the grid keeps the result.
 
     Returns:
         (rows, cols) whether each leaf holds a free cell, padded to whole tiles of the first level;
         and the number of free cells.
     """
-    cells = grid.cells
+    return grid.once(("free leaves", leaf), lambda: _free_leaves(grid.cells, leaf))
+
+
+def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
     side = leaf * 2 ** (LEVELS - 1)
     rows, cols = (-(-size // side) * side // leaf for size in cells.shape)
     free, count = np.zeros((rows, cols), bool), 0

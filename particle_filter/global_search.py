@@ -10,7 +10,6 @@ the whole map is searched again by several scans, which odometry joins.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from math import floor, log
 
 import numpy as np
@@ -58,7 +57,6 @@ _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Three numbers; the fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
 
 
-@lru_cache(maxsize=2)
 def search_space(
     model: SensorModel,
     settings: SearchSettings,
@@ -66,8 +64,11 @@ def search_space(
     corners: Corners = (),
 ) -> SearchSpace:
     """Return the leaves of the map; the shards and searches of a process share the result."""
-    leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
-    return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near, corners)
+    shape = model.pyramid.leaf_cells, settings.heading_step_rad, settings.shards
+    return model.grid.once(
+        ("search space", *shape, near, corners),
+        lambda: SearchSpace(model.grid, *shape, near, corners),
+    )
 
 
 @dataclass(frozen=True)

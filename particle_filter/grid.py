@@ -1,10 +1,16 @@
 """The occupancy grid of a map, with its pose."""
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 from particle_filter.arrays import Cells, Pose
 from particle_filter.kernels import ToCells, read_only, to_cells
+
+T = TypeVar("T")
+MOST_KEPT = 4
+"""Results of slow functions that are kept for a map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,3 +31,22 @@ class Grid:
     def in_cells(self) -> ToCells:
         """The transform from points of the map to cells of the grid."""
         return to_cells(self.map_from_grid, self.cell_m)
+
+    @cached_property
+    def _kept(self) -> dict[Hashable, Any]:
+        return {}
+
+    def once(self, key: Hashable, compute: Callable[[], T]) -> T:
+        """Return the result of a slow function of this map; the last `MOST_KEPT` are kept.
+
+        They end with the map: a process may serve many robots, each with a map of its own.
+
+        Args:
+            key: of the function and its other arguments.
+            compute: computes the result, which must not refer to this grid.
+        """
+        result = self._kept.pop(key, None)
+        self._kept[key] = result = compute() if result is None else result
+        while len(self._kept) > MOST_KEPT:
+            self._kept.pop(next(iter(self._kept)), None)
+        return result

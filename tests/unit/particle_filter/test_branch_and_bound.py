@@ -1,6 +1,7 @@
 """A grid search finds what scoring every leaf finds."""
 
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from particle_filter.branch_and_bound import (
     _best,
     _good,
     _joined_runs,
+    free_leaves,
 )
+from particle_filter.grid import MOST_KEPT, Grid
 from particle_filter.likelihood_field import scan_log_likelihood
 from particle_filter.settings import SearchSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
@@ -141,3 +144,19 @@ def test_adjacent_good_tiles_with_small_gaps_are_scored_as_one_run() -> None:
     runs = np.array([[7, 10, 380], [8, 0, 20]])
     expected = [[7, 13, 3 + _LARGEST_GAP], [7, 16 + 2 * _LARGEST_GAP, 1], [7, 360, 1], [8, 19, 1]]
     assert _joined_runs(runs, good).tolist() == expected
+
+
+def test_each_map_of_many_robots_keeps_its_leaves_until_it_ends() -> None:
+    grids = [Grid(ROOM.grid.cells.copy(), 0.05, np.zeros(3)) for _ in range(6)]
+    first = [free_leaves(grid, 4)[0] for grid in grids]
+    assert all(free_leaves(grid, 4)[0] is free for grid, free in zip(grids, first, strict=True))
+    ended = weakref.ref(grids[0])
+    del grids[0]
+    assert ended() is None
+
+
+def test_a_map_keeps_the_last_results_only() -> None:
+    grid = Grid(ROOM.grid.cells.copy(), 0.05, np.zeros(3))
+    first = [free_leaves(grid, leaf)[0] for leaf in range(1, MOST_KEPT + 2)]
+    assert free_leaves(grid, MOST_KEPT + 1)[0] is first[-1]
+    assert free_leaves(grid, 1)[0] is not first[0]
