@@ -119,7 +119,7 @@ class Question:
 
 def advised_ways(
     question: Question, model: SensorModel, settings: FilterSettings
-) -> Slices[tuple[list[Way], float]]:
+) -> Slices[tuple[list[Way], NDArray[np.float64]]]:
     """Find the ways with the most information for their length.
 
     Args:
@@ -129,14 +129,14 @@ def advised_ways(
 
     Returns:
         At most `MAX_WAYS`, most information per metre first; none if no way within reach has
-        `LEAST_INFORMATION`. And the distance to the farthest view point [m].
+        `LEAST_INFORMATION`. And (S, 3) the view points: x, y in the robot's frame [m], and the
+        expected information of a new view there [nat], the most of all looked at headings.
     """
     places = question.places, question.covariances
     roads = yield from roads_of(*places, question.radius_m, model.grid)
     question = yield from _without_missed(question, model, settings)
     views = yield from _views(question, model, settings, roads)
-    reach_m = float(np.hypot(*roads.nodes[roads.spots].T).max())
-    return _best(_ways(question, settings, views)), reach_m
+    return _best(_ways(question, settings, views)), _spots(question, settings, views)
 
 
 def _without_missed(
@@ -311,6 +311,16 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
         sight = _sight(views, last, shares)
         ways.append(Way(*parts, length, turn, gains, information, sure, sight))
     return ways
+
+
+def _spots(question: Question, settings: FilterSettings, views: _Views) -> NDArray[np.float64]:
+    shares = question.probabilities / question.probabilities.sum()
+    told = np.zeros(len(views.spots))
+    for view, seen in views.seen.items():
+        evidence = _counted(seen, question, settings)
+        gains, _ = expected_gains(question.probabilities, evidence, 0.5)
+        told[view[0]] = max(told[view[0]], float(shares @ gains))
+    return np.column_stack([views.spots, told])
 
 
 def _new_view(gate: float, distance: float) -> float:

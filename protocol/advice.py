@@ -87,5 +87,8 @@ class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
     """Pose of each of these in the map at that step."""
     ways: tuple[Way, ...] = ()
     """Most information per metre first."""
+    spots: tuple[tuple[Finite, Finite, NotNegative], ...] = ()
+    """View points on ways that are free at all places: x [m] ahead, y [m] to the left, and the
+    expected information of a new view there [nat]."""
     note: str = ""
     """Why there is no way, or what else to know; may be empty."""

@@ -43,7 +43,7 @@ def advice(
         known = "only one place is possible: there is nothing to distinguish"
         return replace(head, note=known if count else "no place is known yet: first, a search")
     question = _question(asked, scan, model)
-    ways, reach_m = yield from advised_ways(question, model, settings)
+    ways, spots = yield from advised_ways(question, model, settings)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -61,11 +61,11 @@ def advice(
     note = ""
     if asked.elsewhere_probability > PROBABLY_ELSEWHERE:
         note = "the robot is probably at another place: drive where a search sees more"
-    elif not made and reach_m < 1.0:
+    elif not made and np.hypot(*spots[:, :2].T).max() < 1.0:
         note = f"no way is free at all {count} places"
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
-    return replace(head, ways=made, note=note)
+    return replace(head, ways=made, note=note, spots=tuple(map(pose_tuple, spots)))
 
 
 def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:

@@ -123,7 +123,8 @@ const TAKE = {
     if (travel.at === null) showPanelSoon();
   },
   advice(frame) {
-    view.advice = frame.clusters.map((cluster, i) => ({ slot: slots.get(cluster) ?? 0, pose: frame.places[i], ways: frame.ways }));
+    const { ways, spots } = frame;
+    view.advice = frame.clusters.map((cluster, i) => ({ slot: slots.get(cluster) ?? 0, pose: frame.places[i], ways, spots }));
     const [best] = frame.ways;
     const found = best && `The best way: ${best.length_m.toFixed(1)} m, ${best.information.toFixed(2)} nat expected.`;
     hint([found, frame.note].filter(Boolean).join(" "), !best, 2 * CONFIRMED_MS);

@@ -22,7 +22,7 @@ export class MapView {
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
     this.radius = 0; // of the robot's footprint [m]; 0: unknown
     this.others = []; // robots in the same map: { name, pose }
-    this.advice = []; // { slot, pose, ways } of each place
+    this.advice = []; // { slot, pose, ways, spots } of each place
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are classified
     this.ruler = null; // { from: [x, y], to: [x, y] }

@@ -4,6 +4,7 @@ import { colourOf, themed } from "./palette.js";
 const SHOWN_PLACES = 16; // the most probable ones
 const SHOWN_STEPS = 1000, RECENT_STEPS = 80; // the last ones are drawn stronger
 const JUMP_M = 2;
+const HEAT = 0.4, LEAST_HEAT = 0.2, SPOT_M = 0.5; // opacity; information of the strongest, at least [nat]; radius
 
 export function drawWays(view, rows, places) {
   const { context, layers } = view;
@@ -36,26 +37,49 @@ export function drawWays(view, rows, places) {
   context.globalAlpha = usual;
 }
 
-/** The advised ways from each place, the best one widest. */
+/**
+ * The advised ways from each place, the best one widest; finer where the robot must ask again first.
+ * And heat: the more a view at a spot would tell, the stronger.
+ */
 export function drawAdvice(view) {
   const { context } = view, usual = context.globalAlpha;
   context.lineJoin = context.lineCap = "round";
-  for (const { slot, pose: [x, y, heading], ways } of view.advice) {
-    const c = Math.cos(heading), s = Math.sin(heading);
+  for (const { slot, pose, spots } of view.advice) {
+    context.fillStyle = colourOf(slot);
+    const most = Math.max(LEAST_HEAT, ...spots.map((spot) => spot[2]));
+    for (const spot of spots) {
+      context.globalAlpha = usual * HEAT * spot[2] / most;
+      disc(view, inMap(pose, spot), SPOT_M * view.view.scale);
+    }
+  }
+  for (const { slot, pose, ways } of view.advice) {
     context.strokeStyle = context.fillStyle = colourOf(slot);
-    ways.forEach(({ poses }, rank) => {
-      const points = poses.map(([along, across]) => [x + c * along - s * across, y + s * along + c * across]);
+    ways.forEach(({ poses, rest }, rank) => {
+      const points = poses.map((one) => inMap(pose, one));
       context.globalAlpha = usual * (rank ? 0.5 : 1);
       context.lineWidth = rank ? 1.5 : 4;
       context.setLineDash([6, 6]);
       line(view, points);
+      context.lineWidth = 1.5;
+      context.setLineDash([1, 5]);
+      line(view, [points.at(-1), ...rest.map((one) => inMap(pose, one))]);
       context.setLineDash([]);
-      context.beginPath();
-      context.arc(...view.screenOf(points.at(-1)), rank ? 3 : 6, 0, 2 * Math.PI);
-      context.fill();
+      disc(view, points.at(-1), rank ? 3 : 6);
     });
   }
   context.globalAlpha = usual;
+}
+
+const inMap = ([x, y, heading], [along, across]) => {
+  const c = Math.cos(heading), s = Math.sin(heading);
+  return [x + c * along - s * across, y + s * along + c * across];
+};
+
+function disc(view, point, radius) {
+  const { context } = view;
+  context.beginPath();
+  context.arc(...view.screenOf(point), radius, 0, 2 * Math.PI);
+  context.fill();
 }
 
 /** A line through positions, interrupted at jumps. */

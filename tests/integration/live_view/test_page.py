@@ -83,15 +83,26 @@ def test_advice_is_answered_and_drawn_from_each_place(running: Page) -> None:
     assert running.run("return liveView.view.advice.length") >= 4
     way = {
         "poses": [[0, 0, 0], [0.5, 0, 0], [1, 0, 0]], "length_m": 1, "information": 0.5,
-        "sure_probability": 0.2,
+        "sure_probability": 0.2, "rest": [[1, 0.8, 0]],
     }  # fmt: skip
     running.run(
-        "const [one] = liveView.view.advice;"
+        "const [one] = liveView.view.advice; liveView.usual = liveView.view.layers;"
         f"one.ways = [{json.dumps(way)}]; one.pose = [0.5, 0, 0]; one.slot = 5;"
-        "liveView.view.redraw()"
+        "one.spots = [[0, -1, 0], [1, -1, 0.3]];"
+        "liveView.view.layers = new Set(['map']); liveView.view.redraw()"
     )
     wait_until(lambda: running.snapshot().pixel_at(1.5, 0.0) == PALETTE[5])
-    running.run("liveView.view.advice = []; liveView.view.redraw()")
+    drawn = running.snapshot()
+    assert is_tinted(drawn.pixel_at(1.5, -1.0))
+    assert not is_tinted(drawn.pixel_at(0.5, -1.0))  # a spot without information
+    on_rest = [is_tinted(drawn.pixel_at(1.5, 0.3 + 0.01 * i)) for i in range(40)]
+    assert any(on_rest)
+    assert not all(on_rest)  # dotted
+    running.run("liveView.view.advice = []; liveView.view.layers = liveView.usual")
+
+
+def is_tinted(pixel: tuple[int, int, int]) -> bool:
+    return max(pixel) - min(pixel) > 20
 
 
 def probable(snapshot: Snapshot) -> list[dict[str, Any]]:

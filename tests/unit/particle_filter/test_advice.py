@@ -69,6 +69,14 @@ def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
     assert far - near > 0.3
 
 
+def test_spots_tell_more_where_the_cupboard_is_seen() -> None:
+    _, spots = finished(advised_ways(ASKED, model_of(FLATS), FilterSettings()))
+    behind = spots[:, 0] > 3.5
+    assert spots[behind, 2].max() > LEAST_INFORMATION
+    assert spots[behind, 2].max() > 3.0 * spots[spots[:, 0] < 0.0, 2].max()
+    assert np.all((spots[:, 2] >= 0.0) & (spots[:, 2] <= math.log(2.0) + 1e-9))
+
+
 def test_a_view_seen_before_adds_no_information() -> None:
     first = ways_in(FLATS, ASKED)[0]
     at_its_views = np.zeros((40, 6), "<f4")
@@ -88,11 +96,12 @@ def test_a_cupboard_that_was_not_seen_is_not_looked_for_again(x_m: float, is_adv
 
 
 def test_no_way_distinguishes_equal_flats() -> None:
-    ways, reach_m = finished(
+    ways, spots = finished(
         advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
     )
     assert ways == []
-    assert reach_m > 5.0
+    assert np.hypot(*spots[:, :2].T).max() > 5.0
+    assert np.all(spots[:, 2] < 0.01)
 
 
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.13, -0.31, 1.1), (-0.4, 0.62, -2.2)])
@@ -135,10 +144,10 @@ def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_in_a_closed_room_ways_are_shorter_than_half_a_metre() -> None:
     cells = np.full((200, 200), OCCUPIED, np.int8)
     cells[94:106, 94:106] = FREE
-    _, reach_m = finished(
+    _, spots = finished(
         advised_ways(question((5.0, 5.0, 0.0), (5.0, 5.0, 1.5)), model_of(cells), FilterSettings())
     )
-    assert reach_m < 0.5
+    assert np.hypot(*spots[:, :2].T).max() < 0.5
 
 
 def test_places_outside_of_the_map_have_no_way() -> None:
