@@ -7,7 +7,7 @@ way of `ClusterMCL.advice` while several places are possible, and asks again at 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
@@ -24,7 +24,7 @@ from particle_filter.poses import compose, inverse, wrap_angle
 from protocol.advice import Advice, Way
 from protocol.answers import Belief
 from protocol.message import PoseTuple
-from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World, world_from_map
 
@@ -34,8 +34,6 @@ RADIUS_M = 0.25
 """Radius that ways are asked for [m]; the simulated robot is smaller."""
 MAX_WAY_STEPS = 120
 """Steps after which an advised robot asks again at the latest: more than any way needs."""
-TURN_RATE_RAD_S, TURN_TICKS = 1.0, 63
-"""A turn on the spot."""
 BINS = (0.25, 0.5, 1.0)
 """Limits of the predicted gains that are compared with real ones [nat]."""
 SHARES = (0.0, 0.25, 0.5, 0.75)
@@ -88,51 +86,19 @@ class Obstacles:
         return room.size, int((room < least).sum())
 
 
-class Driver:
-    """Drives a simulated robot along advised ways."""
-
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation, self._turns = simulation, 0
-
-    @property
-    def drives(self) -> bool:
-        """Whether the robot is on its way."""
-        return self._simulation.follows or self._turns > 0
-
-    def ticks(self) -> Iterator[Tick]:
-        """Yield the readings; endless."""
-        for tick in self._simulation:
-            if self._turns > 0:
-                self._simulation.drive_by_hand(0.0, TURN_RATE_RAD_S)
-            else:
-                self._simulation.wander()
-            self._turns -= 1
-            yield tick
-
-    def follow(self, poses: Sequence[PoseTuple], truth: PoseTuple) -> None:
-        """Drive along poses that are relative to the true pose at the scan."""
-        if math.dist(poses[0][:2], poses[-1][:2]) == 0.0:
-            self._turns = TURN_TICKS
-            return
-        in_map = compose(np.array(truth), np.array(poses))
-        # The robot has moved a little since the scan.
-        now = inverse(np.array(self._simulation.map_from_robot))
-        self._simulation.follow(compose(now, in_map)[1:, :2])
-
-
 def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = False) -> Run:
     """Drive until the robot is sure and right, at most `limit` steps."""
-    driver, mcl = Driver(Simulation(place, seed)), ClusterMCL(place.map, seed=seed)
+    simulation, mcl = Simulation(place, seed), ClusterMCL(place.map, seed=seed)
     obstacles, checks = Obstacles(place.map), [(0, 0)]
     ways: list[tuple[float, float, float]] = []
     begun, until, wrong, made, found = None, -1, 0, 0, False
-    for tick in islice(driver.ticks(), 40 * limit):
+    for tick in islice(simulation, 40 * limit):
         for belief in filter(None, map(mcl.update, map(Reading.of, tick.readings))):
             made, truth = made + 1, tick.map_from_robot
             sure = belief.state == "localized"
             found = sure and belief.pose is not None and is_right(belief.pose, truth)
             wrong += sure and not found
-            over = not driver.drives or made >= until or sure
+            over = not simulation.follows or made >= until or sure
             if over and begun:
                 ways.append((begun[0], begun[1], log_of_truth(belief, truth) - begun[2]))
                 begun = None
@@ -141,7 +107,7 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
                 places, until = (*answer.places, truth), made + MAX_WAY_STEPS
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 for way in answer.ways[:1]:
-                    driver.follow(way.poses + way.rest * whole, truth)
+                    simulation.follow(np.array(way.poses + way.rest * whole), truth)
                     if whole or not way.rest:
                         gain = gain_of_truth(answer, way, truth)
                         begun = way.information, gain, log_of_truth(belief, truth)

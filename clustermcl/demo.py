@@ -5,7 +5,7 @@ import http.client
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import assert_never
 
@@ -13,7 +13,14 @@ import msgspec
 import zenoh
 
 from clustermcl.as_json import dumped
-from clustermcl.demo_output import DemoOutput, DemoSummary, result_lines, result_object
+from clustermcl.demo_output import (
+    DemoOutput,
+    DemoSummary,
+    comparison_line,
+    comparison_object,
+    result_lines,
+    result_object,
+)
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, temporary_folder
 from clustermcl.verbosity import is_verbose
@@ -81,6 +88,8 @@ class DemoOptions:
     view_at: str | None = None
     record: Path | None = None
     by_hand: bool = False
+    advised: bool = False
+    """First an equal robot wanders, without a page; then the robot drives advised ways."""
     as_json: bool = False
 
 
@@ -99,7 +108,6 @@ class _Run:
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
     """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C."""
-    started_s = time.monotonic()
     if options.record is not None:
         check_output_file(options.record)
     page = None if options.view_at is None else _page_at(options.view_at)
@@ -107,9 +115,36 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         problem = "--drive needs --view: the robot is driven on the page"
         raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
-    run = _prepared(options, settings)
+    run, wandering = _prepared(options, settings), None
+    if options.advised:
+        alone = replace(options, advised=False, view_at=None, record=None)
+        wandering = _run_to_end(alone, _prepared(alone, settings), None, stop, compared=True)
+    _run_to_end(options, run, page, stop, wandering)
+
+
+def _run_to_end(
+    options: DemoOptions,
+    run: _Run,
+    page: Address | None,
+    stop: StopFlag,
+    wandering: DemoSummary | None = None,
+    *,
+    compared: bool = False,
+) -> DemoSummary:
+    """Run all processes to the last belief, and print the result.
+
+    Args:
+        options: of the demo.
+        run: its checked inputs.
+        page: address of the page, or None.
+        stop: ends the run.
+        wandering: the run to compare with.
+        compared: whether this is the run to compare with, which a JSON object does not show.
+    """
+    started_s = time.monotonic()
     by_hand = ["--by-hand"] if options.by_hand else []
-    simulator = ["--steps", str(run.steps), *by_hand] if run.is_simulated else []
+    driven = ["--advised"] if options.advised else by_hand
+    simulator = ["--steps", str(run.steps), *driven] if run.is_simulated else []
     simulator += ["--map", options.map_file] if run.is_simulated and options.map_file else []
     with temporary_folder() as folder:
         meeting = meeting_in(folder, run.settings)
@@ -122,11 +157,15 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             with_amcl=page is not None,
         )
         with closing(stack):
-            text = _followed(stack, meeting, run, options, page, stop, started_s)
-            standard_output().write(text + "\n")
-            standard_output().flush()
+            text, summary = _followed(
+                stack, meeting, run, options, page, stop, started_s, wandering
+            )
+            if not (compared and options.as_json):
+                standard_output().write(text + "\n")
+                standard_output().flush()
             while page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
+    return summary
 
 
 def _followed(
@@ -137,7 +176,8 @@ def _followed(
     page: Address | None,
     stop: StopFlag,
     started_s: float,
-) -> str:
+    wandering: DemoSummary | None,
+) -> tuple[str, DemoSummary]:
     """Start the processes, run until the last belief, and return the result as text."""
     stack.start_without_coordinator()
     wait_s = _CONNECT_WITHIN_S
@@ -163,10 +203,14 @@ def _followed(
         stack.check()  # raises the error of a process that has ended, which is the cause
         raise
     wall_s = time.monotonic() - started_s
+    summary = audience.summary
     if options.as_json:
-        return dumped(result_object(belief, truth, status, wall_s))
-    result = result_lines(belief, truth, status, wall_s)
-    return "\n".join([*audience.summary.lines(), *result])
+        found = {} if wandering is None else comparison_object(summary, wandering)
+        return dumped({**result_object(belief, truth, status, wall_s), **found}), summary
+    lines = [*summary.lines(), *result_lines(belief, truth, status, wall_s)]
+    if wandering is not None:
+        lines.append(comparison_line(summary, wandering))
+    return "\n".join(lines), summary
 
 
 class _Audience:
@@ -248,8 +292,8 @@ class _Audience:
         return None
 
     def _on_belief(self, belief: Belief) -> None:
-        self.summary.on_belief(belief)
         truth = self._truths.get(belief.step)
+        self.summary.on_belief(belief, truth)
         if self._truth is not None and (truth := self.truth_of(belief)) is not None:
             self._truth.put(TruePose(sender="demo", step=belief.step, pose=truth))
         self._output.on_belief(belief, truth)
@@ -286,6 +330,9 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
     if options.reference is not None:
         problem = "--reference: a simulated robot knows where it is; leave it out"
         raise SettingsError(key="--reference", problem=problem)
+    if options.by_hand and options.advised:
+        problem = "--advised: the robot drives by itself, so leave out --drive"
+        raise SettingsError(key="--advised", problem=problem)
     FreeSpace(simulated_world(robot).truth)  # raises if the robot fits nowhere
     if options.map_file:
         load_map_with_obstacles(options.map_file)
@@ -293,7 +340,7 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
     shown = msgspec.structs.replace(settings.robot, radius_m=radius_m)
     return _Run(
         msgspec.structs.replace(settings, robot=shown),
-        f"simulated robot in {robot.world}",
+        f"simulated robot in {robot.world}{', advised' if options.advised else ''}",
         options.steps or (_VIEWED_STEPS if options.view_at else _STEPS),
         is_simulated=True,
         ends_when_localized=options.steps is None and options.view_at is None,
@@ -301,6 +348,9 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
 
 
 def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
+    if options.advised:
+        problem = "--advised: only a simulated robot can follow advice, not a recording"
+        raise SettingsError(key="--advised", problem=problem)
     if options.by_hand:
         problem = "--drive: only a simulated robot can be driven, not a recording"
         raise SettingsError(key="--drive", problem=problem)

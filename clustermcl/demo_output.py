@@ -107,14 +107,18 @@ class DemoSummary:
     def __init__(self) -> None:
         self.localized_steps = 0
         """Number of consecutive localized steps up to the newest step."""
+        self.found_step: int | None = None
+        """First step that was localized at the true pose."""
         self._newest = self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
         self._lowest, self._highest = 1.0, 0.0
         self._ended: Counter[EndedCause] = Counter()
 
-    def on_belief(self, belief: Belief) -> None:
+    def on_belief(self, belief: Belief, truth: PoseTuple | None = None) -> None:
         self._newest = belief.step
         self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
+        if self.found_step is None and belief.state == "localized" and truth and belief.pose:
+            self.found_step = belief.step if pose_error(belief.pose, truth).right else None
         if belief.state != "searching" and self._first_places_step is None:
             self._first_places_step = belief.step
         if belief.state == "ambiguous":
@@ -142,6 +146,20 @@ class DemoSummary:
         if self.localized_steps:
             since = self._newest - self.localized_steps + 1
             yield f"From step {since} on the robot was localized."
+
+
+def comparison_object(advised: DemoSummary, wandering: DemoSummary) -> JsonObject:
+    """Return the first steps that were localized at the true pose, of two equal robots."""
+    return {"found_step": advised.found_step, "wandering_found_step": wandering.found_step}
+
+
+def comparison_line(advised: DemoSummary, wandering: DemoSummary) -> str:
+    """Return the same as text."""
+    a, w = (
+        "never" if one.found_step is None else f"at step {one.found_step}"
+        for one in (advised, wandering)
+    )
+    return f"First localized at the true pose: advised {a}, wandering {w}."
 
 
 def result_object(

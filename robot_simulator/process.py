@@ -2,13 +2,18 @@
 
 import argparse
 import logging
+from collections import deque
+
+import numpy as np
 
 from process_runtime.main import Invocation, process_main
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
-from protocol.answers import CommandDone, Drive, Kidnap
+from protocol.advice import Advice
+from protocol.answers import Belief, CommandDone, Drive, Kidnap
 from protocol.codec import decode
 from protocol.errors import SettingsError
+from protocol.message import PoseTuple
 from protocol.steps import Scan, TruePose
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
@@ -16,7 +21,9 @@ from robot_simulator.source import SimulatedSource
 from robot_simulator.worlds.catalogue import simulated_world
 from sensor_bridge.process import OnStep, serve_robot
 from zenoh_link.node import Node
-from zenoh_link.wire import Asked
+from zenoh_link.wire import Asked, Received
+
+_ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
 
 _log = logging.getLogger(__name__)
 
@@ -38,6 +45,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--by-hand", action="store_true", help="stand still until a client drives the robot"
     )
+    parser.add_argument(
+        "--advised",
+        action="store_true",
+        help="drive advised ways while several places are possible",
+    )
 
 
 def run_simulator(invocation: Invocation) -> None:
@@ -58,14 +70,54 @@ def run_simulator(invocation: Invocation) -> None:
         node.serve(keys.KIDNAP, operator.kidnap)
         node.serve(keys.DRIVE, operator.drive)
 
+        follower = _Follower(simulation, node) if arguments.advised else None
+
         def on_step(scan: Scan) -> None:
             pose = source.step_made(scan)
             truth.put(TruePose(sender=node.name, step=scan.step, pose=pose))
+            if follower:
+                follower.truths.append((scan.step, pose))
 
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     serve_robot(invocation, grid_map.with_landmarks(world.landmarks), source, extend)
+
+
+class _Follower:
+    """Drives along the best advised way while several places are possible, and then asks again.
+
+    The robot stands until the answer arrives, and wanders while no way is advised.
+    """
+
+    def __init__(self, simulation: Simulation, node: Node) -> None:
+        self._simulation, self._node = simulation, node
+        self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
+        """Numbers and true poses of the last steps."""
+        self._asks = False
+        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
+
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
+        if belief.state == "ambiguous" and not (self._asks or self._simulation.follows):
+            self._asks = True
+            self._simulation.drive_by_hand(0.0, 0.0)
+            self._node.ask(
+                keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S
+            )
+
+    def _on_advice(self, advice: Advice) -> None:
+        self._asks = False
+        begin = dict(self.truths).get(advice.step)
+        if advice.ways and begin:
+            _log.info("drive an advised way of %.1f m", advice.ways[0].length_m)
+            self._simulation.follow(np.array(advice.ways[0].poses), begin)
+        else:
+            self._simulation.wander()
+
+    def _on_failure(self, problem: str) -> None:
+        _log.warning("no advice: %s", problem or "no answer")
+        self._asks = False
+        self._simulation.wander()
 
 
 class _Operator:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from particle_filter.arrays import Points
-from particle_filter.poses import wrap_angle
+from particle_filter.poses import TURN, wrap_angle
 from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
@@ -62,18 +62,24 @@ class Robot:
         ).tolist()
         self._next = 0
         self.follows = False
-        """Whether the robot is on the way that `follow` gave it."""
+        """Whether the robot is on the way that `follow` gave it, or turns round."""
         self._hand: tuple[float, float] | None = None
         self._hand_left_s = 0.0
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Drive at these rates for one second, then stand until the next command or `wander`."""
         self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
+        self.follows = False
 
     def wander(self) -> None:
         """End manual driving, if it has begun, and drive to random goals."""
         if self._hand is not None:
-            self._hand, self._path, self._next = None, [], 0
+            self._hand, self._path, self._next, self.follows = None, [], 0, False
+
+    def turn_round(self) -> None:
+        """Turn once on the spot, then drive to random goals."""
+        self._hand, self._hand_left_s = (0.0, _TOP_TURN_RATE_RAD_S), TURN / _TOP_TURN_RATE_RAD_S
+        self.follows = True
 
     def follow(self, points: Points) -> None:
         """Drive along (n, 2) points of the map [m], then to random goals."""
@@ -105,6 +111,8 @@ class Robot:
         return room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y)
 
     def _steer(self, seconds: float) -> None:
+        if self.follows and self._hand_left_s <= 0.0:
+            self.wander()
         if self._hand is None:
             wanted_speed, wanted_turn = self._rates_along_path()
         else:

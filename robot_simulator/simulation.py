@@ -7,7 +7,7 @@ from math import hypot
 
 import numpy as np
 
-from particle_filter.arrays import Points
+from particle_filter.arrays import Poses
 from particle_filter.poses import compose
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
@@ -120,14 +120,17 @@ class Simulation:
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
 
-    def follow(self, points: Points) -> None:
-        """Drive along a way, then to random goals.
+    def follow(self, way: Poses, begin: PoseTuple) -> None:
+        """Drive along a way, or turn once if it has no length; then drive to random goals.
 
         Args:
-            points: (n, 2) relative to the robot [m].
+            way: (n, 3) poses relative to the robot's pose where the way begins.
+            begin: that pose in the map.
         """
-        poses = np.column_stack([points, np.zeros(len(points))])
-        self._robot.follow(compose(np.array(self.map_from_robot), poses)[:, :2])
+        if np.ptp(way[:, :2], axis=0).any():
+            self._robot.follow(compose(np.array(begin), way)[1:, :2])
+        else:
+            self._robot.turn_round()
 
     @property
     def follows(self) -> bool:

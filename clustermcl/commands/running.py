@@ -60,6 +60,10 @@ def demo(
     drive: Annotated[
         bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
     ] = False,
+    advised: Annotated[
+        bool,
+        typer.Option("--advised", help="A robot that drives advised ways, and one that wanders."),
+    ] = False,
     listen: Listen = None,
     record_file: RecordFile = None,
     as_json: AsJson = False,
@@ -83,6 +87,7 @@ def demo(
         view_at=(listen or HERE) if view else None,
         record=record_file,
         by_hand=drive,
+        advised=advised,
         as_json=as_json,
     )
     run_demo(options, settings)

@@ -55,6 +55,35 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     assert 0.0 <= answer["final_error_rad"] <= math.pi
 
 
+def test_an_advised_robot_drives_advised_ways_after_one_that_wanders(
+    environment: dict[str, str],
+) -> None:
+    words = ["demo", "--advised", "--steps", "40", "--json", "-v"]
+    done = ran(*words, *SMALL_FILTER, environment=environment)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert (answer["steps"], answer["steps_lost"]) == (40, 0)
+    for step in (answer["found_step"], answer["wandering_found_step"]):
+        assert step is None or 0 <= step < 40
+    assert min(place["probability"] for place in answer["hypotheses"][:4]) > 0.05
+    assert "drive an advised way of" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["--advised", "--view", "--drive"], "leave out --drive"),
+        (["--advised", "--recording", "robot.log"], "only a simulated robot can follow advice"),
+    ],
+)
+def test_advice_is_refused_where_no_simulated_robot_can_follow_it(
+    words: list[str], problem: str, environment: dict[str, str]
+) -> None:
+    done = ran("demo", *words, environment=environment)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert problem in done.stderr
+
+
 def test_a_simulated_robot_in_a_users_map_is_found(
     environment: dict[str, str], tmp_path: Path
 ) -> None:

@@ -1,4 +1,4 @@
-from clustermcl.demo_output import DemoSummary
+from clustermcl.demo_output import DemoSummary, comparison_line, comparison_object
 from protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import belief, place
 
@@ -39,3 +39,18 @@ def test_a_summary_without_steps_is_empty() -> None:
     summary = DemoSummary()
     assert list(summary.lines()) == []
     assert summary.localized_steps == 0
+
+
+def test_two_runs_are_compared_by_their_first_steps_at_the_true_pose() -> None:
+    advised, wandering = DemoSummary(), DemoSummary()
+    for step, state, off_m in (
+        (0, "ambiguous", 0.0), (1, "localized", 5.0), (2, "localized", 0.2), (3, "localized", 0.0),
+    ):  # fmt: skip
+        one = belief(step, state, place(0.95))
+        advised.on_belief(one, (off_m, 0.0, 0.0))
+        wandering.on_belief(one)
+    assert comparison_object(advised, wandering) == {
+        "found_step": 2, "wandering_found_step": None,
+    }  # fmt: skip
+    line = "First localized at the true pose: advised at step 2, wandering never."
+    assert comparison_line(advised, wandering) == line

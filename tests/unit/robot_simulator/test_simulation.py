@@ -170,3 +170,27 @@ def test_people_walk_on_free_ground_and_not_into_the_robot() -> None:
 def test_a_scan_has_at_least_two_beams() -> None:
     with pytest.raises(ValueError, match="two beams"):
         LidarModel(beams=1)
+
+
+def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
+    simulation = Simulation(world_from_map(ROOM), 3, start=(1.0, 2.0, 0.0))
+    way = np.array([(0.0, 0.0, 0.0), (0.0, 0.5, 1.57), (0.0, 1.0, 1.57)])
+    simulation.follow(way, (3.0, 2.0, -pi / 2))  # ends at (4, 2)
+    while simulation.follows:
+        next(simulation)
+    assert hypot(simulation.map_from_robot[0] - 4.0, simulation.map_from_robot[1] - 2.0) < 0.45
+    simulation.drive_by_hand(0.0, 0.0)
+    for _ in range(20):
+        next(simulation)
+    before = simulation.map_from_robot
+    simulation.follow(np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 2 * pi), 9), before)
+    turned = 0.0
+    while simulation.follows:
+        last = simulation.map_from_robot[2]
+        next(simulation)
+        turned += (simulation.map_from_robot[2] - last) % (2 * pi)
+    assert turned == pytest.approx(2 * pi, abs=0.3)
+    assert simulation.map_from_robot[:2] == pytest.approx(before[:2], abs=0.05)
+    for _ in range(50):
+        next(simulation)
+    assert simulation.map_from_robot[:2] != pytest.approx(before[:2], abs=0.1)
