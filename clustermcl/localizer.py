@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from clustermcl.readings import Reading
 from clustermcl.robot_commands import RobotCommands
-from coordinator.belief.outcome import Outcome, belief_after
+from coordinator.belief.outcome import Outcome, advice_question, belief_after
 from coordinator.checkpoint import commands_problem
 from coordinator.commands import Commands
 from coordinator.free_ground import FreeGround
@@ -28,13 +28,7 @@ from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
-from protocol.advice import (
-    LEAST_PROBABILITY,
-    MAX_PLACES,
-    USUAL_RADIUS_M,
-    Advice,
-    AdviceQuestion,
-)
+from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.errors import CommandRefusedError, StateFileError
@@ -310,17 +304,9 @@ class ClusterMCL(RobotCommands):
         belief = self.belief
         if belief is None:
             return Advice(sender=_SENDER, note="there is no belief yet")
-        places = [place for place in belief.hypotheses if place.probability >= LEAST_PROBABILITY]
-        question = AdviceQuestion(
-            sender=_SENDER,
-            step=belief.step,
-            map_digest=belief.scan.map_digest,
-            hypotheses=tuple(places[:MAX_PLACES]),
-            elsewhere_probability=belief.elsewhere_probability,
-            radius_m=radius_m,
-            views=self._filter.ensemble.seen.views,
-            gate_distance_m=self._settings.bridge.gate_distance_m,
-            gate_turn_rad=self._settings.bridge.gate_turn_rad,
+        views, gate = self._filter.ensemble.seen.views, self._settings.bridge
+        question = advice_question(
+            belief, belief.scan, views, gate, radius_m=radius_m, sender=_SENDER
         )
         return finished(advice(question, belief.scan, self._model, self._settings, _SENDER))
 

@@ -5,7 +5,6 @@ No network and no clock, so a unit test can replay any failure of a worker or a 
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from itertools import islice
 from typing import assert_never
 
 import msgspec
@@ -13,7 +12,7 @@ from msgspec import field
 
 from coordinator import events
 from coordinator.belief.given_places import PriorPose
-from coordinator.belief.outcome import belief_after
+from coordinator.belief.outcome import advice_question, belief_after
 from coordinator.checkpoint import state_in, to_bytes
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import (
@@ -32,7 +31,7 @@ from coordinator.state import NO_ROOM, CoordinatorState
 from coordinator.step_collector import is_bulky, without_snapshot
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.advice import LEAST_PROBABILITY, MAX_PLACES, Advice, AdviceQuestion
+from protocol.advice import Advice, AdviceQuestion
 from protocol.answers import (
     CommandDone,
     Hypotheses,
@@ -466,17 +465,9 @@ class Coordinator(Part):
         if outcome is None or scan is None or not jobs:
             problem = "there is no belief yet" if jobs else "no worker has a job"
             return Advice(sender=self.sender, note=problem)
-        places = (h for h in outcome.hypotheses if h.probability >= LEAST_PROBABILITY)
-        question = AdviceQuestion(
-            sender=self.sender,
-            step=scan.step,
-            map_digest=scan.map_digest,
-            hypotheses=tuple(islice(places, MAX_PLACES)),
-            elsewhere_probability=outcome.elsewhere_probability,
-            radius_m=radius_m,
-            views=self.state.ensemble.seen.views,
-            gate_distance_m=self.state.bridge.gate_distance_m,
-            gate_turn_rad=self.state.bridge.gate_turn_rad,
+        views, gate = self.state.ensemble.seen.views, self.state.bridge
+        question = advice_question(
+            outcome, scan, views, gate, radius_m=radius_m, sender=self.sender
         )
         return min(jobs, key=lambda name: len(jobs[name])), question
 

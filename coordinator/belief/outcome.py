@@ -2,8 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 
 from coordinator.belief.cluster_set import Cluster
+from process_runtime.settings import BridgeSettings
+from protocol.advice import LEAST_PROBABILITY, MAX_PLACES, AdviceQuestion
 from protocol.answers import Belief, Hypothesis, State
 from protocol.job_events import Began, Ended, JobEvent
 from protocol.steps import Scan
@@ -58,6 +61,39 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
         elsewhere_probability=outcome.elsewhere_probability,
         off_map_probability=outcome.off_map_probability,
         search_progress=outcome.search_progress,
+    )
+
+
+def advice_question(
+    belief: Outcome | Belief,
+    scan: Scan,
+    views: bytes,
+    gate: BridgeSettings,
+    *,
+    radius_m: float,
+    sender: str,
+) -> AdviceQuestion:
+    """Return the question for ways that distinguish the places of a belief.
+
+    Args:
+        belief: after the scan.
+        scan: the newest one.
+        views: earlier ones, as in `particle_filter.view_memory`.
+        gate: distance and turn between two steps.
+        radius_m: radius of the robot [m].
+        sender: name of the process.
+    """
+    places = (place for place in belief.hypotheses if place.probability >= LEAST_PROBABILITY)
+    return AdviceQuestion(
+        sender=sender,
+        step=scan.step,
+        map_digest=scan.map_digest,
+        hypotheses=tuple(islice(places, MAX_PLACES)),
+        elsewhere_probability=belief.elsewhere_probability,
+        radius_m=radius_m,
+        views=views,
+        gate_distance_m=gate.gate_distance_m,
+        gate_turn_rad=gate.gate_turn_rad,
     )
 
 
