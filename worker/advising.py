@@ -1,11 +1,13 @@
 """A worker's advice: from a belief to ways that distinguish its places."""
 
+from itertools import chain, combinations
+
 import numpy as np
 from msgspec.structs import replace
 
 from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
-from particle_filter.roads import REACH_M
+from particle_filter.roads import REACH_M, roads_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
@@ -16,6 +18,10 @@ from protocol.steps import Scan
 from worker.jobs import scan_beams, scan_of_laser
 
 PROBABLY_ELSEWHERE = 0.5
+LEAST_REACH_M = 1.0
+"""Ground that reaches less far from the robot counts as none [m]."""
+MAX_COMPARED = 8
+"""Number of the most probable places of which pairs without common ground are found."""
 
 
 def advice(
@@ -58,14 +64,35 @@ def advice(
         )
         for way in ways
     )
-    note = ""
+    note, apart = "", list[tuple[int, ...]]()
     if asked.elsewhere_probability > PROBABLY_ELSEWHERE:
         note = "the robot is probably at another place: drive where a search sees more"
-    elif not made and np.hypot(*spots[:, :2].T).max() < 1.0:
-        note = f"no way is free at all {count} places"
+    elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
+        groups = yield from _without_common_ground(question, model)
+        apart = [tuple(head.clusters[place] for place in group) for group in groups]
+        named = ", ".join(" and ".join(f"c{cluster}" for cluster in group) for group in apart[:5])
+        note = f"no ground is free at all {count} places" + (f": not at {named}" if named else "")
+        note += f" and {len(apart) - 5} more pairs" * (len(apart) > 5)
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
-    return replace(head, ways=made, note=note, spots=tuple(map(pose_tuple, spots)))
+    return replace(
+        head, ways=made, note=note, apart=tuple(apart), spots=tuple(map(pose_tuple, spots))
+    )
+
+
+def _without_common_ground(question: Question, model: SensorModel) -> Slices[list[tuple[int, ...]]]:
+    """Return the places without free ground, and the pairs of the others that share none."""
+    found: list[tuple[int, ...]] = []
+    places = range(min(len(question.places), MAX_COMPARED))
+    for group in chain(combinations(places, 1), combinations(places, 2)):
+        if any((place,) in found for place in group):
+            continue
+        of = list(group)
+        both = question.places[of], question.covariances[of]
+        roads = yield from roads_of(*both, question.radius_m, model.grid)
+        if np.hypot(*roads.nodes[roads.spots].T).max() < LEAST_REACH_M:
+            found.append(group)
+    return found
 
 
 def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:

@@ -73,7 +73,17 @@ def test_a_probable_elsewhere_is_noted() -> None:
 def test_places_in_walls_have_no_common_way() -> None:
     reported = answer_to(question((5.0, 5.0, 0.0), (-5.0, -5.0, 0.0)))
     assert reported.ways == ()
-    assert reported.note == "no way is free at all 2 places"
+    assert reported.apart == ((0,), (1,))
+    assert reported.note == "no ground is free at all 2 places: not at c0, c1"
+
+
+def test_pairs_of_places_that_share_no_ground_are_listed() -> None:
+    """The second place is turned by a quarter: its arm leads into the walls of the others."""
+    reported = answer_to(question((0.0, 5.0, 1.57), (5.0, 0.0, 1.57), (0.0, -5.0, -1.57)))
+    assert [way.length_m for way in reported.ways] == [0.0]  # the robot may turn
+    assert reported.apart == ((0, 1), (1, 2))
+    assert reported.note == "no ground is free at all 3 places: not at c0 and c1, c1 and c2"
+    assert answer_to(question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))).apart == ()
 
 
 def test_a_worker_without_a_map_answers_at_once() -> None:
