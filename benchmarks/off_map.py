@@ -29,6 +29,7 @@ import typer
 
 from benchmarks.experiments.case import Case, RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
+from benchmarks.people import CrowdSimulation
 from benchmarks.same_views import Answer, answer_of
 from coordinator.belief.outcome import Outcome
 from evaluation.course import TrueStep, course_of
@@ -260,7 +261,7 @@ def _simulated(
     place = world(name)
     grid_map = change(place.map)
     start = _start_in_right(place.map, seed) if change is _without_right else None
-    simulation = Simulation(place, seed, lidar=lidar, people=people, start=start)
+    simulation = CrowdSimulation(place, seed, people, lidar, start)
     steps = simulated_steps(SimulatedSource(simulation), BridgeSettings(), grid_map.digest)
     if short:
         steps = _cut_short(steps, short, seed)

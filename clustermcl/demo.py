@@ -24,7 +24,6 @@ from clustermcl.demo_output import (
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, temporary_folder
 from clustermcl.verbosity import is_verbose
-from evaluation.amcl_process import amcl_name
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
 from live_view.page_server import print_link
@@ -154,7 +153,6 @@ def _run_to_end(
             logs_in_folder=not is_verbose(),
             simulator_arguments=simulator,
             page_arguments=_page_arguments(page, run, by_hand) if page else None,
-            with_amcl=page is not None,
         )
         with closing(stack):
             text, summary = _followed(
@@ -367,9 +365,8 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
 
 
 def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
-    with_amcl = amcl_name(run.settings.robot.name)
     story = run.settings.bridge.source.removeprefix(SIMULATED) if run.is_simulated else "recording"
-    return ["--listen", page.netloc, "--story", story, "--comparison", with_amcl, *by_hand]
+    return ["--listen", page.netloc, "--story", story, *by_hand]
 
 
 def _page_at(view_at: str) -> Address:

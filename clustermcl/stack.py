@@ -55,8 +55,6 @@ class Stack:
         logs_in_folder: write logs to the folder instead of standard error.
         simulator_arguments: additional arguments of the simulator.
         page_arguments: arguments of the page; None: no page.
-        with_amcl: also localize by AMCL's filter, for a second map on the page; see
-            `evaluation.amcl_process`.
     """
 
     def __init__(
@@ -67,7 +65,6 @@ class Stack:
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
         page_arguments: Sequence[str] | None = None,
-        with_amcl: bool = False,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -84,8 +81,6 @@ class Stack:
             others.append(self._child("zenoh_link.router", name=ROUTER))
         if page_arguments is not None:
             others.append(self._child("live_view", *page_arguments))
-        if with_amcl:
-            others.append(self._child("evaluation.amcl_process", name="amcl"))
         if settings.ros2.enabled:
             others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")

@@ -32,8 +32,9 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """Name of a world, or a map file."""
     map: Path | None = None
     """Map for the localizer; None: the world's own map."""
-    people: int = 0
-    """Number of people who walk near the robot."""
+
+    def simulation(self, seed: int) -> Simulation:
+        return Simulation(simulated_world(Simulated(self.world)), seed)
 
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -86,10 +87,9 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
 def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int) -> Course:
     match case.robot:
         case SimulatedRobot() as robot:
-            world = simulated_world(Simulated(robot.world))
-            simulation = Simulation(world, seed, people=robot.people)
+            simulation = robot.simulation(seed)
             source = SimulatedSource(simulation, steps=case.updates)
-            grid_map = load_map(robot.map) if robot.map else world.map
+            grid_map = load_map(robot.map) if robot.map else simulation.world.map
             steps = simulated_steps(source, settings, grid_map.digest)
             map_name = str(robot.map or robot.world)
             return Course(grid_map, map_name, steps, simulation.kidnap)

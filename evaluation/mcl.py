@@ -139,7 +139,7 @@ class OrdinaryMCL:
             start = uniform_over_free_space(grid, self._start_count, rng)
             particles = ParticleSet.even(start)
         else:
-            particles = self._shrunk(self._redrawn(self.particles, rng), rng)
+            particles = self._shrunk(self.redrawn(self.particles, rng), rng)
             motion = between(before, self._odom_from_robot)
             moved = move(particles.map_from_robot, motion, settings.motion, rng)
             particles = ParticleSet(moved, particles.log_weights)
@@ -158,16 +158,15 @@ class OrdinaryMCL:
             self._recovery.on_likelihood(result.log_weight_sum - math.log(count))
         return result.particles
 
-    def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles to resample to; None: the same, unless overridden."""
-        del particles
-        return None
+    def redrawn(
+        self, particles: ParticleSet, rng: np.random.Generator, count: int | None = None
+    ) -> ParticleSet:
+        """Resample, with random particles if they are due, to a number of particles.
 
-    def _redrawn(self, particles: ParticleSet, rng: np.random.Generator) -> ParticleSet:
-        """Resample with random particles or to `adapted_count`; if neither is due, do nothing."""
+        None: keep the number, and change nothing unless random particles are due.
+        """
         share = self._recovery.random_share if self._recovery else 0.0
-        count = self.adapted_count(particles)
-        if share == 0.0 and (count is None or not _is_degenerate(particles)):
+        if share == 0.0 and count is None:
             return particles
         count = count or len(particles.log_weights)
         poses = particles.map_from_robot[resample(particles.log_weights, count, rng)]
@@ -180,13 +179,13 @@ class OrdinaryMCL:
         """Resample to shrink the set, or at a small effective sample size; else do nothing."""
         progress = min(self.steps / SHRINKING_STEPS, 1.0)
         count = round(self._start_count * (self.kept / self._start_count) ** progress)
-        if count >= len(particles.log_weights) and not _is_degenerate(particles):
+        if count >= len(particles.log_weights) and not is_degenerate(particles):
             return particles
         chosen = resample(particles.log_weights, count, rng)
         return ParticleSet.even(particles.map_from_robot[chosen])
 
 
-def _is_degenerate(particles: ParticleSet) -> bool:
+def is_degenerate(particles: ParticleSet) -> bool:
     return particles.effective_sample_size < RESAMPLE_BELOW_ESS * len(particles.log_weights)
 
 

@@ -46,12 +46,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WORLD",
         help="show the captions of this world (default: none)",
     )
-    parser.add_argument(
-        "--comparison",
-        default="",
-        metavar="NAME",
-        help="robot's name in the system of AMCL's filter, for a second map (default: none)",
-    )
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument(
         "--private-key", type=Path, metavar="FILE", help="PEM: key of the certificate"
@@ -81,11 +75,9 @@ def run_live_view(invocation: Invocation) -> None:
         "by_hand": arguments.by_hand,
         "radius_m": settings.robot.radius_m,
         "story": arguments.story,
-        "comparison": arguments.comparison,
         "robots": names if len(names) > 1 else [],
     }
-    shown = [*names, arguments.comparison] if arguments.comparison else names
-    loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in shown]
+    loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in names]
     with opened_page(options, [loop.room for loop in loops]):
         _run_all(loops, invocation.stop)
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import Points, Pose
+from particle_filter.arrays import Pose
 from particle_filter.poses import compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
@@ -106,45 +106,24 @@ class Lidar:
         self._grid_from_map = inverse(np.array(ground.map_from_grid))
         self._robot_from_laser = np.array(model.robot_from_laser)
 
-    def scan(
-        self, map_from_robot: PoseTuple, people: Points, radius_m: float
-    ) -> NDArray[np.float64]:
-        """Simulate a scan.
-
-        Args:
-            map_from_robot: pose of the robot: x [m], y [m], heading [rad].
-            people: (P, 2) centres of people, who are discs that occlude beams [m].
-            radius_m: radius of the discs.
+    def scan(self, map_from_robot: PoseTuple) -> NDArray[np.float64]:
+        """Simulate a scan from a pose of the robot: x [m], y [m], heading [rad].
 
         Returns:
             (beams,) ranges, counter-clockwise [m]; infinite: no return.
         """
         model = self.model
-        map_from_laser = compose(np.array(map_from_robot), self._robot_from_laser)
-        grid_from_laser = compose(self._grid_from_map, map_from_laser)[None]
-        ranges = cast_rays_from_poses(
-            self._jumps, self._cell_m, grid_from_laser, model.angles, model.range_max_m
-        ).reshape(-1)
-        if len(people):
-            ranges = np.minimum(ranges, _to_discs(map_from_laser, model.angles, people, radius_m))
+        ranges = self.exact_ranges(compose(np.array(map_from_robot), self._robot_from_laser))
         lost = self._rng.random(model.beams) < model.drop_out_share
         lost |= ranges >= model.range_max_m
         noisy = ranges + model.range_noise_m * self._rng.standard_normal(model.beams)
         lost |= noisy >= model.range_max_m
         return np.where(lost, np.inf, np.maximum(noisy, 0.001))
 
-
-def _to_discs(
-    map_from_laser: Pose, angles: NDArray[np.float64], discs: Points, radius_m: float
-) -> NDArray[np.float64]:
-    """Return the (B,) distances to the nearest disc along each beam [m]; infinite: no hit.
-
-    A disc that contains the laser is ignored, because it would occlude all beams.
-    """
-    headings = map_from_laser[2] + angles
-    x, y = (discs - map_from_laser[:2]).T
-    along = np.outer(np.cos(headings), x) + np.outer(np.sin(headings), y)
-    square = radius_m**2 - (x**2 + y**2) + along**2
-    hit = (square >= 0.0) & (along > 0.0) & (x**2 + y**2 > radius_m**2)
-    distance = np.where(hit, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
-    return np.asarray(distance.min(axis=1))
+    def exact_ranges(self, map_from_laser: Pose) -> NDArray[np.float64]:
+        """Return (beams,) ranges without noise [m]."""
+        angles, range_max_m = self.model.angles, self.model.range_max_m
+        grid_from_laser = compose(self._grid_from_map, map_from_laser)[None]
+        return cast_rays_from_poses(
+            self._jumps, self._cell_m, grid_from_laser, angles, range_max_m
+        ).reshape(-1)

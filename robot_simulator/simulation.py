@@ -12,7 +12,6 @@ from particle_filter.poses import compose
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Observation, OdometryReading
-from robot_simulator import people as walkers
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
 from robot_simulator.sensors import Lidar, LidarModel, Odometer
@@ -21,8 +20,6 @@ from robot_simulator.worlds.world import World
 _SENDER = "robot_simulator"
 _PIECE_NS = 50_000_000
 """Interval of odometry readings: 20 Hz."""
-_TICK_NS = 2 * _PIECE_NS
-"""Interval of scans: 10 Hz."""
 _SCAN_SHARE = 0.4
 """Time of a scan after an odometry reading, as a share of the interval of odometry readings."""
 _KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
@@ -52,7 +49,6 @@ class Simulation:
         world: the world.
         seed: seed of all random numbers.
         lidar: parameters of the scanner; None: the defaults, with the world's range.
-        people: number of people near the robot.
         start: start pose, instead of the world's start pose and route; None: those of the world.
         remembered_s: time for which past poses are kept for `truth_at`.
 
@@ -66,7 +62,6 @@ class Simulation:
         seed: int,
         *,
         lidar: LidarModel | None = None,
-        people: int = 0,
         start: PoseTuple | None = None,
         remembered_s: float = 3600.0,
     ) -> None:
@@ -82,7 +77,6 @@ class Simulation:
         self._odometer = Odometer(rngs[2])
         model = lidar if lidar is not None else LidarModel(range_max_m=world.lidar_range_m)
         self._lidar = Lidar(model, world.truth, rngs[3])
-        self._people = walkers.People(people, self._free_space, rngs[4])
         self._observation_rng = rngs[5]
         self._now_ns = 0
         self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
@@ -103,7 +97,6 @@ class Simulation:
         scan_pose = self._pose_within(-1, _SCAN_SHARE)
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
         second = self._drive_on()
-        self._people.walk(self._robot.map_from_robot, _TICK_NS * 1e-9)
         return Tick((first, second), laser, scan_pose, self._observe(laser.stamp_ns, scan_pose))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
@@ -173,7 +166,7 @@ class Simulation:
 
     def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
         model = self._lidar.model
-        ranges = self._lidar.scan(map_from_robot, self._people.positions, walkers.RADIUS_M)
+        ranges = self._lidar.scan(map_from_robot)
         return LaserReading(
             sender=_SENDER,
             stamp_ns=stamp_ns,

@@ -122,13 +122,16 @@ TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
 class KldSampling(OrdinaryMCL):
     """Ordinary MCL with KLD-sampling once it has shrunk."""
 
-    def adapted_count(self, particles: ParticleSet) -> int | None:
-        """Return the number of particles that KLD-sampling needs."""
-        if self.steps < mcl.SHRINKING_STEPS:
-            return None
-        most = kept_particles(self._settings)
-        least = min(KLD_LEAST_PARTICLES, most)
-        return sufficient_particles(particles.map_from_robot, KLD_ERROR, least, most)
+    def redrawn(
+        self, particles: ParticleSet, rng: np.random.Generator, count: int | None = None
+    ) -> ParticleSet:
+        """Resample to the number of particles that KLD-sampling needs."""
+        recovers = self._recovery is not None and self._recovery.random_share > 0.0
+        if self.steps >= mcl.SHRINKING_STEPS and (recovers or mcl.is_degenerate(particles)):
+            most = kept_particles(self._settings)
+            least = min(KLD_LEAST_PARTICLES, most)
+            count = sufficient_particles(particles.map_from_robot, KLD_ERROR, least, most)
+        return super().redrawn(particles, rng, count)
 
 
 def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: int) -> int:

@@ -4,9 +4,12 @@ from typing import Literal
 
 import msgspec
 
+from benchmarks.outdated_halls import world
+from benchmarks.people import CrowdSimulation
 from evaluation import course
 from evaluation.course import RecordedRobot
 from protocol.errors import SettingsError
+from robot_simulator.simulation import Simulation
 
 Algorithm = Literal[
     "cluster-mcl",
@@ -52,9 +55,14 @@ class OnceRight(msgspec.Struct, frozen=True):
 
 
 class SimulatedRobot(course.SimulatedRobot, frozen=True, kw_only=True):
-    """A simulated robot that may be kidnapped."""
+    """A simulated robot that may be kidnapped, or among people."""
 
+    people: int = 0
+    """Number of people who walk near the robot."""
     kidnapping: AfterStep | OnceRight | None = None
+
+    def simulation(self, seed: int) -> Simulation:
+        return CrowdSimulation(world(self.world), seed, self.people)
 
 
 class Case(course.Case, frozen=True, kw_only=True):

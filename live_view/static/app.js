@@ -1,5 +1,4 @@
 // Distributes the frames of the server to map and panel, and sends commands to the server.
-import { Comparison } from "./comparison.js";
 import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
@@ -16,7 +15,6 @@ const CONFIRMED_MS = 4000, SURE = 0.9, PANEL_EVERY_MS = 200, SLOW_MS = 50;
 const RECORDED = ["replaying", "finished", "saved"]; // links without a running system
 
 const view = new MapView($("map"));
-const comparison = new Comparison(view);
 const slots = new Map(); // colour slot of each cluster so far
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let system = {};
@@ -147,7 +145,6 @@ function showPanel() {
     showStep(now.step);
     showClusters(now.step.places, view, now.elsewhere, now.offMap);
     if (system.story) showCaption(now.step, system.story);
-    $("with-amcl").hidden = !system.comparison || ($("again").hidden && !comparison.isOn);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
   if (now.eventsDue) showTheEvents(now.events);
@@ -214,7 +211,6 @@ function plotAgain() {
 }
 
 function showMap({ step, clouds }) {
-  comparison.lookAt(travel.at);
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
 }
@@ -291,10 +287,8 @@ $("plot").addEventListener("pointerleave", () => {
 });
 
 $("again").onclick = again;
-$("with-amcl").onclick = () => comparison.toggle(system.comparison);
 
 view.onDrawn = () => {
-  comparison.follow();
   showBeams(view.selected, view.beams);
   const length = view.roundLength(110);
   $("scale").firstElementChild.style.width = `${length * view.view.scale}px`;
@@ -309,4 +303,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests and for the console. */
-window.liveView = { view, comparison, take, travel, history: () => known.rows };
+window.liveView = { view, take, travel, history: () => known.rows };

@@ -636,61 +636,6 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
     assert stage.commands == [SearchAgain()]
 
 
-@pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
-def test_amcl_is_drawn_in_a_second_map(driver: Any, pictures: Path, screen: str) -> None:
-    with Stage("amcl") as stage:
-        stage.show_map(120, 200)
-        assert stage.map is not None
-        amcl = stage.others["amcl"]
-        amcl.room.map = (stage.map.digest, stage.map.zlib_cells)
-        amcl.picture.on_map(stage.map)
-        page = Page(driver, stage.server.link)
-        with page.on_screen(screen):
-            shows(stage, lambda: page.run("return liveView.view.map !== null"))
-            page.run(
-                "liveView.take({system: {robot: 'r', link: 'running', commands: true, "
-                "story: 'cross_feature', comparison: 'amcl'}})"
-            )
-            play(stage, range(12))
-            localized = msgspec.structs.replace(belief(12, 1), state="localized")
-            stage.picture.on_belief(localized)
-            shows(stage, lambda: "it has seen the cabinet" in page.text("caption-text"))
-            for step in range(13):
-                amcl.picture.on_truth(TruePose(sender="s", step=step, pose=(1.0, 2.0, 0.0)))
-                place = 4 if step < 10 else 1  # it is at (4, 2), then right
-                sure = msgspec.structs.replace(belief(step, place), state="localized")
-                amcl.picture.on_belief(sure)
-            page.click("with-amcl")
-            shows(stage, lambda: "0.0 m off the truth" in page.text("comparison-label"))
-            halves = page.run(
-                "return ['map', 'comparison'].map((id) => document.getElementById(id))"
-                ".map((one) => one.clientWidth * one.clientHeight)"
-            )
-            assert halves[0] == pytest.approx(halves[1], rel=0.02)
-            page.run("liveView.travel.goTo(7)")
-            shows(stage, lambda: "3.0 m off the truth" in page.text("comparison-label"))
-            assert page.run(
-                "return document.getElementById('comparison-label').className"
-            ).endswith("bad")
-            drawn = "return liveView.comparison.view.step.step"
-            shows(stage, lambda: page.run(drawn) == 7)
-            both = "return [liveView.comparison.view.view, liveView.view.view]"
-
-            def show_the_same_section() -> bool:
-                one, other = page.run(both)
-                return bool(one == other)
-
-            shows(stage, show_the_same_section)  # the caption may just have changed its height
-            page.save(pictures / f"amcl-{screen}.png")
-            page.run("liveView.travel.toNow()")
-            shows(stage, lambda: page.run(drawn) == 12)
-            page.click("with-amcl")
-            assert not page.is_visible("comparison")
-            assert serious_problems(page) == []
-            driver.get("about:blank")
-        assert page.console() == []
-
-
 def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictures: Path) -> None:
     with Stage("r2", "r3") as stage:
         stage.show_map(120, 200)

@@ -140,7 +140,7 @@ def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedC
         yield demo, f"http://{listen}/"
 
 
-def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps(
+def test_a_demo_waits_for_the_first_browser(
     viewed: tuple[TypedCommand, str],
 ) -> None:
     demo, link = viewed
@@ -149,17 +149,8 @@ def test_a_demo_waits_for_the_first_browser_and_amcl_localizes_the_same_steps(
     demo.wait_for("4 of 4 workers are ready")
     time.sleep(2.0)  # in which several steps would be made
     assert "step 0" not in demo.out
-    with opened(link) as page, opened(link, "robot/robot-amcl/live") as second_page:
+    with opened(link):
         demo.wait_for("step 0: ")
-        first = 1 + max(
-            newest_step(each) for each in (page, second_page)
-        )  # both pages have it whole
-        steps = [past_steps(each, range(first, first + 5)) for each in (page, second_page)]
-    for ours, amcl in zip(*steps, strict=True):
-        assert ours["stamp_s"] == amcl["stamp_s"]
-        assert amcl["truth"] == ours["truth"]
-        assert amcl["places"]
-        assert amcl["scan"] == ours["scan"]
     assert demo.end(signal.SIGINT) == 130
     assert demo.err == f"clustermcl: look at {link}\n"
     demo.assert_nothing_runs()
@@ -187,23 +178,6 @@ def drawings(page: ClientConnection) -> Iterator[dict[str, Any]]:
         received = page.recv(60.0)
         page.send('{"type": "drawn"}')
         yield json.loads(received)
-
-
-def newest_step(page: ClientConnection) -> int:
-    step: int = next(frames["step"]["step"] for frames in drawings(page) if frames.get("step"))
-    return step
-
-
-def past_steps(page: ClientConnection, steps: range) -> list[dict[str, Any]]:
-    """The archived drawings of given steps, once the page shows a later one."""
-    next(
-        frames for frames in drawings(page) if frames.get("step", {}).get("step", -1) >= steps.stop
-    )
-    found = []
-    for step in steps:
-        page.send(json.dumps({"type": "past", "step": step}))
-        found.append(next(frames["past"]["step"] for frames in drawings(page) if "past" in frames))
-    return found
 
 
 def test_a_demo_that_is_killed_takes_its_processes_with_it(

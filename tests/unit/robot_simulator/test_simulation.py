@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from grid_maps.grid_map import GridMap
 from robot_simulator import robot
 from robot_simulator.free_space import FreeSpace
-from robot_simulator.people import RADIUS_M, People
 from robot_simulator.sensors import Lidar, LidarModel
 from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import world
@@ -20,7 +19,6 @@ from robot_simulator.worlds.world import world_from_map
 HALL = world("hall")
 ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
 """From (0, 0) to (6, 4) m."""
-NO_PEOPLE = np.zeros((0, 2))
 PERFECT = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.0, 0.0, 0.0))
 
 
@@ -28,19 +26,9 @@ def ranges(tick: Tick) -> NDArray[np.float32]:
     return tick.laser.ranges.array()
 
 
-def first_ticks(count: int, seed: int, people: int = 0) -> list[Tick]:
-    return list(islice(Simulation(HALL, seed, people=people), count))
-
-
 def test_the_same_seed_gives_the_same_ticks() -> None:
-    assert first_ticks(300, seed=3, people=4) == first_ticks(300, seed=3, people=4)
-
-
-def test_people_change_what_is_seen_but_not_where_the_robot_drives() -> None:
-    alone, watched = first_ticks(300, seed=3), first_ticks(300, seed=3, people=4)
-    assert [tick.map_from_robot for tick in alone] == [tick.map_from_robot for tick in watched]
-    shorter = [np.mean(ranges(b) < ranges(a) - 0.5) for a, b in zip(alone, watched, strict=True)]
-    assert 0.005 < np.mean(shorter) < 0.3
+    first, second = (list(islice(Simulation(HALL, 3), 300)) for _ in range(2))
+    assert first == second
 
 
 def test_the_true_pose_is_known_at_any_past_time() -> None:
@@ -118,7 +106,7 @@ def test_after_manual_driving_the_robot_wanders_again() -> None:
 
 def test_beams_end_at_the_walls_of_the_true_map() -> None:
     lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
-    seen = lidar.scan((2.0, 1.0, pi / 2), NO_PEOPLE, RADIUS_M)
+    seen = lidar.scan((2.0, 1.0, pi / 2))
     assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
 
 
@@ -126,9 +114,9 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
     model = replace(PERFECT, range_noise_m=0.05, drop_out_share=0.1)
     lidar, clean = (Lidar(m, ROOM, np.random.default_rng(1)) for m in (model, PERFECT))
     pose = (2.0, 1.0, 0.3)
-    scans = np.array([lidar.scan(pose, NO_PEOPLE, RADIUS_M) for _ in range(60)])
+    scans = np.array([lidar.scan(pose) for _ in range(60)])
     lost = np.isinf(scans)
-    errors = (scans - clean.scan(pose, NO_PEOPLE, RADIUS_M))[~lost]
+    errors = (scans - clean.scan(pose))[~lost]
     # 10,860 beams: five standard errors of the share are 0.015, of the deviation 0.0018.
     assert lost.mean() == pytest.approx(0.1, abs=0.015)
     assert errors.std() == pytest.approx(0.05, abs=0.0018)
@@ -136,35 +124,9 @@ def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
 
 def test_obstacles_beyond_the_range_give_no_return() -> None:
     short_sighted = LidarModel(range_max_m=2.5, drop_out_share=0.0)
-    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0), NO_PEOPLE, RADIUS_M)
+    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0))
     assert np.isinf(seen).any()
     assert seen[np.isfinite(seen)].max() < 2.5
-
-
-def test_a_person_occludes_the_beams_behind() -> None:
-    lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
-    person = np.array([[4.0, 1.0], [1.0, 1.0]])  # the second one is behind
-    alone = lidar.scan((2.0, 1.0, 0.0), NO_PEOPLE, RADIUS_M)
-    seen = lidar.scan((2.0, 1.0, 0.0), person, RADIUS_M)
-    assert seen[90] == pytest.approx(2.0 - RADIUS_M)
-    hidden = np.flatnonzero(seen != alone)
-    assert len(hidden) == 15  # asin(0.25 / 2) is 7.2 degrees to either side
-    np.testing.assert_array_equal(hidden, np.arange(83, 98))
-
-
-def test_people_walk_on_free_ground_and_not_into_the_robot() -> None:
-    free_space = FreeSpace(ROOM)
-    people, robot = People(3, free_space, np.random.default_rng(0)), (3.0, 2.0, 0.0)
-    path = []
-    for _ in range(300):
-        people.walk(robot, 0.1)
-        path.append(people.positions)
-    walked = np.array(path)
-    assert walked.shape == (300, 3, 2)
-    assert all(free_space.clearance_m(x, y) >= RADIUS_M for x, y in walked.reshape(-1, 2))
-    assert np.hypot(*(walked - robot[:2]).reshape(-1, 2).T).min() >= 0.8
-    assert np.ptp(walked, axis=0).min() > 1.0
-    assert np.hypot(*np.diff(walked, axis=0).reshape(-1, 2).T).max() < 0.11
 
 
 def test_a_scan_has_at_least_two_beams() -> None:

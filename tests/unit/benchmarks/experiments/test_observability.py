@@ -3,17 +3,17 @@ from collections.abc import Iterator
 import pytest
 
 from benchmarks.experiments.observability import ScanObservability, turned_copies
+from benchmarks.people import CrowdSimulation
 from evaluation.map_check.symmetries import middle_of
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 
 
 def steps(name: str, count: int, people: int = 0) -> Iterator[tuple[Scan, PoseTuple]]:
-    source = SimulatedSource(Simulation(world(name), 0, people=people), steps=count)
+    source = SimulatedSource(CrowdSimulation(world(name), 0, people), steps=count)
     return simulated_steps(source, BridgeSettings(), "digest")
 
 

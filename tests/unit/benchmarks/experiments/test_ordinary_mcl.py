@@ -88,7 +88,7 @@ def drawn(before: ParticleSet, random_share: float, *, kld: bool = False) -> Par
     followed.steps = SHRINKING_STEPS
     assert followed._recovery is not None
     followed._recovery._slow, followed._recovery._fast = 1.0, 1.0 - random_share
-    return followed._redrawn(before, np.random.default_rng(7))
+    return followed.redrawn(before, np.random.default_rng(7))
 
 
 def test_the_random_share_of_a_particle_set_is_drawn_from_the_whole_map() -> None:

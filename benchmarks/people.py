@@ -1,13 +1,17 @@
-"""People who walk near the robot and occlude the laser."""
+"""A simulated robot among people, who walk near it and occlude its laser."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from particle_filter.arrays import Points
+from particle_filter.arrays import Points, Pose
 from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
+from robot_simulator.sensors import Lidar, LidarModel
+from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.worlds.world import World
 
 RADIUS_M = 0.25
-_SPEED_M_S = 1.0
+_SPEED_M_S, _TICK_S = 1.0, 0.1
 _NEAREST_M, _FARTHEST_M = 0.8, 10.0
 """Limits of the distance from the robot; a person beyond the second one gets a new place."""
 _TRIES = 20
@@ -57,3 +61,57 @@ class People:
 
     def _has_room(self, place: Points) -> bool:
         return self._free_space.clearance_m(place[0], place[1]) > RADIUS_M
+
+
+class WatchedLidar(Lidar):
+    """A laser whose beams end at people too, who are discs."""
+
+    def __init__(
+        self, model: LidarModel, world: World, rng: np.random.Generator, people: People
+    ) -> None:
+        super().__init__(model, world.truth, rng)
+        self._people = people
+
+    def exact_ranges(self, map_from_laser: Pose) -> NDArray[np.float64]:
+        ranges, people = super().exact_ranges(map_from_laser), self._people.positions
+        return np.minimum(ranges, to_discs(map_from_laser, self.model.angles, people))
+
+
+class CrowdSimulation(Simulation):
+    """A simulation with a number of people near the robot."""
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        people: int,
+        lidar: LidarModel | None = None,
+        start: PoseTuple | None = None,
+    ) -> None:
+        super().__init__(world, seed, lidar=lidar, start=start)
+        lidar_rng, people_rng = (np.random.default_rng([seed, purpose]) for purpose in (3, 4))
+        self._people = People(people, self._free_space, people_rng)
+        self._lidar = WatchedLidar(self._lidar.model, world, lidar_rng, self._people)
+
+    def __next__(self) -> Tick:
+        tick = super().__next__()
+        self._people.walk(self.map_from_robot, _TICK_S)
+        return tick
+
+
+def to_discs(
+    map_from_laser: Pose, angles: NDArray[np.float64], discs: Points
+) -> NDArray[np.float64]:
+    """Return the (B,) distances to the nearest disc along each beam [m]; infinite: no hit.
+
+    A disc that contains the laser is ignored, because it would occlude all beams.
+    """
+    if len(discs) == 0:
+        return np.full(len(angles), np.inf)
+    headings = map_from_laser[2] + angles
+    x, y = (discs - map_from_laser[:2]).T
+    along = np.outer(np.cos(headings), x) + np.outer(np.sin(headings), y)
+    square = RADIUS_M**2 - (x**2 + y**2) + along**2
+    hit = (square >= 0.0) & (along > 0.0) & (x**2 + y**2 > RADIUS_M**2)
+    distance = np.where(hit, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
+    return np.asarray(distance.min(axis=1))

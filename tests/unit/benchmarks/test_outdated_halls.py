@@ -1,0 +1,22 @@
+"""The halls differ from their maps as specified."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from benchmarks.outdated_halls import world
+from particle_filter.arrays import FREE, OCCUPIED, Cells
+
+
+def surface(cells: Cells) -> NDArray[np.bool_]:
+    return np.asarray((cells == OCCUPIED) & binary_dilation(cells == FREE))
+
+
+def test_the_map_of_last_year_differs_in_a_tenth_of_the_walls() -> None:
+    rebuilt = world("hall_last_year")
+    assert rebuilt.start is None
+    assert np.array_equal(rebuilt.truth.cells, world("hall").truth.cells)
+    now, then = (surface(each.cells) for each in (rebuilt.truth, rebuilt.map))
+    for one, other in ((now, then), (then, now)):
+        away_m = distance_transform_edt(~other)[one] * rebuilt.map.cell_m
+        assert 0.08 < np.mean(away_m > 0.3) < 0.12
