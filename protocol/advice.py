@@ -65,6 +65,9 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Mean of these over the places."""
     sure_probability: Probability
     """Probability that the robot is localized after the way."""
+    explores: bool = False
+    """Whether it leads to ground that was not seen yet, where a search sees more. It has no
+    information about the places."""
     sight_bearing_rad: Finite
     """Direction, from the end of the way, in which the places differ most."""
     sight_ranges_m: tuple[NotNegative, ...]

@@ -7,6 +7,7 @@ from msgspec.structs import replace
 
 from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
+from particle_filter.exploring import unseen_way
 from particle_filter.roads import REACH_M, roads_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
@@ -18,6 +19,7 @@ from protocol.steps import Scan
 from worker.jobs import scan_beams, scan_of_laser
 
 PROBABLY_ELSEWHERE = 0.5
+LOST = "the robot is probably at another place: drive where a search sees more"
 LEAST_REACH_M = 1.0
 """Ground that reaches less far from the robot counts as none [m]."""
 MAX_COMPARED = 8
@@ -44,11 +46,13 @@ def advice(
         clusters=tuple(place.cluster for place in asked.hypotheses),
         places=tuple(place.pose for place in asked.hypotheses),
     )
-    count = len(asked.hypotheses)
+    count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
+    question = _question(asked, scan, model)
+    explored = (yield from _exploring(question, model)) if is_lost or not count else ()
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
-        return replace(head, note=known if count else "no place is known yet: first, a search")
-    question = _question(asked, scan, model)
+        note = LOST if is_lost else known if count else "no place is known yet: first, a search"
+        return replace(head, ways=explored, note=note)
     ways, spots = yield from advised_ways(question, model, settings)
     made = tuple(
         Way(
@@ -65,8 +69,8 @@ def advice(
         for way in ways
     )
     note, apart = "", list[tuple[int, ...]]()
-    if asked.elsewhere_probability > PROBABLY_ELSEWHERE:
-        note = "the robot is probably at another place: drive where a search sees more"
+    if is_lost:
+        note = LOST
     elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
         groups = yield from _without_common_ground(question, model)
         apart = [tuple(head.clusters[place] for place in group) for group in groups]
@@ -76,8 +80,34 @@ def advice(
     elif not made:
         note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
     return replace(
-        head, ways=made, note=note, apart=tuple(apart), spots=tuple(map(pose_tuple, spots))
+        head,
+        ways=explored + made,
+        note=note,
+        apart=tuple(apart),
+        spots=tuple(map(pose_tuple, spots)),
     )
+
+
+def _exploring(question: Question, model: SensorModel) -> Slices[tuple[Way, ...]]:
+    """Return the way to unseen ground, if there is one."""
+    roads, places = None, question.places
+    if len(places):
+        roads = yield from roads_of(places, question.covariances, question.radius_m, model.grid)
+    poses = unseen_way(question.laser, question.seen, question.radius_m, roads)
+    if not len(poses):
+        return ()
+    way = Way(
+        poses=tuple(map(pose_tuple, poses)),
+        length_m=float(np.hypot(*poses[-1, :2])),
+        turn_rad=abs(float(poses[-1, 2])),
+        gains=(0.0,) * len(places),
+        information=0.0,
+        sure_probability=0.0,
+        explores=True,
+        sight_bearing_rad=0.0,
+        sight_ranges_m=(),
+    )
+    return (way,)
 
 
 def _without_common_ground(question: Question, model: SensorModel) -> Slices[list[tuple[int, ...]]]:
@@ -97,9 +127,9 @@ def _without_common_ground(question: Question, model: SensorModel) -> Slices[lis
 
 def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:
     places = asked.hypotheses
-    poses = np.array([place.pose for place in places])
+    poses = np.array([place.pose for place in places]).reshape(-1, 3)
     beams, fit = scan_beams(scan, model), 0.0
-    if beams.count:
+    if beams.count and places:
         fit = float(model.log_likelihood(poses[:1], beams)[0]) / beams.count
     return Question(
         poses,

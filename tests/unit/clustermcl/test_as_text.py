@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from clustermcl.as_text import (
+    advice_lines,
     belief_line,
     hypotheses_lines,
     pose_lines,
@@ -11,6 +12,7 @@ from clustermcl.as_text import (
     spread_text,
     status_lines,
 )
+from protocol.advice import Advice, Way
 from protocol.answers import Hypotheses
 from protocol.health import SourceHealth
 from tests.unit.clustermcl.test_as_json import ANSWER
@@ -105,4 +107,17 @@ def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:
         "    dropped or refused: scan of another map: 7",
         "  worker-0 (worker) 1.1, up 9 s, silent for 5 s",
         "    reports: 80, 9.5/s, last 5.2 s ago",
+    ]
+
+
+def test_a_way_to_unseen_ground_is_printed_without_information() -> None:
+    way = Way(
+        poses=((0.0, 0.0, 0.0), (0.0, 2.0, math.pi / 2)), length_m=2.0, turn_rad=math.pi / 2,
+        information=0.0, sure_probability=0.0, explores=True, sight_bearing_rad=0.0,
+        sight_ranges_m=(),
+    )  # fmt: skip
+    assert list(advice_lines(Advice(sender="worker-0", step=7, ways=(way,), note="lost"))) == [
+        "0 places at step 7",
+        "  1. to 2.0 m at 90 deg, straight on, to ground that was not seen yet",
+        "lost",
     ]

@@ -10,6 +10,7 @@ from particle_filter.slices import finished
 from process_runtime.settings import BridgeSettings
 from protocol.advice import Advice, AdviceQuestion
 from protocol.answers import Hypothesis
+from protocol.codec import decode, encode
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
@@ -67,7 +68,19 @@ def test_without_a_second_place_a_note_has_the_reason() -> None:
 
 def test_a_probable_elsewhere_is_noted() -> None:
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14), elsewhere_probability=0.8)
-    assert "probably at another place" in answer_to(asked).note
+    answer = answer_to(asked)
+    assert "probably at another place" in answer.note
+    assert answer.ways[0].explores
+    assert answer.ways[0].length_m >= 1.0
+    assert [way.explores for way in answer.ways[1:]] == [False] * (len(answer.ways) - 1)
+    decode(encode(answer), Advice)
+
+
+def test_without_a_place_the_way_leads_where_the_scan_is_free() -> None:
+    (way,) = answer_to(question(elsewhere_probability=1.0)).ways
+    assert way.explores
+    assert way.length_m >= 1.0
+    assert way.poses[0] == (0.0, 0.0, 0.0)
 
 
 def test_places_in_walls_have_no_common_way() -> None:
