@@ -38,8 +38,10 @@ BINS = (0.25, 0.5, 1.0)
 """Limits of the predicted gains that are compared with real ones [nat]."""
 SHARES = (0.0, 0.25, 0.5, 0.75)
 """Where poses between two of a way are checked."""
-CELL_TOLERANCE_M = 0.05
+TOLERANCE_M = 0.04
 """A robot that already stands closer than its radius may come closer by this [m]."""
+WAIT_STEPS = 5
+"""Without a way, a robot wanders for as long before it asks again."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Run:
     checked: int
     """Poses of advised ways at each place and at the true pose."""
     unsafe: int
-    """Those nearer to an obstacle than `RADIUS_M`, and than the robot when it asked."""
+    """Those nearer to an obstacle than `RADIUS_M`, and than the robot when it asked; or in one."""
 
 
 class Obstacles:
@@ -82,8 +84,9 @@ class Obstacles:
         poses = np.array(way.poses)
         dense = np.concatenate([poses[:-1] + share * np.diff(poses, axis=0) for share in SHARES])
         room = np.array([self.distance_m(compose(np.array(place), dense)) for place in places])
-        least = np.minimum(RADIUS_M, room[:, :1] - CELL_TOLERANCE_M)
-        return room.size, int((room < least).sum())
+        least = np.minimum(RADIUS_M, room[:, :1] - TOLERANCE_M)
+        moves = np.hypot(*dense[:, :2].T) > 0.0
+        return room.size, int(((room < least) | (room == 0.0) & moves).sum())
 
 
 def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = False) -> Run:
@@ -91,7 +94,7 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
     simulation, mcl = Simulation(place, seed), ClusterMCL(place.map, seed=seed)
     obstacles, checks = Obstacles(place.map), [(0, 0)]
     ways: list[tuple[float, float, float]] = []
-    begun, until, wrong, made, found = None, -1, 0, 0, False
+    begun, until, waits, wrong, made, found = None, -1, -1, 0, 0, False
     for tick in islice(simulation, 40 * limit):
         for belief in filter(None, map(mcl.update, map(Reading.of, tick.readings))):
             made, truth = made + 1, tick.map_from_robot
@@ -102,9 +105,10 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
             if over and begun:
                 ways.append((begun[0], begun[1], log_of_truth(belief, truth) - begun[2]))
                 begun = None
-            if not found and advised and over and belief.state == "ambiguous":
+            if not found and advised and over and made > waits and belief.state == "ambiguous":
                 answer = mcl.advice(radius_m=RADIUS_M)
                 places, until = (*answer.places, truth), made + MAX_WAY_STEPS
+                waits = made + (0 if answer.ways else WAIT_STEPS)
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 for way in answer.ways[:1]:
                     simulation.follow(np.array(way.poses + way.rest * whole), truth)

@@ -31,6 +31,8 @@ from particle_filter.view_memory import ViewMemory
 MAX_WAYS = 5
 LEAST_INFORMATION = 0.2
 """A way with less information is not advised [nat]."""
+LEAST_SHARE = 0.3
+"""The same, as a share of the gain if the right place becomes certain; the lower one counts."""
 _MAX_SPOTS_OF_MANY, _MANY = 60, 16
 """Largest number of view points for more than `_MANY` places."""
 _MAX_PAST, _MAX_PAST_OF_MANY = 100, 20
@@ -40,7 +42,6 @@ _ALL_ROUND_RAD = 6.0
 """A laser with a larger field of view sees the same in all directions [rad]."""
 _SPREADS = 1.5
 """Predicted scans are also weighed at poses this many standard deviations off."""
-_LEAST_PROBABILITY = 1e-9
 _LEAST_SIGMAS = np.array([0.05, 0.05, 0.02])
 """Least standard deviations of a place: x, y [m], heading [rad]."""
 _OFFSETS = np.stack(np.meshgrid(*[(0.0, -1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
@@ -77,7 +78,7 @@ class Way:
     gains: NDArray[np.float64]
     """(K,) expected gain of the logarithm of each place's probability, if it is right [nat]."""
     information: float
-    """Mean of these over the places [nat]."""
+    """Mean of these, weighted by the probability that the place is right [nat]."""
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
     sight: Sight
@@ -134,18 +135,20 @@ def advised_ways(
     """
     places = question.places, question.covariances
     roads = yield from roads_of(*places, question.radius_m, model.grid)
-    question = yield from _without_missed(question, model, settings)
+    shares = yield from _shares(question, model, settings)
     views = yield from _views(question, model, settings, roads)
-    return _best(_ways(question, settings, views)), _spots(question, settings, views)
+    best = _best(_ways(question, shares, settings, views), question, shares)
+    return best, _spots(question, shares, settings, views)
 
 
-def _without_missed(
+def _shares(
     question: Question, model: SensorModel, settings: FilterSettings
-) -> Slices[Question]:
-    """Lower the probabilities of places that earlier views would have shown to be right.
+) -> Slices[NDArray[np.float64]]:
+    """Return the (K,) probabilities that each place is the right one, which sum to one.
 
-    The likelihood field has no evidence against a place whose obstacles were not seen, so the same
-    obstacle would be looked for again.
+    The likelihood field has no evidence against a place whose obstacles were not seen, so the
+    belief keeps it. Here a place that earlier views would have shown to be right has less, so that
+    the same obstacle is not looked for again.
     """
     views = question.seen.rows
     most = _MAX_PAST if len(question.places) <= _MANY else _MAX_PAST_OF_MANY
@@ -155,14 +158,12 @@ def _without_missed(
         seen = _seen(view[:3], question, laser, model)
         expected += view[3] * _counted(seen, question, settings)
         yield
-    total = float(question.probabilities.sum())
-    shares = question.probabilities / total
+    shares = question.probabilities / question.probabilities.sum()
     others = (1.0 - shares + 1e-9) / (len(shares) - 1)
     found = np.maximum(np.log(shares / others), 0.0)
     missed = np.maximum(np.maximum(expected - expected.T, 0.0) @ shares - found, 0.0)
-    shares *= np.exp(missed.min() - missed)
-    scaled = np.maximum(shares * (total / shares.sum()), _LEAST_PROBABILITY)
-    return replace(question, probabilities=scaled)
+    shares = shares * np.exp(missed.min() - missed)
+    return np.asarray(shares / shares.sum())
 
 
 def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDArray[np.float64]:
@@ -288,14 +289,15 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     return _Seen(evidence, ranges)
 
 
-def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[Way]:
+def _ways(
+    question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
+) -> list[Way]:
     rules = settings.belief
     per_metre = _new_view(question.gate_m, rules.view_distance_m)
     per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
     poses = np.array([views.pose_of(view) for view in views.seen])
     new = dict(zip(views.seen, question.seen.new_share(poses, rules), strict=True))
     informs = {view: _counted(seen, question, settings) for view, seen in views.seen.items()}
-    shares = question.probabilities / question.probabilities.sum()
     ways = []
     for poses, sure_poses, driven in views.ways:
         total = np.zeros_like(next(iter(informs.values())))
@@ -303,18 +305,19 @@ def _ways(question: Question, settings: FilterSettings, views: _Views) -> list[W
             total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
         turn = float(np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi).sum())
-        least = rules.localized_probability
-        gains, sure = expected_gains(question.probabilities, total, least)
+        gains, sure = expected_gains(question.probabilities, total, rules.localized_probability)
         information = max(float(shares @ gains), 0.0)
+        sure_share = float(question.probabilities.sum() * shares @ sure)
         last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
-        sight = _sight(views, last, shares)
-        ways.append(Way(*parts, length, turn, gains, information, sure, sight))
+        sight = _sight(views, last, question.probabilities / question.probabilities.sum())
+        ways.append(Way(*parts, length, turn, gains, information, sure_share, sight))
     return ways
 
 
-def _spots(question: Question, settings: FilterSettings, views: _Views) -> NDArray[np.float64]:
-    shares = question.probabilities / question.probabilities.sum()
+def _spots(
+    question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
+) -> NDArray[np.float64]:
     told = np.zeros(len(views.spots))
     for view, seen in views.seen.items():
         evidence = _counted(seen, question, settings)
@@ -332,7 +335,7 @@ def _new_view(gate: float, distance: float) -> float:
 
 def expected_gains(
     probabilities: NDArray[np.float64], evidence: NDArray[np.float64], sure: float
-) -> tuple[NDArray[np.float64], float]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return what a way gains at each place, and the probability of being sure after it.
 
     Args:
@@ -342,10 +345,10 @@ def expected_gains(
         sure: the probability of a place that counts as sure.
 
     Returns:
-        (K,) expected gains of the log probabilities [nat]: their mean over the places is the mutual
-        information of place and scans by pairwise distances, between 0 and the entropy of the
-        places. And a probability, for which the log-likelihood ratio is taken as normal with
-        twice its mean as variance.
+        (K,) expected gains of the log probabilities, if the place is right [nat]: their mean over
+        the places is the mutual information of place and scans by pairwise distances, between 0
+        and the entropy of the places. And (K,) probabilities of being sure then, for which the
+        log-likelihood ratio is taken as normal with twice its mean as variance.
     """
     total = float(probabilities.sum())
     log_prior = np.log(probabilities / total)
@@ -357,7 +360,7 @@ def expected_gains(
     rival = rest.argmax(axis=1)
     margin = own - np.logaddexp.reduce(rest, axis=1) - math.log(sure / (1.0 - sure))
     spread = np.sqrt(2.0 * evidence[np.arange(len(rival)), rival] + 1e-9)
-    return own - log_sum - log_prior, float(probabilities @ ndtr(margin / spread))
+    return own - log_sum - log_prior, np.asarray(ndtr(margin / spread))
 
 
 def _sight(views: _Views, view: View, shares: NDArray[np.float64]) -> Sight:
@@ -369,9 +372,11 @@ def _sight(views: _Views, view: View, shares: NDArray[np.float64]) -> Sight:
     return Sight(bearing, tuple(ranges[:, beam].tolist()))
 
 
-def _best(ways: list[Way]) -> list[Way]:
+def _best(ways: list[Way], question: Question, shares: NDArray[np.float64]) -> list[Way]:
     """Return the best ways, each ending 2 m or more from those before it."""
-    ways = [way for way in ways if way.information >= LEAST_INFORMATION]
+    most = -float(shares @ np.log(question.probabilities / question.probabilities.sum()))
+    least = min(LEAST_INFORMATION, LEAST_SHARE * most)
+    ways = [way for way in ways if way.information >= least]
     ways.sort(key=lambda way: -way.information / (way.effort_m + _BEGINNING_M))
     chosen: list[Way] = []
     for way in ways:

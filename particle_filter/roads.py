@@ -24,6 +24,8 @@ _LATTICE_M = 0.1
 """Distance between points whose clearance is checked; nodes of ways are twice as far apart [m]."""
 _NEAR_M = 0.5
 """Distance from the robot within which a place may have less clearance than required [m]."""
+_NEARER_M = 0.02
+"""There, a way may come nearer to obstacles than the robot is now by this [m]."""
 _DETOUR = 0.2
 """Cost of driving near obstacles: clearance at which a metre costs twice [m]."""
 SPACING_M, _MAX_SPOTS = 1.0, 200
@@ -88,7 +90,9 @@ def roads_of(
     drivable, sure = np.ones((2, *x.shape), np.bool_)
     for place, covariance in zip(places, covariances, strict=True):
         room = _clearance(grid, place, points)
-        as_now = near & (room > max(room[side, side] - 0.5 * _LATTICE_M, 0.0))
+        as_now = np.zeros_like(near)
+        if room[side, side] < radius_m + MARGIN_M + _LATTICE_M:
+            as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
         spread = SURE_SIGMAS * _spread(place, covariance, points)
         drivable &= (room > radius_m + max(spread[side, side], MARGIN_M)) | as_now
         sure &= (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
@@ -142,6 +146,44 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
     # Half a block is subtracted, because the obstacle may begin at the block's border.
     room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
     return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
+
+
+def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> NDArray[np.bool_]:
+    """Return which points are as far from obstacles as the robot is now, by exact distances.
+
+    None is, where the robot is nearer than half its radius: it cannot stand there, so the place or
+    the map is wrong, and no way from it is known to be free.
+
+    Args:
+        grid: the map.
+        place: the robot's pose in the map.
+        points: (n, 3) in the robot's frame.
+        radius_m: radius of the robot [m].
+    """
+    c, s, x0, y0 = grid.in_cells
+    here_and_points = compose(place, np.concatenate([np.zeros((1, 3)), points]))
+    cols = c * here_and_points[:, 0] - s * here_and_points[:, 1] + x0
+    rows = s * here_and_points[:, 0] + c * here_and_points[:, 1] + y0
+    reach = math.ceil((_NEAR_M + radius_m) / grid.cell_m) + 1
+    row, col = math.floor(rows[0]) - reach, math.floor(cols[0]) - reach
+    side = 2 * reach + 1
+    blocked = np.ones((side, side), np.bool_)
+    in_rows, in_cols = np.arange(row, row + side), np.arange(col, col + side)
+    in_map = np.ix_(
+        (in_rows >= 0) & (in_rows < grid.cells.shape[0]),
+        (in_cols >= 0) & (in_cols < grid.cells.shape[1]),
+    )
+    part = grid.cells[max(row, 0) : max(row + side, 0), max(col, 0) : max(col + side, 0)]
+    blocked[in_map] = part != FREE
+    low_rows, low_cols = np.nonzero(blocked)
+    if not len(low_rows):
+        return np.ones(len(points), np.bool_)
+    off_rows = np.abs(rows[:, None] - (low_rows + row + 0.5)) - 0.5
+    off_cols = np.abs(cols[:, None] - (low_cols + col + 0.5)) - 0.5
+    off = np.maximum(off_rows, 0.0) ** 2 + np.maximum(off_cols, 0.0) ** 2
+    room_m = np.sqrt(off.min(axis=1)) * grid.cell_m
+    stands = room_m[0] > 0.5 * radius_m
+    return np.asarray((room_m[1:] > room_m[0] - _NEARER_M) & stands)
 
 
 def _shortest(
