@@ -308,7 +308,8 @@ class ClusterMCL(RobotCommands):
         question = advice_question(
             belief, belief.scan, views, gate, radius_m=radius_m, sender=_SENDER
         )
-        return finished(advice(question, belief.scan, self._model, self._settings, _SENDER))
+        model, marks = self._model, self.map.landmarks
+        return finished(advice(question, belief.scan, model, self._settings, _SENDER, marks))
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(

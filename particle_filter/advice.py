@@ -20,6 +20,8 @@ from scipy.special import ndtr
 from particle_filter.arrays import Points, Pose, Poses
 from particle_filter.evidence_model import evidence_weight, scan_exponent
 from particle_filter.kernels import plain
+from particle_filter.landmark_views import landmark_evidence
+from particle_filter.observations import NOTHING_OBSERVED, Landmarks
 from particle_filter.poses import TURN, compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.roads import SPACING_M, Roads, roads_of
@@ -82,6 +84,8 @@ class Way:
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
     sight: Sight
+    landmarks: frozenset[str]
+    """Names of landmarks that are in sight on the way at some places."""
 
     @property
     def end(self) -> Points:
@@ -116,6 +120,8 @@ class Question:
     """Distance between two steps [m]."""
     gate_rad: float
     """Turn between two steps [rad]."""
+    landmarks: Landmarks = NOTHING_OBSERVED[1]
+    """Those of the map."""
 
 
 def advised_ways(
@@ -135,16 +141,20 @@ def advised_ways(
     """
     places = question.places, question.covariances
     roads = yield from roads_of(*places, question.radius_m, model.grid)
-    shares = yield from _shares(question, model, settings)
+    shares, looked = yield from _shares(question, model, settings)
     views = yield from _views(question, model, settings, roads)
+    for seen in views.seen.values():
+        np.maximum(seen.sights - looked, 0.0, out=seen.sights)
     best = _best(_ways(question, shares, settings, views), question, shares)
     return best, _spots(question, shares, settings, views)
 
 
 def _shares(
     question: Question, model: SensorModel, settings: FilterSettings
-) -> Slices[NDArray[np.float64]]:
+) -> Slices[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Return the (K,) probabilities that each place is the right one, which sum to one.
+
+    And (K, K) the expected evidence of landmarks in sight from earlier views.
 
     The likelihood field has no evidence against a place whose obstacles were not seen, so the
     belief keeps it. Here a place that earlier views would have shown to be right has less, so that
@@ -153,17 +163,19 @@ def _shares(
     views = question.seen.rows
     most = _MAX_PAST if len(question.places) <= _MANY else _MAX_PAST_OF_MANY
     laser = _thinned(question.laser, settings.sensor.max_beams)
-    expected = np.zeros((len(question.places), len(question.places)))
+    expected, looked = np.zeros((2, len(question.places), len(question.places)))
     for view in views[np.argsort(-views[:, 3], kind="stable")[:most]]:
         seen = _seen(view[:3], question, laser, model)
         expected += view[3] * _counted(seen, question, settings)
+        np.maximum(looked, view[3] * seen.sights, out=looked)
         yield
+    expected += looked
     shares = question.probabilities / question.probabilities.sum()
     others = (1.0 - shares + 1e-9) / (len(shares) - 1)
     found = np.maximum(np.log(shares / others), 0.0)
     missed = np.maximum(np.maximum(expected - expected.T, 0.0) @ shares - found, 0.0)
     shares = shares * np.exp(missed.min() - missed)
-    return np.asarray(shares / shares.sum())
+    return np.asarray(shares / shares.sum()), looked
 
 
 def _counted(seen: "_Seen", question: Question, settings: FilterSettings) -> NDArray[np.float64]:
@@ -186,6 +198,9 @@ class _Seen:
     """(K, K) expected evidence of one new view for the place of the row, against the column's."""
     ranges: NDArray[np.float64]
     """(K, B) predicted ranges [m]."""
+    sights: NDArray[np.float64]
+    """(K, K) expected evidence of landmarks in sight; each counts once."""
+    landmarks: frozenset[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,7 +293,8 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     ranges = _cast(at, laser, model)
     variances = np.diagonal(question.covariances, axis1=1, axis2=2)
     off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
-    poses = plain((at[:, None] + off[:, None] * _OFFSETS).reshape(-1, 3))
+    around = at[:, None] + off[:, None] * _OFFSETS
+    poses = plain(around.reshape(-1, 3))
     evidence = np.zeros((count, count))
     for k in range(count):
         beams = model.beams(replace(laser, ranges=ranges[k]))
@@ -286,7 +302,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
             continue  # nothing is in range, so nothing is weighed
         fits = model.log_likelihood(poses, beams).reshape(count, len(_OFFSETS)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
-    return _Seen(evidence, ranges)
+    return _Seen(evidence, ranges, *landmark_evidence(at, around, question.landmarks, model))
 
 
 def _ways(
@@ -300,7 +316,8 @@ def _ways(
     informs = {view: _counted(seen, question, settings) for view, seen in views.seen.items()}
     ways = []
     for poses, sure_poses, driven in views.ways:
-        total = np.zeros_like(next(iter(informs.values())))
+        # Of landmarks, the most informative view counts: others may see the same ones.
+        total = np.max([views.seen[view].sights for view in driven], axis=0)
         for view, (metres, radians) in driven.items():
             total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
@@ -311,7 +328,8 @@ def _ways(
         last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
         sight = _sight(views, last, question.probabilities / question.probabilities.sum())
-        ways.append(Way(*parts, length, turn, gains, information, sure_share, sight))
+        marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
+        ways.append(Way(*parts, length, turn, gains, information, sure_share, sight, marks))
     return ways
 
 
@@ -320,7 +338,7 @@ def _spots(
 ) -> NDArray[np.float64]:
     told = np.zeros(len(views.spots))
     for view, seen in views.seen.items():
-        evidence = _counted(seen, question, settings)
+        evidence = _counted(seen, question, settings) + seen.sights
         gains, _ = expected_gains(question.probabilities, evidence, 0.5)
         told[view[0]] = max(told[view[0]], float(shares @ gains))
     return np.column_stack([views.spots, told])

@@ -68,6 +68,8 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     explores: bool = False
     """Whether it leads to ground that was not seen yet, where a search sees more. It has no
     information about the places."""
+    landmarks: tuple[str, ...] = ()
+    """Landmarks that are in sight on the way at some places."""
     sight_bearing_rad: Finite
     """Direction, from the end of the way, in which the places differ most."""
     sight_ranges_m: tuple[NotNegative, ...]

@@ -1,5 +1,6 @@
 """A worker's advice: from a belief to ways that distinguish its places."""
 
+from collections.abc import Sequence
 from itertools import chain, combinations
 
 import numpy as np
@@ -8,6 +9,7 @@ from msgspec.structs import replace
 from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
 from particle_filter.exploring import unseen_way
+from particle_filter.observations import Landmarks
 from particle_filter.roads import REACH_M, roads_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
@@ -15,7 +17,7 @@ from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion, Way
 from protocol.pose_arrays import covariance_matrix, pose_tuple
-from protocol.steps import Scan
+from protocol.steps import Landmark, Scan
 from worker.jobs import scan_beams, scan_of_laser
 
 PROBABLY_ELSEWHERE = 0.5
@@ -27,7 +29,12 @@ MAX_COMPARED = 8
 
 
 def advice(
-    asked: AdviceQuestion, scan: Scan, model: SensorModel, settings: FilterSettings, sender: str
+    asked: AdviceQuestion,
+    scan: Scan,
+    model: SensorModel,
+    settings: FilterSettings,
+    sender: str,
+    landmarks: Sequence[Landmark] = (),
 ) -> Slices[Advice]:
     """Compute the answer to a question, in slices.
 
@@ -37,6 +44,7 @@ def advice(
         model: sensor model of the map.
         settings: of the filter.
         sender: name of the process.
+        landmarks: of the map.
     """
     head = Advice(
         sender=sender,
@@ -47,7 +55,7 @@ def advice(
         places=tuple(place.pose for place in asked.hypotheses),
     )
     count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
-    question = _question(asked, scan, model)
+    question = _question(asked, scan, model, landmarks)
     explored = (yield from _exploring(question, model)) if is_lost or not count else ()
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
@@ -63,6 +71,7 @@ def advice(
             gains=tuple(way.gains.tolist()),
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
+            landmarks=tuple(sorted(way.landmarks)),
             sight_bearing_rad=way.sight.bearing_rad,
             sight_ranges_m=way.sight.ranges_m,
         )
@@ -125,7 +134,9 @@ def _without_common_ground(question: Question, model: SensorModel) -> Slices[lis
     return found
 
 
-def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question:
+def _question(
+    asked: AdviceQuestion, scan: Scan, model: SensorModel, landmarks: Sequence[Landmark]
+) -> Question:
     places = asked.hypotheses
     poses = np.array([place.pose for place in places]).reshape(-1, 3)
     beams, fit = scan_beams(scan, model), 0.0
@@ -141,4 +152,5 @@ def _question(asked: AdviceQuestion, scan: Scan, model: SensorModel) -> Question
         ViewMemory(asked.views),
         asked.gate_distance_m,
         asked.gate_turn_rad,
+        Landmarks.of((each.name, each.x, each.y, each.sigma) for each in landmarks),
     )

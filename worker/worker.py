@@ -14,7 +14,7 @@ from protocol.advice import Advice, AdviceQuestion
 from protocol.codec import encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
-from protocol.steps import MapMessage, Scan
+from protocol.steps import Landmark, MapMessage, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
 from worker.advising import advice
 from worker.job_table import RECENT_SCANS, JobTable, MissingScans
@@ -147,6 +147,7 @@ class Worker:
         self._name = name
         self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
+        self._landmarks: tuple[Landmark, ...] = ()
         self._model: SensorModel | None = None
         self._model_digest = ""
         """Digest of the map of `_model`."""
@@ -208,7 +209,10 @@ class Worker:
         else:
             problem = ViewMemory(asked.views).problem or ""
             if not problem:
-                self._advising = question, advice(asked, scan, model, settings, self._name)
+                self._advising = (
+                    question,
+                    advice(asked, scan, model, settings, self._name, self._landmarks),
+                )
         return [*replaced, *([Answer(question, self._no_advice(problem))] if problem else [])]
 
     def _no_advice(self, note: str) -> Advice:
@@ -365,7 +369,7 @@ class Worker:
         if message.digest != expected:
             error = MapMismatchError(worker=self._name, expected=expected, found=message.digest)
             return self._refuse_waiting(error)
-        self._map = message
+        self._map, self._landmarks = message, message.landmarks
         return self._continue()
 
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:

@@ -12,6 +12,8 @@ from scipy.spatial import cKDTree
 
 from particle_filter.advice import LEAST_INFORMATION, Question, Way, advised_ways, expected_gains
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from particle_filter.landmark_views import SIGHT_M
+from particle_filter.observations import Landmarks
 from particle_filter.poses import compose
 from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import FilterSettings
@@ -102,6 +104,28 @@ def test_no_way_distinguishes_equal_flats() -> None:
     assert ways == []
     assert np.hypot(*spots[:, :2].T).max() > 5.0
     assert np.all(spots[:, 2] < 0.01)
+
+
+TAG = Landmarks.of([("tag", 19.5, 2.0, 0.05)])
+"""On the far wall of the second flat."""
+
+
+def test_ways_lead_to_a_landmark_that_only_one_place_has() -> None:
+    cells = two_flats(cupboard=False)
+    ways = ways_in(cells, replace(ASKED, landmarks=TAG))
+    assert ways
+    for way in ways:
+        assert way.landmarks == {"tag"}
+        assert way.poses[-1, 0] > 7.5 - SIGHT_M
+        assert way.information > LEAST_INFORMATION
+    behind_wall = replace(ASKED, landmarks=Landmarks.of([("tag", 19.5, -1.0, 0.05)]))
+    assert ways_in(cells, behind_wall) == []
+
+
+def test_a_landmark_that_was_not_seen_is_not_looked_for_again() -> None:
+    earlier = np.array([[6.0, 0.0, 0.0, 1.0, 0.0, 0.0]], "<f4")
+    asked = replace(ASKED, landmarks=TAG, seen=ViewMemory(earlier.tobytes()))
+    assert ways_in(two_flats(cupboard=False), asked) == []
 
 
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.13, -0.31, 1.1), (-0.4, 0.62, -2.2)])

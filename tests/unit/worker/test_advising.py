@@ -11,7 +11,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.advice import Advice, AdviceQuestion
 from protocol.answers import Hypothesis
 from protocol.codec import decode, encode
-from protocol.steps import Scan
+from protocol.steps import Landmark, Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker
@@ -59,6 +59,21 @@ def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
     assert reported.clusters == (0, 1)
     assert (reported.step, reported.stamp_ns) == (SCAN.step, SCAN.stamp_ns)
     assert all(len(way.sight_ranges_m) == 2 for way in reported.ways)
+
+
+def test_a_tag_in_one_arm_of_a_cross_distinguishes_the_arms() -> None:
+    """Of four equal arms; the way leads from each arm into the next ones."""
+    equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
+    arms = question((0.0, 5.0, 1.57), (5.0, 0.0, 0.0), (0.0, -5.0, -1.57), (-5.0, 0.0, 3.14))
+    tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
+    alike = finished(advice(arms, SCAN, equal, SETTINGS, "worker-0"))
+    assert "cannot be distinguished" in alike.note
+    told = finished(advice(arms, SCAN, equal, SETTINGS, "worker-0", [tag]))
+    assert told.ways
+    assert told.note == ""
+    assert all(way.landmarks == ("east",) for way in told.ways)
+    assert max(spot[2] for spot in told.spots) > 10.0 * max(spot[2] for spot in alike.spots)
+    decode(encode(told), Advice)
 
 
 def test_without_a_second_place_a_note_has_the_reason() -> None:
