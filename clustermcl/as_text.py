@@ -88,7 +88,9 @@ def advice_lines(answer: Advice) -> Iterator[str]:
         )
         if way.rest:
             yield f"     ask again at {math.hypot(*way.poses[-1][:2]):.1f} m"
-        yield f"     {_sight(way)}"
+        ranges = way.sight_ranges_m
+        if not way.landmarks or max(ranges) - min(ranges) > SAME_RANGE_M:
+            yield f"     {_sight(way)}"
         if way.landmarks:
             yield f"     landmarks in sight at some places: {', '.join(way.landmarks)}"
     if answer.note:
