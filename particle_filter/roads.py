@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import binary_erosion, distance_transform_edt
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from particle_filter.arrays import FREE, Points, Pose, Poses
 from particle_filter.grid import Grid
@@ -175,13 +176,17 @@ def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> N
     )
     part = grid.cells[max(row, 0) : max(row + side, 0), max(col, 0) : max(col + side, 0)]
     blocked[in_map] = part != FREE
-    low_rows, low_cols = np.nonzero(blocked)
-    if not len(low_rows):
-        return np.ones(len(points), np.bool_)
-    off_rows = np.abs(rows[:, None] - (low_rows + row + 0.5)) - 0.5
-    off_cols = np.abs(cols[:, None] - (low_cols + col + 0.5)) - 0.5
-    off = np.maximum(off_rows, 0.0) ** 2 + np.maximum(off_cols, 0.0) ** 2
-    room_m = np.sqrt(off.min(axis=1)) * grid.cell_m
+    # The nearest cell is one of the rim: all others would need gigabytes for a large robot.
+    rim = np.argwhere(blocked & ~binary_erosion(blocked, border_value=1)) + np.array([row, col])
+    rim = rim + 0.5
+    if not len(rim):
+        return np.full(len(points), not blocked[reach, reach])
+    here = np.column_stack([rows, cols])
+    _, near = cKDTree(rim).query(here, min(8, len(rim)))
+    off = np.abs(here[:, None] - rim[near.reshape(len(here), -1)]) - 0.5
+    room_m = np.hypot(*np.maximum(off, 0.0).T).min(axis=0) * grid.cell_m
+    own = (np.floor(here) - (row, col)).astype(np.int64)
+    room_m[blocked[own[:, 0], own[:, 1]]] = 0.0
     stands = room_m[0] > 0.5 * radius_m
     return np.asarray((room_m[1:] > room_m[0] - _NEARER_M) & stands)
 

@@ -1,0 +1,96 @@
+"""Questions for advice that the protocol allows are answered, by an answer that can be sent."""
+
+import math
+from functools import cache
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
+from particle_filter.grid import Grid
+from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import FilterSettings
+from particle_filter.slices import finished
+from protocol.advice import Advice, AdviceQuestion
+from protocol.answers import Hypothesis
+from protocol.arrays import ArrayBlob
+from protocol.codec import decode, encode
+from protocol.message import Covariance, PoseTuple
+from protocol.steps import Landmark
+from protocol.validity import problem_of
+from tests.fuzz.effort import cases
+from tests.unit.worker.test_advising import SCAN
+from worker.advising import advice
+
+FILTER = FilterSettings()
+NUMBERS = st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)
+VARIANCES = st.floats(0.0, 1e6) | st.floats(0.0, 0.1)
+POSES = st.tuples(NUMBERS, NUMBERS, NUMBERS)
+
+
+@cache
+def room() -> SensorModel:
+    """A room of 4 m around the origin, with a box and unknown ground."""
+    cells = np.full((90, 90), OCCUPIED, np.int8)
+    cells[5:85, 5:85] = FREE
+    cells[60:70, 60:70] = OCCUPIED
+    cells[10:20, 60:80] = UNKNOWN
+    return computed_model(Grid(cells, 0.05, np.array([-2.25, -2.25, 0.0])), FILTER.sensor)
+
+
+def place(cluster: int, pose: PoseTuple, probability: float, covariance: Covariance) -> Hypothesis:
+    return Hypothesis(
+        cluster=cluster, probability=probability, log_probability=0.0, pose=pose,
+        covariance=covariance, effective_sample_size=1.0, age_steps=0,
+    )  # fmt: skip
+
+
+@st.composite
+def questions(draw: st.DrawFn) -> AdviceQuestion:
+    places = []
+    for cluster in range(draw(st.integers(0, 4))):
+        xx, yy, hh = draw(st.tuples(VARIANCES, VARIANCES, VARIANCES))
+        xy = draw(NUMBERS)
+        covariance = (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, hh)
+        places.append(place(cluster, draw(POSES), draw(st.floats(0.0, 1.0)), covariance))
+    views = draw(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 1.0)), max_size=5))
+    rows = np.array([(*view, 0.0, 0.0) for view in views], "<f4").reshape(-1, 6)
+    return AdviceQuestion(
+        sender="test", step=SCAN.step, map_digest=SCAN.map_digest, hypotheses=tuple(places),
+        elsewhere_probability=draw(st.floats(0.0, 1.0)), radius_m=draw(st.floats(0.0, 10.0)),
+        views=rows.tobytes(), gate_distance_m=draw(st.floats(0.0, 10.0)),
+        gate_turn_rad=draw(st.floats(0.0, 10.0)),
+    )  # fmt: skip
+
+
+LANDMARKS = st.lists(
+    st.builds(
+        Landmark, name=st.sampled_from(["a", "b"]), x=NUMBERS, y=NUMBERS, sigma=st.floats(1e-6, 1e6)
+    ),
+    max_size=4,
+)
+RANGES = st.lists(st.floats(width=32) | st.just(math.nan), min_size=181, max_size=181)
+
+
+@cases(0.005)
+@given(asked=questions(), landmarks=LANDMARKS, ranges=st.none() | RANGES.map(np.array))
+def test_every_allowed_question_gets_an_answer_that_can_be_sent(
+    asked: AdviceQuestion, landmarks: list[Landmark], ranges: NDArray[np.float64] | None
+) -> None:
+    scan = SCAN
+    if ranges is not None:
+        scan = replace(scan, ranges=ArrayBlob.of(ranges.astype("<f4"), "float32"))
+    if problem_of(asked) is not None:
+        return
+    answer = finished(advice(asked, scan, room(), FILTER, "worker-0", landmarks))
+    sent = decode(encode(answer), Advice)
+    assert len(sent.ways) <= 6
+    for way in sent.ways:
+        assert way.poses[0][:2] == (0.0, 0.0)
+        assert 0.0 <= way.sure_probability <= 1.0
+        assert len(way.gains) == len(asked.hypotheses)
+    assert sent.ways or sent.note
