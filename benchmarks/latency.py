@@ -27,14 +27,14 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.message import Message
 from protocol.steps import Scan
-from protocol.work import Report
+from protocol.work import Reported, reports_in
 from zenoh_link.session import open_session
 
 Seen = list[tuple[int, Message]]
 """Arrival [ns] and content of each scan, report and belief, in order."""
 _KEYS: dict[str, type[Message]] = {
     keys.SCAN: Scan,
-    keys.ALL_REPORTS: Report,  # type: ignore[dict-item] # a union
+    keys.ALL_REPORTS: Reported,  # type: ignore[dict-item] # a union
     keys.BELIEF: Belief,
 }
 
@@ -50,7 +50,8 @@ def stages_of(seen: Seen) -> tuple[dict[str, np.ndarray], int]:
             case Belief(step=step):
                 beliefs.setdefault(step, at_ns)
             case _:
-                reports[message.step].append(at_ns)  # type: ignore[attr-defined] # all have one
+                for report in reports_in(message):  # type: ignore[arg-type] # the third key's
+                    reports[report.step].append(at_ns)
     times = []
     for step in sorted(scans.keys() & beliefs.keys() & reports.keys()):
         in_time = [at_ns for at_ns in reports[step] if at_ns <= beliefs[step]]

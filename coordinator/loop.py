@@ -53,7 +53,7 @@ from protocol.job_events import event_text
 from protocol.message import Message
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.terms import check_term
-from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
+from protocol.work import Checkpoint, OrderAnswer, Report, Reported, WorkerState, reports_in
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Link, Received, Token, alive
 
@@ -122,8 +122,8 @@ class Loop:
         node.subscribe(keys.ODOMETRY, OdometryReading, self._on_odometry, kind="odometry", kept=1)
         node.subscribe(
             keys.ALL_REPORTS,
-            Report,  # type: ignore[arg-type] # a union
-            self._on_report,
+            Reported,  # type: ignore[arg-type] # a union
+            self._on_reported,
             kind="report",
             kept=4096,
         )
@@ -192,10 +192,14 @@ class Loop:
         self._node.health.happened("odometry")
         self._on(OdometryArrived(reading))
 
-    def _on_report(self, report: Report, received: Received) -> None:
-        self._node.health.happened("reports")
+    def _on_reported(self, message: Reported, received: Received) -> None:
         # The worker's name is taken from the key, which access control protects.
         worker = keys.worker_name(received.key)
+        for report in reports_in(message):
+            self._on_report(report, worker)
+
+    def _on_report(self, report: Report, worker: str) -> None:
+        self._node.health.happened("reports")
         settings = self._coordinator.filter_settings
         check_places(report, settings)
         if has_too_large_snapshot(report, settings):

@@ -209,7 +209,7 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
 
 def may_have_particles(payload: bytes) -> bool:
     """Return whether an encoded report may have particles, without decoding the report."""
-    return len(payload) >= MIN_BYTES and MARK in payload[:100]
+    return len(payload) >= MIN_BYTES and MARK in payload[:30]
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:

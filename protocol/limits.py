@@ -12,7 +12,7 @@ from protocol.job_events import JobEvents
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.message import SMALL_BYTES, Message
 from protocol.steps import LaserReading, MapReading, Scan
-from protocol.work import Checkpoint, Report, WorkOrder
+from protocol.work import Checkpoint, Reported, WorkOrder
 
 _ON_KEY: Mapping[str, Any] = MappingProxyType(
     {
@@ -23,7 +23,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.EVENTS: JobEvents,
         keys.CHECKPOINT: Checkpoint,
         WorkerTopic.ORDER: WorkOrder,
-        WorkerTopic.REPORT: Report,
+        WorkerTopic.REPORT: Reported,
     }
 )
 """Large messages published or queried on each key; those on other keys are small or empty."""

@@ -22,6 +22,7 @@ from protocol.work import (
     Assignment,
     ElsewhereReport,
     Particles,
+    ReportBatch,
     SearchReport,
     TrackJob,
     TrackReport,
@@ -74,6 +75,11 @@ def _(message: SearchReport) -> str | None:
 @problem_of.register
 def _(message: ElsewhereReport) -> str | None:
     return None if message.places is None else found_places_problem(message.places)
+
+
+@problem_of.register
+def _(message: ReportBatch) -> str | None:
+    return first_problem(map(problem_of, message.reports))
 
 
 @problem_of.register

@@ -1,5 +1,6 @@
 """Work orders from the coordinator to workers, and the workers' reports."""
 
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
@@ -231,6 +232,55 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
 
 
 Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport
+MAX_BATCH = 64
+"""Reports of one message: some 40 kB."""
+
+
+class ReportBatch(Message, frozen=True, kw_only=True, tag="report_batch/1"):
+    """Several reports of a worker that have no particles, in their order. Sent like `TrackReport`.
+
+    Losing one costs each cluster in it that step's update.
+    """
+
+    reports: Annotated[
+        tuple[TrackReport | ElsewhereReport, ...], Meta(min_length=2, max_length=MAX_BATCH)
+    ]
+
+
+Reported: TypeAlias = Report | ReportBatch
+"""What a worker publishes as its report."""
+
+
+def reports_in(message: Reported) -> tuple[Report, ...]:
+    """Return the reports of a message in their order."""
+    return message.reports if isinstance(message, ReportBatch) else (message,)
+
+
+def in_few_messages(reports: Sequence[Report]) -> list[Reported]:
+    """Return messages with these reports: consecutive ones without particles share a message.
+
+    The page and the ROS bridge read the particles, and so need not read a batch.
+    """
+    messages, batch = list[Reported](), list[TrackReport | ElsewhereReport]()
+
+    def close() -> None:
+        if len(batch) > 1:
+            messages.append(ReportBatch(sender=batch[0].sender, reports=tuple(batch)))
+        else:
+            messages.extend(batch)
+        batch.clear()
+
+    for report in reports:
+        match report:
+            case TrackReport(snapshot=None, parts=()) | ElsewhereReport(places=None):
+                batch.append(report)
+            case _:
+                close()
+                messages.append(report)
+        if len(batch) == MAX_BATCH:
+            close()
+    close()
+    return messages
 
 
 # --- fail-over to another coordinator -----------------------------------------------------------

@@ -24,7 +24,7 @@ from protocol.answers import (
 )
 from protocol.errors import MalformedMessageError
 from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
-from protocol.work import Report, TrackReport
+from protocol.work import Reported, TrackReport
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.bond import BondThread, BridgeState, RestartFile, restart_file
@@ -121,7 +121,7 @@ class BridgeLoop:
         node.serve(keys.MAP_READING, self._on_map_query)
         kept = _KEPT_MESSAGES
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind=keys.BELIEF, kept=kept)
-        reports: type[TrackReport] = Report  # type: ignore[assignment] # a union
+        reports: type[TrackReport] = Reported  # type: ignore[assignment] # a union
         node.subscribe(keys.ALL_REPORTS, reports, self._on_report, kind=keys.ALL_REPORTS, kept=kept)
 
     def run(self) -> None:
@@ -164,7 +164,7 @@ class BridgeLoop:
         if self._places_until_s is None:
             self._places_until_s = time.monotonic() + _PLACES_WITHIN_S
 
-    def _on_report(self, report: Report, _received: Received) -> None:
+    def _on_report(self, report: Reported, _received: Received) -> None:
         if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
             self._amcl.on_particles(report.cluster, report.snapshot)
 

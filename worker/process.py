@@ -37,7 +37,7 @@ from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, SettingsError, UnreachableError
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
-from protocol.work import Checkpoint, TakeOver, WorkOrder
+from protocol.work import Checkpoint, Report, TakeOver, WorkOrder, in_few_messages
 from worker.map_model import chosen_cache_folder, sensor_model
 from worker.search_queue import SearchPause
 from worker.warm_up import compile_kernels
@@ -242,10 +242,11 @@ class WorkerLoop:
     # --- instructions
 
     def _carry_out(self, instructions: Iterable[Instruction]) -> None:
+        reports = list[Report]()
         for instruction in instructions:
             match instruction:
                 case PublishReport(report):
-                    self._reports.put(report)
+                    reports.append(report)
                     self._node.health.happened("reports")
                 case Answer(asked, message):
                     asked.answer(message)
@@ -258,6 +259,8 @@ class WorkerLoop:
                     self._fetch_scans(instruction)
                 case Warn(cause, detail):
                     self._warn(cause, detail)
+        for reported in in_few_messages(reports):
+            self._reports.put(reported)
 
     def _warn(self, cause: str, detail: object) -> None:
         self._node.causes.warn(_log, cause, detail, time.monotonic())

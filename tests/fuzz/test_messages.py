@@ -14,12 +14,12 @@ from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
 from protocol.steps import MapMessage
-from protocol.work import Report
+from protocol.work import Reported
 from tests.fuzz.any_message import any_message, message_types, messages, plain_trees
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged
 
-EXPECTED: list[Any] = [*message_types(), Report]
+EXPECTED: list[Any] = [*message_types(), Reported]
 expected_types = st.sampled_from(EXPECTED)
 
 

@@ -32,7 +32,8 @@ class _Report(msgspec.Struct):
     """The fields read of a worker's report: decoding all reports completely takes too long."""
 
     sender: str
-    job_id: str
+    job_id: str = ""
+    reports: "tuple[_Report, ...]" = ()
 
 
 class Observer:
@@ -150,6 +151,8 @@ class Observer:
             report = msgspec.msgpack.decode(payload, type=_Report)
         except (msgspec.DecodeError, ValueError):
             return  # injected by the soak itself
-        if report.job_id.startswith("c"):
-            self._reporters[report.job_id] = report.sender, time.time_ns()
+        for one in (report, *report.reports):
+            if not one.job_id.startswith("c"):
+                continue
+            self._reporters[one.job_id] = one.sender, time.time_ns()
             self.seen[keys.worker_report(report.sender)] = payload

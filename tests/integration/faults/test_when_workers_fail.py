@@ -22,7 +22,7 @@ from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
-from protocol.work import Particles, Report, TrackReport
+from protocol.work import Particles, Reported, TrackReport, reports_in
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
@@ -165,9 +165,10 @@ class Flooder:
         self._key = min(self._received)
 
     def _on_report(self, sample: zenoh.Sample) -> None:
-        report: Report = decode(sample.payload.to_bytes(), Report)  # type: ignore[arg-type] # a union
-        if isinstance(report, TrackReport):
-            self._received[str(sample.key_expr)] = report
+        message: Reported = decode(sample.payload.to_bytes(), Reported)  # type: ignore[arg-type] # a union
+        for report in reports_in(message):
+            if isinstance(report, TrackReport):
+                self._received[str(sample.key_expr)] = report
 
     def report(self, step: int, snapshot: Particles | None = None) -> None:
         """Publish the worker's last report with another step and other particles."""
