@@ -16,7 +16,7 @@ from protocol.codec import encode
 from protocol.health import Health
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
-from protocol.work import Assignment, Checkpoint, SearchReport, TrackJob, TrackReport, WorkOrder
+from protocol.work import Assignment, Checkpoint, ReportBatch, Reported, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 WORKER = "worker-0"
@@ -166,7 +166,7 @@ class ForeignSender:
         yield keys.worker_health(WORKER), msgspec.structs.replace(bloated, done={}, uptime_s=NAN)
 
     @staticmethod
-    def _bad_reports(step: int) -> Iterator[TrackReport | SearchReport]:
+    def _bad_reports(step: int) -> Iterator[Reported]:
         old = tracked("c0", step, 1e9, ORIGIN, epoch=0)
         yield old  # of an epoch that is over
         yield msgspec.structs.replace(old, job_id="c999999", epoch=10**6)
@@ -176,7 +176,9 @@ class ForeignSender:
             {"log_likelihood_per_beam": math.inf},
             {"pose": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
         ):  # fmt: skip
-            yield msgspec.structs.replace(old, **change)
+            bad = msgspec.structs.replace(old, **change)
+            yield bad
+            yield ReportBatch(sender="x", reports=(old, bad))
 
     @staticmethod
     def _bad_commands() -> Iterator[Message]:

@@ -91,7 +91,7 @@ def test_malformed_messages_on_every_key_are_counted_by_cause_and_change_no_beli
         assert process.memory_bytes < MAX_MEMORY_BYTES, process.sender
 
 
-REPORT = "TrackReport or SearchReport or ElsewhereReport"
+REPORT = "TrackReport or SearchReport or ElsewhereReport or ReportBatch"
 EXPECTED = {
     "coordinator": {
         "scan of another map", "scan repeated or late", "report of an old epoch",
