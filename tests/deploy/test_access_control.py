@@ -1,5 +1,3 @@
-"""The table of roles: every key in it, names checked, and the deployed file written from it."""
-
 import inspect
 from pathlib import Path
 

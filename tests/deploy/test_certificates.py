@@ -1,5 +1,3 @@
-"""The certificate script, as an administrator runs it."""
-
 import shutil
 import stat
 import subprocess

@@ -1,5 +1,3 @@
-"""The compose files and the image file."""
-
 import importlib.util
 import os
 import re

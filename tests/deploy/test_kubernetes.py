@@ -1,5 +1,3 @@
-"""The Kubernetes example: what refers to something refers to what is there."""
-
 import importlib.util
 import json
 import re

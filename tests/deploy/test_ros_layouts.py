@@ -1,5 +1,3 @@
-"""The RViz layout and the launch file in deploy/, checked without ROS."""
-
 import runpy
 import sys
 from pathlib import Path

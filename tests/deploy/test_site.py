@@ -1,5 +1,3 @@
-"""The site of docs/: what is made from the code is complete, and no link leads nowhere."""
-
 import base64
 import importlib.util
 import json

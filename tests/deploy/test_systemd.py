@@ -1,5 +1,3 @@
-"""The systemd units: what they start exists, systemd finds no fault, and they may do little."""
-
 import configparser
 import importlib.util
 import re

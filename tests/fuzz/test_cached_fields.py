@@ -1,5 +1,3 @@
-"""Whatever is in the cache of likelihood fields, the model is the computed one."""
-
 from pathlib import Path
 
 import numpy as np

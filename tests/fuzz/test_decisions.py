@@ -1,5 +1,3 @@
-"""Valid messages of any content in any order: no process fails."""
-
 import math
 from typing import Any
 

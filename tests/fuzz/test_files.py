@@ -1,5 +1,3 @@
-"""Whatever a file contains, its reader reads it or raises its own error."""
-
 import contextlib
 import gzip
 import io

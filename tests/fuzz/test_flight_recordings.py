@@ -1,5 +1,3 @@
-"""Whatever is in a flight recording, it is replayed or refused in one sentence."""
-
 import contextlib
 from functools import cache
 from pathlib import Path

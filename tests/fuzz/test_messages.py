@@ -1,5 +1,3 @@
-"""Whatever comes from the wire is a message or a MalformedMessageError, and takes no memory."""
-
 import contextlib
 from typing import Any
 

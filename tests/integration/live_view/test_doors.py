@@ -1,5 +1,3 @@
-"""Who gets in, and what a page may ask: a real server, without a browser."""
-
 import http.client
 import json
 import re

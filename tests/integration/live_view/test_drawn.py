@@ -1,5 +1,3 @@
-"""The page's drawings of given messages, in a real browser, without a system behind it."""
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,3 @@
-"""A page that floods the server with requests does not delay the server's own queries."""
-
 from contextlib import closing
 
 from msgspec.structs import replace

@@ -1,5 +1,3 @@
-"""Pages that do not read what they are sent: a real server, without a browser."""
-
 import json
 from contextlib import suppress
 from typing import Any

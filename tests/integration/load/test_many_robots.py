@@ -1,5 +1,3 @@
-"""Robots behind one router: each localizes, by its own readings alone."""
-
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

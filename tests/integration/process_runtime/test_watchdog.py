@@ -1,5 +1,3 @@
-"""Watchdog messages are sent while the loop runs, and stop when it stops."""
-
 import os
 import signal
 import socket

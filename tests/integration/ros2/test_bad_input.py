@@ -1,5 +1,3 @@
-"""What a robot may say wrongly: each is counted, said in one line, and the rest goes on."""
-
 import math
 import time
 from typing import Any

@@ -1,5 +1,3 @@
-"""What other nodes see of the bridge in ROS's graph, and for how long."""
-
 import signal
 import time
 from collections.abc import Callable

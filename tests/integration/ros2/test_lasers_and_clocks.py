@@ -1,5 +1,3 @@
-"""Robots that are not the simplest: several lasers, other sensors, a clock that is set back."""
-
 import time
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Latched messages: published once, and delivered to later subscribers."""
-
 import numpy as np
 import pytest
 

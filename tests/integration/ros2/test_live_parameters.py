@@ -1,5 +1,3 @@
-"""Parameters set while the robot drives reach all our processes, and stay when these are killed."""
-
 from itertools import pairwise
 from typing import Any
 

@@ -1,5 +1,3 @@
-"""What nav2's behaviour trees and people may ask of the node."""
-
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Two robots in namespaces of one router do not affect each other."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""`clustermcl up` on a ROS robot: with an existing router and nav2's own parameters."""
-
 import os
 import signal
 from contextlib import suppress

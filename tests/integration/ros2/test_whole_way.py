@@ -1,5 +1,3 @@
-"""The whole way: a robot of ROS in the cross, our processes, and AMCL's pose back at the robot."""
-
 import math
 import sys
 import tempfile

@@ -1,5 +1,3 @@
-"""Which certificates the router admits to a link."""
-
 import shutil
 from collections.abc import Callable
 from datetime import timedelta

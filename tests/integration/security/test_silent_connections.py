@@ -1,5 +1,3 @@
-"""Silent connections to the router do not lock out others."""
-
 import select
 import socket
 import ssl

@@ -1,5 +1,3 @@
-"""A bridge that starts asks whether steps were counted before."""
-
 from threading import Timer
 
 import zenoh

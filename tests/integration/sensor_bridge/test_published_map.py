@@ -1,5 +1,3 @@
-"""A robot that publishes its map: the real bridge takes it, and follows it when it changes."""
-
 import msgspec
 import numpy as np
 import pytest

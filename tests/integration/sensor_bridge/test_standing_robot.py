@@ -1,5 +1,3 @@
-"""A robot that stands: the real bridge makes steps of its scans when it is asked to."""
-
 from pathlib import Path
 
 from protocol import keys

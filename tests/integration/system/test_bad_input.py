@@ -1,5 +1,3 @@
-"""A user's mistakes: one line with what and where, and no process left behind."""
-
 import subprocess
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""`clustermcl demo`: from its start to its end, or to its interruption."""
-
 import json
 import math
 import os

@@ -1,5 +1,3 @@
-"""`clustermcl evaluate`: many runs in parallel processes."""
-
 import json
 import math
 import os

@@ -1,5 +1,3 @@
-"""`clustermcl up --one-process`: the same keys and beliefs as those of many processes."""
-
 import os
 import signal
 from collections.abc import Iterator

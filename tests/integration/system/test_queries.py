@@ -1,5 +1,3 @@
-"""Questions and commands to a running system, as a person types them."""
-
 import json
 import math
 import os

@@ -1,5 +1,3 @@
-"""`clustermcl record` and `demo --record`: a running system in one file, played back."""
-
 import os
 import signal
 from collections import Counter

@@ -1,5 +1,3 @@
-"""`clustermcl record-landmarks` on a real session."""
-
 import logging
 import threading
 from itertools import count

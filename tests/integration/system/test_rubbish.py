@@ -1,5 +1,3 @@
-"""Rubbish on every key, while a robot drives: counted by cause, and without any other effect."""
-
 from contextlib import ExitStack, suppress
 
 import zenoh

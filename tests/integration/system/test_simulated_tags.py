@@ -1,5 +1,3 @@
-"""A simulated robot whose camera sees tags, through all processes, and in the flight recorder."""
-
 from pathlib import Path
 
 from msgspec.structs import replace

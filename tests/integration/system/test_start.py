@@ -1,5 +1,3 @@
-"""What processes load: mathematics only where it is done."""
-
 import os
 import subprocess
 import sys

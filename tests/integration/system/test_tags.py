@@ -1,5 +1,3 @@
-"""Tags in a symmetric building, through all processes: bridge, workers, coordinator."""
-
 import tempfile
 import time
 from itertools import islice

@@ -1,5 +1,3 @@
-"""`clustermcl up`: everything in the foreground, until a signal."""
-
 import asyncio
 import os
 import signal

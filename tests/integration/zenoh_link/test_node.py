@@ -1,5 +1,3 @@
-"""A node's queries and handlers over a real router."""
-
 from collections.abc import Iterator
 from contextlib import closing
 

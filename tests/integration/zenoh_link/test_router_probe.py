@@ -1,5 +1,3 @@
-"""A router that accepts no client any more exits, to be restarted."""
-
 import json
 import socket
 from collections.abc import Iterator

@@ -1,5 +1,3 @@
-"""TLS by settings alone, and what is said of certificate files that cannot be used."""
-
 import socket
 from collections.abc import Callable
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Advised ways of a simulated robot, at all its places and at its true pose."""
-
 import numpy as np
 
 from benchmarks.advice import RADIUS_M, Obstacles, place_of, run

@@ -1,5 +1,3 @@
-"""Repeated views add no evidence."""
-
 import pytest
 
 from benchmarks.same_views import CASES, run

@@ -1,5 +1,3 @@
-"""The table of commands: help, options, exit codes. No network."""
-
 import os
 import re
 import subprocess

@@ -1,5 +1,3 @@
-"""Models and readers of one's own: registered here, or installed as entry points."""
-
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path

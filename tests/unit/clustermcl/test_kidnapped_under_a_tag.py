@@ -1,5 +1,3 @@
-"""A robot in an office that is carried to a place with a tag in sight."""
-
 from collections.abc import Iterator
 from itertools import islice
 

@@ -1,5 +1,3 @@
-"""A tag in an office was moved by two metres since it was mapped, and is moved back."""
-
 import math
 from itertools import islice
 

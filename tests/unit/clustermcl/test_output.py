@@ -1,5 +1,3 @@
-"""What a command prints, where it cannot be printed."""
-
 import subprocess
 import sys
 from pathlib import Path

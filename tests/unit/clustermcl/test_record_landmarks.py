@@ -1,5 +1,3 @@
-"""`clustermcl record-landmarks`: positions of unknown landmarks that a localized robot sees."""
-
 import math
 
 import numpy as np

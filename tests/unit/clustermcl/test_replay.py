@@ -1,5 +1,3 @@
-"""`clustermcl replay`: what it prints, and what it says of folders that it cannot replay."""
-
 import json
 import os
 import re

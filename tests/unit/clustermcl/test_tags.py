@@ -1,5 +1,3 @@
-"""A cross of four equal arms with a tag in each of two arms, in the library."""
-
 import numpy as np
 import pytest
 

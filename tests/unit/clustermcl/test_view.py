@@ -1,5 +1,3 @@
-"""What `clustermcl view` and `demo --view` refuse before anything is started."""
-
 from pathlib import Path
 
 import pytest

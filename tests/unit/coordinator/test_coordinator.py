@@ -1,5 +1,3 @@
-"""Whole stories of the coordinator: events in, instructions out, no network."""
-
 import msgspec
 import pytest
 

@@ -1,5 +1,3 @@
-"""Which poses a robot can have: free ground has to be within their uncertainty."""
-
 import msgspec
 import numpy as np
 import pytest

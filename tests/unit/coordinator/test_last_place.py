@@ -1,5 +1,3 @@
-"""Where the robot was in an earlier life: one place that is possible, for whom it can be one."""
-
 import math
 
 import pytest

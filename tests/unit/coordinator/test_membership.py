@@ -1,5 +1,3 @@
-"""Which workers are present, seen by a coordinator whose own link may break."""
-
 from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
 from coordinator.replica import GRACE_NS, SETTLE_NS, Membership
 

@@ -1,5 +1,3 @@
-"""Which shards of a search are taken from their workers."""
-
 from coordinator.jobs import PlacedJob
 from coordinator.slow_workers import (
     LONGEST_NS,

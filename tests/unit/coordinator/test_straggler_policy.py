@@ -1,5 +1,3 @@
-"""Which workers a step waits for, and which are given up."""
-
 from coordinator.slow_workers import (
     FIRST_PAUSE_NS,
     FORGOTTEN_AFTER_NS,

@@ -1,5 +1,3 @@
-"""What `clustermcl evaluate` says of a run, and which options it refuses."""
-
 import math
 from pathlib import Path
 from typing import Any

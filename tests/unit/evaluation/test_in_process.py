@@ -1,5 +1,3 @@
-"""The in-process run: jobs of real particles begin and end as the belief says."""
-
 import numpy as np
 
 from evaluation.in_process import InProcess

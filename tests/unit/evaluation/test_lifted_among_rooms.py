@@ -1,5 +1,3 @@
-"""A robot that is lifted into another of eight identical rooms, with eight clusters."""
-
 from collections.abc import Iterator
 from math import hypot
 from pathlib import Path

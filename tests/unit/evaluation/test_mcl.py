@@ -1,5 +1,3 @@
-"""Ordinary MCL: its start, how it shrinks, and its random particles."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""A step seen in a mirror is a step of the mirror-image building."""
-
 import itertools
 import math
 

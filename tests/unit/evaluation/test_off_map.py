@@ -1,5 +1,3 @@
-"""A robot that is not on the map is not called localized, and one that is stays so."""
-
 import itertools
 from pathlib import Path
 

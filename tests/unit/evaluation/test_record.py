@@ -1,5 +1,3 @@
-"""A run that is recorded, read by another reader and played back into the system."""
-
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""What `clustermcl evaluate` writes for other programs: trajectories, and tables of runs."""
-
 import csv
 import math
 import re

@@ -1,5 +1,3 @@
-"""A large map is cropped to its known cells, and poses keep their meaning."""
-
 import tracemalloc
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Landmarks files: what they say, and what is refused."""
-
 from contextlib import suppress
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""Which requests may open the page."""
-
 import pytest
 
 from live_view.admission import DEFAULT_PORT, Address, Admission, parsed_address

@@ -1,5 +1,3 @@
-"""Each cluster has a colour of its own for as long as it lives."""
-
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -1,5 +1,3 @@
-"""A browser's permitted commands."""
-
 import pytest
 
 from live_view.commands import (

@@ -1,5 +1,3 @@
-"""The map as a picture: everything stands where it is."""
-
 import re
 import zlib
 from typing import Any

@@ -1,5 +1,3 @@
-"""A large map becomes small enough for a browser, and its walls stay."""
-
 import zlib
 
 import msgspec

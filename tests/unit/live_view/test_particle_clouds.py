@@ -1,5 +1,3 @@
-"""Particles on the page: thinned out by weight, nothing of them lost that matters."""
-
 import numpy as np
 import pytest
 

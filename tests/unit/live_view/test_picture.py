@@ -1,5 +1,3 @@
-"""The page's messages, one by one."""
-
 import json
 from typing import Any
 

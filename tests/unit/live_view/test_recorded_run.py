@@ -1,5 +1,3 @@
-"""A finished run on the page: the same steps, scans, places and events as were live."""
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,3 @@
-"""A slow browser skips frames and takes no more memory for it."""
-
 from live_view.commands import Drawn
 from live_view.room import MESSAGES_AHEAD, Browser
 

@@ -1,5 +1,3 @@
-"""Looking back: what was drawn at a step."""
-
 import json
 
 from live_view.step_archive import LOOK_BACK_STEPS, StepArchive

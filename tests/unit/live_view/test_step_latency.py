@@ -1,5 +1,3 @@
-"""Step latency as the page's process measures it."""
-
 from live_view.live_loop import LAST_STEPS, StepLatency
 
 MS = 1_000_000

@@ -1,5 +1,3 @@
-"""The weight of a search's place against an exact filter over the whole room."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The clusters' probabilities against those of an exact filter on a grid."""
-
 import math
 from functools import cache
 

@@ -1,5 +1,3 @@
-"""The best of all short ways in a tiny world is among the first three that are advised."""
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import cache

@@ -1,5 +1,3 @@
-"""A global search's evidence and shares against an exact filter over the whole of a small room."""
-
 from itertools import product
 
 import numpy as np

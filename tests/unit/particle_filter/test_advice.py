@@ -1,5 +1,3 @@
-"""Advice where to drive: information, ways that are free at all places, and maps without any."""
-
 import math
 from dataclasses import replace
 

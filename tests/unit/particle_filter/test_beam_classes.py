@@ -1,5 +1,3 @@
-"""Beams in a room whose walls are known: which class each is of."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The beam model, against the book's formulas line by line."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

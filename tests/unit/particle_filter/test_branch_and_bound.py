@@ -1,5 +1,3 @@
-"""A grid search finds what scoring every leaf finds."""
-
 import math
 import weakref
 

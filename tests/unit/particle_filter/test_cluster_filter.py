@@ -1,5 +1,3 @@
-"""One step of a cluster: weights, noise, evidence and visibility."""
-
 import math
 
 import numpy as np

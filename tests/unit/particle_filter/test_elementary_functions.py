@@ -1,5 +1,3 @@
-"""Written-out functions against the library's; the difference has no effect in use."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The Gaussian through a cloud."""
-
 import subprocess
 import sys
 

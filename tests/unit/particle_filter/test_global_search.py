@@ -1,5 +1,3 @@
-"""A search over a whole map, from the first scan on."""
-
 import math
 
 import numpy as np

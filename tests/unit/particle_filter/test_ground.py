@@ -1,5 +1,3 @@
-"""Who pays for the ground."""
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,5 +1,3 @@
-"""The door to compiled code."""
-
 import importlib
 import os
 import subprocess

@@ -1,5 +1,3 @@
-"""The likelihood field against its naive twin, and laws of symmetry."""
-
 import math
 from pathlib import Path
 

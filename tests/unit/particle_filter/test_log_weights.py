@@ -1,5 +1,3 @@
-"""Laws of weights in logarithms."""
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,5 +1,3 @@
-"""Odometry motion models against their naive twins, and the noise they promise."""
-
 from math import hypot, pi
 from typing import Literal
 

@@ -1,5 +1,3 @@
-"""Gaussians of the motion models, against clouds of particles that move."""
-
 from itertools import product
 
 import numpy as np

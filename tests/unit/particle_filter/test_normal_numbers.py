@@ -1,5 +1,3 @@
-"""Normal numbers are normal, independent, and the same for the same generator."""
-
 from math import erf, sqrt
 
 import numpy as np

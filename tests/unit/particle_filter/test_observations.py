@@ -1,5 +1,3 @@
-"""The likelihood of observations, against an exact filter on a grid of poses."""
-
 import math
 from dataclasses import replace
 

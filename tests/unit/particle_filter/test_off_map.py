@@ -1,5 +1,3 @@
-"""What classes of beams say of places: arithmetic, and what is learned of the map."""
-
 import math
 
 import hypothesis

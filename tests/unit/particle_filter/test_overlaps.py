@@ -1,5 +1,3 @@
-"""Which clusters are one."""
-
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays

@@ -1,5 +1,3 @@
-"""Laws of poses and angles."""
-
 from math import cos, pi, sin
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Every level of the pyramid bounds the next, and the last one is the field itself."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,5 +1,3 @@
-"""Random numbers depend on what they are for and on nothing else."""
-
 from itertools import product
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Rays in grid maps, against squares cut one by one and against mirrors."""
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

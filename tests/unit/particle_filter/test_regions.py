@@ -1,5 +1,3 @@
-"""Regions of a map, as the settings name them."""
-
 import msgspec
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Laws of resampling, and its kernel against the naive twin."""
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,5 +1,3 @@
-"""Which beams are scored, and where they ended."""
-
 from math import pi
 
 import numpy as np

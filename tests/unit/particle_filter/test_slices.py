@@ -1,5 +1,3 @@
-"""A search computes in slices that are all short, however much there is to do."""
-
 import numpy as np
 import pytest
 

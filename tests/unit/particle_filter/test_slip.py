@@ -1,5 +1,3 @@
-"""A robot that has not gone where its odometry says."""
-
 import math
 from itertools import product
 

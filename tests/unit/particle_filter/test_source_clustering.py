@@ -1,5 +1,3 @@
-"""Clusters around source points, against the naive twin."""
-
 import numpy as np
 import pytest
 from hypothesis import given

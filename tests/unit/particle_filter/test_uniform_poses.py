@@ -1,5 +1,3 @@
-"""Poses that cover the free space of a map evenly."""
-
 import numpy as np
 import pytest
 from scipy.stats import chi2

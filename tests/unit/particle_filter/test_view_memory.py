@@ -1,5 +1,3 @@
-"""How new a scan is, where the robot comes back to what it has seen."""
-
 import math
 from collections.abc import Iterable
 

@@ -1,5 +1,3 @@
-"""Beams through walls."""
-
 from math import atan2, hypot
 
 import numpy as np

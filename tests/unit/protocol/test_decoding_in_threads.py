@@ -1,5 +1,3 @@
-"""Several threads decode a class that none has decoded before."""
-
 import subprocess
 import sys
 

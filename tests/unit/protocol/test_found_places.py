@@ -1,5 +1,3 @@
-"""Places travel as columns, and pass only if each of them is one."""
-
 import math
 
 import hypothesis

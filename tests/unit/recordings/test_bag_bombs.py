@@ -1,5 +1,3 @@
-"""Bags of a few kilobytes that stand for gigabytes are refused before these are in memory."""
-
 import struct
 import tracemalloc
 from dataclasses import dataclass

@@ -1,5 +1,3 @@
-"""A run log: what was written is read, up to the first damaged byte, and by other readers."""
-
 import base64
 import json
 import random

@@ -1,5 +1,3 @@
-"""The tree of frames."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""A robot drives where it should, hits nothing, and has the configured odometry error."""
-
 from math import hypot, pi
 
 import numpy as np

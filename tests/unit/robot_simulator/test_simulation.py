@@ -1,5 +1,3 @@
-"""A simulation: repeatable, in order, and true to its world."""
-
 from dataclasses import replace
 from itertools import islice
 from math import hypot, pi

@@ -1,5 +1,3 @@
-"""Worlds look as they should: symmetric to the last cell, or different where specified."""
-
 from itertools import islice, pairwise
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""What stands in for AMCL: events in, outputs out."""
-
 from collections.abc import Iterable
 from math import inf, nan, pi
 from typing import Any

@@ -1,5 +1,3 @@
-"""ROS's messages as bytes."""
-
 from contextlib import suppress
 
 import numpy as np

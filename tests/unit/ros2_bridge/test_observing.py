@@ -1,5 +1,3 @@
-"""Satellite fixes, tags and detected objects of ROS as observations."""
-
 import math
 from math import inf, nan
 from typing import Any

@@ -1,5 +1,3 @@
-"""nav2's parameters: what becomes of them, and what their services answer."""
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,3 @@
-"""A slice of a point cloud as a laser scan."""
-
 import math
 from typing import Any
 

@@ -1,5 +1,3 @@
-"""Which of several places is published."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Where the bridge is a peer of the robot's nodes, and where a client of its router."""
-
 import pytest
 
 from ros2_bridge.robot_session import is_of_this_machine

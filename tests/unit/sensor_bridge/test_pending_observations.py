@@ -1,5 +1,3 @@
-"""Observations on their way to a step."""
-
 import math
 from collections import Counter
 

@@ -1,5 +1,3 @@
-"""Robots with several lasers, and lasers mounted on their heads."""
-
 import math
 from collections.abc import Sequence
 

@@ -1,5 +1,3 @@
-"""How often a source of observations is wrong."""
-
 from collections.abc import Sequence
 
 import numpy as np

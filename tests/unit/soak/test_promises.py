@@ -1,5 +1,3 @@
-"""Each promise of the soak notices what breaks it, and is kept by what does not."""
-
 import os
 import socket
 from collections.abc import Sequence

@@ -1,5 +1,3 @@
-"""A worker's answers to questions for advice."""
-
 from typing import Any
 
 from msgspec.structs import replace

@@ -1,5 +1,3 @@
-"""The job that weighs scans all over the map."""
-
 import numpy as np
 import pytest
 from msgspec.structs import replace

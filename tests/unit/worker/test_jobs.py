@@ -1,5 +1,3 @@
-"""The jobs themselves: their noise, their particles, and their reports."""
-
 import numpy as np
 import pytest
 from msgspec.structs import replace

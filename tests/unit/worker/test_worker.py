@@ -1,5 +1,3 @@
-"""The worker's decisions: a list of events in, a list of instructions out."""
-
 from typing import Any
 
 import msgspec

@@ -1,5 +1,3 @@
-"""Ordinary MCL and what is added to it, on a simulated robot in the hall."""
-
 from pathlib import Path
 from typing import Any
 

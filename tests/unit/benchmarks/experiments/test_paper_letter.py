@@ -1,5 +1,3 @@
-"""The paper's letter as an algorithm: Cluster-MCL without what was added to it."""
-
 import pytest
 
 from benchmarks.experiments import baselines

@@ -1,5 +1,3 @@
-"""Which candidates enter and with what probability; particles around given places."""
-
 import math
 
 import numpy as np

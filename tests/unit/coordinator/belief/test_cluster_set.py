@@ -1,5 +1,3 @@
-"""The places and elsewhere: Bayes' rule over both, kidnappings, and that they sum to one."""
-
 import math
 
 import hypothesis

@@ -1,5 +1,3 @@
-"""A decoy is searched for and tracked while it is open whether the robot is on the map."""
-
 import math
 
 import pytest

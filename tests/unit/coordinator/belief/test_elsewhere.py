@@ -1,5 +1,3 @@
-"""Whether the robot is at none of the tracked places: kidnappings, commands, and being lost."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""What reports do to the belief: averages, missing ones, shares of what is found."""
-
 import math
 
 import numpy as np

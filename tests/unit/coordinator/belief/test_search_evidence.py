@@ -1,5 +1,3 @@
-"""What the clusters gather while a search runs, step by step."""
-
 import math
 
 import msgspec

@@ -1,5 +1,3 @@
-"""How near a search is to its end."""
-
 import math
 
 import pytest

@@ -1,5 +1,3 @@
-"""A replay equals the recorded run, bit for bit, under any fault."""
-
 import tempfile
 from pathlib import Path
 

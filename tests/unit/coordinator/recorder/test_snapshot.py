@@ -1,5 +1,3 @@
-"""A coordinator's snapshot holds all that it knows, and reading one runs nothing."""
-
 import ast
 import pickle
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""A recording with known laser and odometry, described rightly or wrongly."""
-
 import itertools
 from collections.abc import Iterator
 

@@ -1,5 +1,3 @@
-"""The picture of `clustermcl check --report`."""
-
 from pathlib import Path
 
 from PIL import Image, ImageColor
