@@ -1,9 +1,11 @@
 """A standing robot gets places: after its start, after a command, and with a new map."""
 
+import math
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import dropwhile
 
 import msgspec
 import numpy as np
@@ -20,6 +22,7 @@ from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.errors import CommandRefusedError
+from protocol.message import PoseTuple
 from protocol.steps import LaserReading, MapReading, OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
@@ -42,7 +45,7 @@ def map_reading(grid_map: GridMap) -> MapReading:
 
 
 @contextmanager
-def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[tuple[float, ...]]:
+def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[PoseTuple]:
     """Publishes the same scan ten times a second, and odometry twice as often; yields its pose."""
     stop = StopFlag()
     tick = next(iter(Simulation(world(world_name), seed=5)))
@@ -88,15 +91,16 @@ def wait_until_reported(
 
 
 def test_a_standing_robot_gets_its_possible_places() -> None:
-    before, after = world("cross").map, world("cross_feature").map
+    before, after = world("cross_feature").map, world("cross").map
     bridge = BridgeSettings(map="zenoh", source="zenoh")
     with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
         with (
             answering(tested.session, map_reading(before)),
-            standing_robot(tested.session, "cross") as pose,
+            standing_robot(tested.session, "cross_feature") as pose,
         ):
             wait_until_reported(tested, client, pose, before.digest)
+            assert_that_a_given_pose_counts_once_a_scan_confirms_it(tested, client, pose)
             client.relocalize()
             relocalized = tested.step
             wait_until(lambda: tested.beliefs[-1].state == "searching" or tested.step > relocalized)
@@ -109,7 +113,29 @@ def test_a_standing_robot_gets_its_possible_places() -> None:
         assert status.counters["map changed"] == 1
 
 
-def refused(client: Client, pose: tuple[float, float, float]) -> str:
+def assert_that_a_given_pose_counts_once_a_scan_confirms_it(
+    tested: System, client: Client, pose: PoseTuple
+) -> None:
+    left, low, _ = world("cross_feature").map.map_from_grid
+    for off in ((700.0, 0.5, 1.6), (left - 5.0, low, 0.0)):
+        assert "no free ground" in refused(client, off)
+    x, y, heading = pose
+    before = tested.step
+    client.set_pose((x, y, heading + math.pi / 2), heading_sigma_rad=0.1)
+
+    def after() -> list[Belief]:
+        """Beliefs from the first one with the given pose on."""
+        return list(dropwhile(lambda b: b.state != "searching", tested.since(before)))
+
+    wait_until(lambda: len(after()) > 10)
+    assert after()[0].hypotheses[0].probability > 0.9
+    assert {belief.state for belief in after()} == {"searching"}
+    client.set_pose(pose)
+    wait_until(lambda: tested.beliefs[-1].state == "localized")
+    assert may_be_at(tested.beliefs[-1], pose)
+
+
+def refused(client: Client, pose: PoseTuple) -> str:
     with pytest.raises(CommandRefusedError) as caught:
         client.set_pose(pose)
     return str(caught.value)

@@ -6,6 +6,7 @@ import time
 from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from statistics import median
@@ -233,6 +234,28 @@ def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
     poses_at_s = dict(zip(map(stamp_of, poses), robot.received_at_s[AMCL_POSE.name], strict=True))
     assert_early_enough(drive, receipts, poses_at_s)
     assert_same_beliefs(tested.beliefs, from_ros, from_readings)
+
+
+@pytest.mark.timeout(400)
+def test_a_new_map_of_ros_under_way_ends_at_the_right_place_in_it() -> None:
+    before = world(WORLD).map
+    x, y, heading = before.map_from_grid
+    after = replace(before, map_from_grid=(x + 10.0, y - 5.0, heading))
+    with robot_and_system() as (tested, robot), tested.client as client:
+        poses, drive = robot.listen(AMCL_POSE), Drive(robot, tested)
+
+        def is_at(moved_m: tuple[float, float]) -> bool:
+            if not poses or stamp_of(poses[-1]) not in drive.truth:
+                return False
+            truth = np.add(drive.truth[stamp_of(poses[-1])][:2], moved_m)
+            return math.dist(planar(poses[-1].pose.pose)[:2], truth) < 0.2
+
+        with drive.driving():
+            wait_until(lambda: is_at((0.0, 0.0)), 150.0)
+            put_map(robot, after)
+            wait_until(lambda: client.status().map_digest == after.digest)
+            wait_until(lambda: is_at((10.0, -5.0)), 150.0)
+        assert client.status().counters["map changed"] == 1
 
 
 def assert_early_enough(drive: Drive, receipts: Receipts, poses_at_s: dict[int, float]) -> None:

@@ -1,6 +1,6 @@
 import numpy as np
 
-from benchmarks.advice import RADIUS_M, Obstacles, place_of, run
+from benchmarks.advice import Obstacles, place_of, run
 from protocol.advice import Way
 
 CROSS = place_of("cross_feature")
@@ -21,13 +21,3 @@ def test_a_way_through_a_wall_is_counted() -> None:
     checked, unsafe = Obstacles(CROSS.map).count_unsafe(way, [(0.0, -4.0, 0.0)])
     assert checked == 4 * (len(poses) - 1)
     assert unsafe > checked // 3
-
-
-def test_distances_are_those_to_the_sides_of_cells() -> None:
-    obstacles = Obstacles(CROSS.map)
-    across = np.array([[0.0, -4.0, 0.0]]) + np.linspace(0.0, 3.0, 301)[:, None] * (1.0, 0.0, 0.0)
-    room = obstacles.distance_m(across)
-    wall = int(np.argmax(room == 0.0))
-    assert wall > 0
-    assert np.allclose(np.diff(room[wall - 20 : wall]), -0.01, atol=1e-9)
-    assert room[0] > RADIUS_M

@@ -16,9 +16,12 @@ from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
 from grid_maps.grid_map import GridMap
+from live_view.admission import parsed_address
+from live_view.page_server import PageOptions
+from live_view.recorded_run import view_recording
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
-from protocol.errors import ClusterMclError
+from protocol.errors import ClusterMclError, RecordingError
 from recordings.run_log import RunLog
 from robot_simulator.worlds.catalogue import world
 from tests.maps import write_map
@@ -164,6 +167,31 @@ def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> No
     path = tmp_path / f"{7:017d}-000000.mcap"
     write_file(path, head(), RecordedEvent(1, WorkerReturned("never seen")))
     assert "the coordinator fails at event 1: KeyError: 'never seen'" in complaint(tmp_path)
+
+
+def pickled_attack(marker: Path) -> bytes:
+    """A pickle of the product's own classes alone that starts a process while it is read.
+
+    Opcode ADDITEMS calls `.add()` of any object: `Supervisor([]).add(ChildSpec(command))`.
+    """
+    command = b"".join(b"V%s\na" % word.encode() for word in ("touch", str(marker)))
+    module = b"cprocess_runtime.supervisor\n"
+    spec = module + b"ChildSpec\n(Vx\n]" + command + b"tR"
+    return b"\x80\x04" + module + b"Supervisor\n]\x85R(" + spec + b"\x90."
+
+
+def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None:
+    marker, path = tmp_path / "marker", tmp_path / f"{7:017d}-000001.mcap"
+    attack = pickled_attack(marker)
+    write_file(path, msgspec.structs.replace(head(), snapshot=attack, first_event=1))
+    assert "not a coordinator's snapshot" in complaint(tmp_path)
+    write_file(path, head(), msgspec.Raw(attack))
+    complaint(tmp_path)
+    with RunLog(path) as log:
+        log.write("/belief", msgspec.Raw(attack), 0)
+    with pytest.raises(RecordingError):
+        view_recording(tmp_path, PageOptions(address=parsed_address("127.0.0.1:0")))
+    assert not marker.exists()
 
 
 def test_the_map_must_be_the_one_of_the_recording(recording: Path, tmp_path: Path) -> None:

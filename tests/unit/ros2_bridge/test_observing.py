@@ -16,7 +16,6 @@ from ros2_bridge.observing import MAX_WAITING, Datum
 from ros2_bridge.outputs import Output, Refused
 from tests.unit.ros2_bridge.test_amcl import SECOND, Robot, causes, link
 
-HALF = math.sqrt(0.5)
 OPTICAL = Rigid(0.2, 0.0, 0.5, -0.5, 0.5, -0.5, 0.5)
 """Pose of a camera that looks ahead: its z axis is the robot's x axis."""
 NORTHWARD = Ros2Settings(gnss_topics="fix", datum="52.0, 4.0, 90")

@@ -3,9 +3,7 @@ import math
 import pytest
 
 from benchmarks.experiments.measures import (
-    entropy_of_copies,
     first_right,
-    leader_changes,
     measures_of,
     update_of,
 )
@@ -37,26 +35,6 @@ def test_first_right_requires_five_right_estimates_in_a_row() -> None:
     assert first_right(right_or_wrong("ssrraar")) == 3
 
 
-def test_the_entropy_of_two_copies_is_normalised() -> None:
-    assert entropy_of_copies(facts(1, at(0.5), at(0.5, OPPOSITE))) == pytest.approx(1.0)
-    uneven = facts(1, at(0.6), at(0.2, OPPOSITE), at(0.2, NOWHERE))
-    three_to_one = -(0.75 * math.log2(0.75) + 0.25 * math.log2(0.25))
-    assert entropy_of_copies(uneven) == pytest.approx(three_to_one)
-    assert entropy_of_copies(facts(1, at(1.0))) == 0.0
-    assert entropy_of_copies(facts(1, at(1.0, NOWHERE))) == 0.0
-    assert entropy_of_copies(update_of(1, 0, outcome("localized"), COPIES[:1])) == 0.0
-
-
-def test_changes_of_the_leader_pass_over_updates_without_one() -> None:
-    ours, theirs = (at(0.6), at(0.4, OPPOSITE)), (at(0.4), at(0.6, OPPOSITE))
-    lost = (at(1.0, NOWHERE),)
-    run = [
-        facts(n, *places)
-        for n, places in enumerate((ours, lost, ours, theirs, lost, ours), start=1)
-    ]
-    assert leader_changes(run) == 2
-
-
 def test_shares_of_tracking_begin_after_the_first_search() -> None:
     run = right_or_wrong("sssaaarrww")
     made = measures_of(run)
@@ -81,14 +59,6 @@ def test_measures_after_a_kidnapping_are_counted_from_it() -> None:
     assert made.right_after_kidnap == 7
     never = measures_of(run[:11], kidnapped_at_update=6)
     assert never.right_after_kidnap is None
-
-
-def test_tracking_before_the_feature_is_seen_has_a_share_of_its_own() -> None:
-    run = right_or_wrong("saaaarrr")
-    made = measures_of(run, seen_at_update=6)
-    assert made.all_tracked_until_seen_share == 1.0
-    assert made.all_tracked_share == pytest.approx(4 / 7)
-    assert measures_of(run).all_tracked_until_seen_share is None
 
 
 @pytest.mark.parametrize(

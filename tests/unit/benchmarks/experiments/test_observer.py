@@ -40,17 +40,6 @@ def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
     assert measures.right_before_kidnap is True
 
 
-def test_a_robot_is_kidnapped_after_the_step_given_as_option() -> None:
-    watching = observer(case(robot=lifted(AfterStep(1))))
-    watching.on_step(SCAN, RIGHT, TRUTH)
-    assert not watching.kidnap_now
-    watching.on_step(SCAN, RIGHT, None)
-    assert watching.kidnap_now
-    watching.kidnapped()
-    assert not watching.kidnap_now
-    assert watching.measures(1.0).kidnapped_at_update == 2
-
-
 def test_steps_without_a_known_truth_are_updates_but_not_judged() -> None:
     watching = observer(case())
     watching.on_step(SCAN, RIGHT, None)

@@ -6,9 +6,7 @@ import pytest
 
 from benchmarks.experiments.baselines import (
     ALGORITHMS,
-    KLD_LEAST_PARTICLES,
     KldSampling,
-    VisibleFieldModel,
 )
 from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
 from benchmarks.experiments.measures import RunMeasures
@@ -17,9 +15,9 @@ from coordinator.belief.outcome import Outcome
 from evaluation.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
-from particle_filter.settings import BeliefSettings, FilterSettings, SensorSettings
+from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
-from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
+from tests.unit.particle_filter.rooms import model_of, plain_room, symmetric_room
 
 SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())
@@ -100,49 +98,4 @@ def test_the_random_share_of_a_particle_set_is_drawn_from_the_whole_map() -> Non
     assert drawn(before, 0.0) is before
 
 
-def test_survivors_are_drawn_by_their_weights() -> None:
-    poses = cloud((1.0, 1.0, 0.0), (2.0, 1.0, 0.0)).map_from_robot
-    left_only = np.where(poses[:, 0] == 1.0, np.log(2.0), -50.0)
-    after = drawn(ParticleSet(poses, left_only), 0.5)
-    assert not np.any(np.all(after.map_from_robot == [2.0, 1.0, 0.0], axis=1))
-
-
-def test_kld_sampling_draws_few_particles_from_a_narrow_belief() -> None:
-    rng = np.random.default_rng(3)
-    uneven = np.where(np.arange(4000) % 4, -50.0, np.log(4.0))
-    narrow = ParticleSet(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
-    wide = ParticleSet(rng.uniform(0.5, 3.5, (4000, 3)), uneven)
-    assert len(drawn(narrow, 0.0, kld=True).log_weights) == KLD_LEAST_PARTICLES
-    assert len(drawn(wide, 0.0, kld=True).log_weights) == 2 * SETTINGS.cluster.particles
-    assert drawn(cloud((1.0, 1.0, 0.0)), 0.0, kld=True).log_weights.shape == (2000,)
-
-
-def spread(sigma_m: float) -> np.ndarray:
-    rng = np.random.default_rng(0)
-    return rng.normal(0.0, 1.0, (2000, 3)) * np.array([sigma_m, sigma_m, 0.05])
-
-
 WITH_BOX, WITHOUT_BOX = symmetric_room(), plain_room()
-HERE = np.array([3.0, 3.2, 0.0])
-POSES = HERE + np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, -0.02, 0.01]])
-THROUGH_THE_BOX = seen_from(HERE, WITHOUT_BOX)
-"""A scan of the room without the second box: in the map with it, beams end behind it."""
-
-
-def visible(most_poses: int = 10) -> VisibleFieldModel:
-    settings = SensorSettings(
-        occlusion_weight=0.3, occlusion_tolerance=0.05, visibility_beam_stride=1
-    )
-    field = model_of(WITH_BOX, settings)
-    return VisibleFieldModel(
-        field.grid, field.field, field.pyramid, field.jumps, field.settings, most_poses
-    )
-
-
-def test_each_pose_loses_a_share_of_its_occluded_score_beyond_the_tolerance() -> None:
-    model, beams = visible(), THROUGH_THE_BOX
-    field = model_of(WITH_BOX, model.settings)
-    hidden = field.occluded(POSES, beams)
-    assert (hidden > 0.05 * beams.count + 5.0).all()
-    lost = field.log_likelihood(POSES, beams) - model.log_likelihood(POSES, beams)
-    np.testing.assert_allclose(lost, 0.3 * (hidden - 0.05 * beams.count), atol=1e-9)

@@ -1,6 +1,5 @@
 import pytest
 
-from benchmarks.experiments import baselines
 from benchmarks.experiments.baselines import SquaredPrior
 from evaluation.in_process import InProcess
 from particle_filter.settings import FilterSettings, SensorSettings
@@ -8,16 +7,6 @@ from tests.unit.coordinator.belief.test_ensemble import NORTH, SOUTH, bootstrapp
 from tests.unit.coordinator.reports import tracked
 from tests.unit.particle_filter.rooms import model_of, plain_room
 from tests.unit.worker.test_job_table import scan
-
-
-def test_the_settings_of_the_paper_change_only_departures_from_it() -> None:
-    plain = FilterSettings()
-    letter = baselines.to_the_letter(plain)
-    assert (letter.motion, letter.search, letter.seed) == (plain.motion, plain.search, plain.seed)
-    assert letter.belief.transition_probability == 0.0
-    assert letter.belief.max_clusters == baselines.CLUSTERS
-    assert letter.belief.kidnapping_probability == 0.0
-    assert letter.cluster.resample_below_ess == 1.0
 
 
 def test_the_papers_letter_squares_the_prior(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,11 +31,6 @@ def test_a_share_of_runs_has_its_interval() -> None:
     assert 0.3 < found["localized_low"] < 0.75 < found["localized_high"] < 1.0
 
 
-def test_runs_weigh_by_their_updates() -> None:
-    found = row(runs("a", "mcl", log_score=[-1.0, -4.0], updates=[30, 10]), "a", "mcl")
-    assert found["log_score"] == pytest.approx(-1.75)
-
-
 def test_a_run_that_was_never_right_counts_as_infinite_in_the_median() -> None:
     found = row(runs("a", "mcl", right_within=[3, np.nan, np.nan]), "a", "mcl")
     assert np.isinf(found["first_right"])
@@ -59,13 +54,6 @@ def test_scores_are_compared_over_equal_seeds() -> None:
     expected = wilcoxon(np.array(ours) - np.array(theirs)).pvalue
     assert row(table, "a", "mcl")["p_score"] == pytest.approx(expected)
     assert np.isnan(row(table, "a", "cluster-mcl")["p_score"])
-
-
-def test_equal_runs_have_no_interval_and_others_one_around_the_mean() -> None:
-    same = row(runs("a", "mcl", log_score=[-1.0, -1.0, -1.0]), "a", "mcl")
-    assert (same["log_score_low"], same["log_score_high"]) == (-1.0, -1.0)
-    apart = row(runs("a", "mcl", log_score=[-1.0, -2.0, -3.0, -4.0]), "a", "mcl")
-    assert -4.0 < apart["log_score_low"] < -2.5 < apart["log_score_high"] < -1.0
 
 
 def test_starts_and_the_whole_recording_are_one_building() -> None:
