@@ -33,12 +33,6 @@ def test_any_other_exit_names_the_process_and_its_exit_code(code: int, how: str)
     assert str(ProcessEndedError(ended)) == f"the worker process ended with {how}: KeyError: 'c3'"
 
 
-def test_a_temporary_folder_is_removed() -> None:
-    with temporary_folder() as folder:
-        (folder / "router.log").write_text("x")
-    assert not folder.exists()
-
-
 def test_the_socket_path_fits_even_if_the_temporary_folder_has_a_long_path(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,19 +13,23 @@ from process_runtime.settings import Settings
 from protocol.errors import RecordingError, SettingsError
 from tests.unit.recordings.bags import scan, written
 
-
-@pytest.mark.parametrize("listen", ["0.0.0.0:8350", "127.0.0.1:0"])
-def test_the_page_of_a_demo_needs_a_loopback_address_and_a_port(listen: str) -> None:
-    with pytest.raises(SettingsError, match="a loopback address and a port"):
-        run_demo(DemoOptions(view_at=listen), Settings())
+DRIVEN = {"by_hand": True, "recording": "robot.log", "view_at": "127.0.0.1:8350"}
 
 
-def test_manual_driving_needs_the_page_and_a_simulated_robot() -> None:
-    with pytest.raises(SettingsError, match="needs --view"):
-        run_demo(DemoOptions(by_hand=True), Settings())
-    driven = DemoOptions(by_hand=True, recording="robot.log", view_at="127.0.0.1:8350")
-    with pytest.raises(SettingsError, match="only a simulated robot"):
-        run_demo(driven, Settings())
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"view_at": "0.0.0.0:8350"}, "a loopback address and a port"),
+        ({"view_at": "127.0.0.1:0"}, "a loopback address and a port"),
+        ({"by_hand": True}, "needs --view"),
+        (DRIVEN, "only a simulated robot"),
+    ],
+)
+def test_options_of_a_demo_that_cannot_be_followed_are_refused(
+    options: dict[str, Any], problem: str
+) -> None:
+    with pytest.raises(SettingsError, match=problem):
+        run_demo(DemoOptions(**options), Settings())
 
 
 @pytest.mark.parametrize("name", ["none", "robot.mcap", "."])

@@ -133,11 +133,6 @@ def test_options_that_do_not_fit_together_are_refused(options: Any, expected: st
         case_of(EvaluateOptions(**options))
 
 
-def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(SettingsError, match="slam: there is cluster-mcl or mcl or amcl"):
-        evaluate.run_evaluate(EvaluateOptions(recording="sim:hall", algorithm="slam"), Settings())
-
-
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
 def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
@@ -146,11 +141,23 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     assert "less than or equal to" in result.output
 
 
-@pytest.mark.parametrize("name", ["runs", "runs.json", "runs.csv.gz"])
-def test_an_output_file_that_is_not_csv_by_name_is_refused(name: str) -> None:
-    options = EvaluateOptions(recording="sim:cross", output=Path(name))
-    with pytest.raises(SettingsError, match=r"must end in \.csv; --json prints JSON"):
-        evaluate.run_evaluate(options, Settings())
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        ({"algorithm": "slam"}, "slam: there is cluster-mcl or mcl or amcl"),
+        *(
+            ({"output": Path(name)}, r"must end in \.csv; --json prints JSON")
+            for name in ("runs", "runs.json", "runs.csv.gz")
+        ),
+        ({"seeds": 2, "tum": Path("run.tum")}, "--tum needs a single run"),
+        ({"seeds": 2, "record": Path("run.mcap")}, "needs a single run"),
+    ],
+)
+def test_options_that_no_run_can_follow_are_refused(options: Any, problem: str) -> None:
+    with pytest.raises(SettingsError, match=problem):
+        evaluate.run_evaluate(
+            EvaluateOptions(recording="sim:cross", steps=3, **options), Settings()
+        )
 
 
 def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(

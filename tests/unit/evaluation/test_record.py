@@ -8,13 +8,12 @@ import pytest
 
 from coordinator.belief.outcome import Outcome
 from evaluation.course import Case, SimulatedRobot
-from evaluation.evaluate import EvaluateOptions, executed, run_evaluate
+from evaluation.evaluate import EvaluateOptions, executed
 from evaluation.in_process import outcomes
 from evaluation.run import ALGORITHMS, Run
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
 from protocol.answers import Hypothesis
-from protocol.errors import SettingsError
 from protocol.steps import Scan
 from recordings.map_file import load_map
 from recordings.recording import open_recording
@@ -121,8 +120,3 @@ def places_of(
 def test_an_unwritable_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="folder does not exist"):
         RunLog.to(tmp_path / "nowhere" / "run.mcap")
-    with pytest.raises(SettingsError, match="needs a single run"):
-        run_evaluate(
-            EvaluateOptions(recording="sim:cross", seeds=2, steps=3, record=tmp_path / "run.mcap"),
-            SMALL,
-        )

@@ -9,7 +9,6 @@ import pytest
 from evaluation.evaluate import EvaluateOptions, run_evaluate
 from evaluation.references import load_reference
 from evaluation.results import write_results
-from protocol.errors import SettingsError
 from tests.integration.system.conftest import SMALL
 
 COMMON = {"algorithm": "cluster-mcl", "recording": "a, b.log", "mirrored": False, "map": None}
@@ -37,12 +36,6 @@ def test_a_trajectory_has_a_line_of_eight_numbers_for_each_step(tmp_path: Path) 
     assert last is not None
     assert last[:2] == pytest.approx(values[-1][1:3])
     assert pd.read_csv(output)["steps"].tolist() == [12]
-
-
-def test_a_trajectory_is_of_one_run(tmp_path: Path) -> None:
-    options = EvaluateOptions(recording="sim:cross", steps=3, seeds=2, tum=tmp_path / "run.tum")
-    with pytest.raises(SettingsError, match="--tum needs a single run"):
-        run_evaluate(options, SMALL)
 
 
 def test_a_csv_has_a_row_for_each_run_with_what_is_common(tmp_path: Path) -> None:

@@ -1,4 +1,7 @@
 import json
+from typing import Any
+
+import pytest
 
 from live_view.step_archive import LOOK_BACK_STEPS, StepArchive
 
@@ -7,54 +10,37 @@ def shown(archive: StepArchive, step: int) -> dict[str, object]:
     return {topic: json.loads(bytes(frame)) for topic, frame in archive.at(step).items()}
 
 
-def test_an_archived_frame_is_returned_unchanged() -> None:
+@pytest.mark.parametrize(("added", "step", "expected"), [
+    ([(n, "step", n) for n in range(5)], 3, {"step": 3}),
+    ([(1, "cloud 7", "old"), (1, "step", 1), (2, "step", 2), (3, "cloud 7", "new")], 2,
+     {"cloud 7": "old", "step": 2}),
+    ([(1, "cloud 7", "old"), (2, "step", 2), (3, "cloud 7", "new")], 3,
+     {"cloud 7": "new", "step": 2}),
+    ([(1, "cloud 7", "old"), (LOOK_BACK_STEPS + 2, "step", 2)], LOOK_BACK_STEPS + 2, {"step": 2}),
+    ([(1, "step", "first"), (1, "step", "second")], 1, {"step": "second"}),
+], ids=[
+    "as it was added", "valid until the next of its topic", "replaced by the next of its topic",
+    "not long after its step", "the second of a step",
+])  # fmt: skip
+def test_a_step_has_the_last_frame_of_each_topic(
+    added: list[tuple[int, str, object]], step: int, expected: dict[str, object]
+) -> None:
     archive = StepArchive()
-    for step in range(5):
-        archive.add(step, "step", {"step": step})
-    assert shown(archive, 3) == {"step": {"step": 3}}
+    for one in added:
+        archive.add(*one)
+    assert shown(archive, step) == expected
 
 
-def test_a_frame_is_valid_until_the_next_of_its_topic() -> None:
-    archive = StepArchive()
-    archive.add(1, "cloud 7", "old")
-    archive.add(1, "step", 1)
-    archive.add(2, "step", 2)
-    archive.add(3, "cloud 7", "new")
-    assert shown(archive, 2) == {"cloud 7": "old", "step": 2}
-    assert shown(archive, 3) == {"cloud 7": "new", "step": 2}
-
-
-def test_a_frame_is_not_shown_long_after_its_step() -> None:
-    archive = StepArchive()
-    archive.add(1, "cloud 7", "old")
-    archive.add(LOOK_BACK_STEPS + 2, "step", 2)
-    assert shown(archive, LOOK_BACK_STEPS + 2) == {"step": 2}
-
-
-def test_a_second_frame_of_a_step_replaces_the_first() -> None:
-    archive = StepArchive()
-    archive.add(1, "step", "first")
-    archive.add(1, "step", "second")
-    assert shown(archive, 1) == {"step": "second"}
-
-
-def test_steps_beyond_the_limit_drop_the_oldest() -> None:
-    archive = StepArchive(max_steps=10)
+@pytest.mark.parametrize(("limit", "length", "oldest"), [
+    ({"max_steps": 10}, 1, 90), ({"max_bytes": 1000}, 50, 99), ({"max_bytes": 10}, 1000, 100),
+], ids=["steps", "bytes", "a frame larger than the archive"])  # fmt: skip
+def test_frames_beyond_the_limit_drop_the_oldest_steps(
+    limit: dict[str, Any], length: int, oldest: int
+) -> None:
+    archive = StepArchive(**limit)
     for step in range(100):
-        archive.add(step, "step", step)
-    assert shown(archive, 89) == {}
-    assert shown(archive, 90) == {"step": 90}
-
-
-def test_bytes_beyond_the_limit_drop_the_oldest_steps() -> None:
-    archive = StepArchive(max_bytes=1000)
-    for step in range(100):
-        archive.add(step, "step", list(range(step, step + 50)))
+        archive.add(step, "step", list(range(step, step + length)))
     assert shown(archive, 0) == {}
-    assert shown(archive, 99) == {"step": list(range(99, 149))}
-
-
-def test_a_frame_larger_than_the_archive_is_dropped() -> None:
-    archive = StepArchive(max_bytes=10)
-    archive.add(1, "step", list(range(1000)))
-    assert shown(archive, 1) == {}
+    assert [bool(shown(archive, step)) for step in (89, 90, 99)] == [
+        step >= oldest for step in (89, 90, 99)
+    ]

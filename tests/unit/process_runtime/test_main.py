@@ -32,14 +32,23 @@ def test_the_body_gets_name_settings_and_its_own_arguments(tmp_path: Path) -> No
     assert (invocation.settings.robot.name, invocation.arguments.count) == ("r2", 3)
 
 
-def test_a_users_mistake_is_one_line_and_exit_code_2(
-    capsys: pytest.CaptureFixture[str],
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (UnreachableError(peer="router", problem="no router\nanywhere", waited_s=0.0), 2,
+         "t-1: no router anywhere\n"),
+        (StoppedError(), 0, ""),
+    ],
+    ids=["a user's mistake", "being stopped while waiting"],
+)  # fmt: skip
+def test_expected_ends_are_at_most_a_line_and_their_exit_code(
+    error: Exception, code: int, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def body(_: Invocation) -> None:
-        raise UnreachableError(peer="router", problem="no router\nanywhere", waited_s=0.0)
+        raise error
 
-    assert run(body, "--name", "t-1") == 2
-    assert capsys.readouterr().err == "t-1: no router anywhere\n"
+    assert run(body, "--name", "t-1") == code
+    assert capsys.readouterr().err == message
 
 
 def test_a_bug_is_logged_with_its_traceback_and_exit_code_1(
@@ -51,14 +60,6 @@ def test_a_bug_is_logged_with_its_traceback_and_exit_code_1(
     assert run(body) == 1
     assert "Traceback" in (text := capsys.readouterr().err)
     assert text.endswith("ZeroDivisionError: oops\n")
-
-
-def test_being_stopped_while_waiting_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
-    def body(_: Invocation) -> None:
-        raise StoppedError
-
-    assert run(body) == 0
-    assert capsys.readouterr().err == ""
 
 
 def test_wrong_settings_are_reported_before_the_body_runs(

@@ -1,30 +1,19 @@
-from itertools import islice, pairwise
-
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from robot_simulator.free_space import FreeSpace
-from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import WORLDS, world
-from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
-from tests.unit.robot_simulator.looks import beams_that_touch, unlike_when_turned
+from robot_simulator.worlds.world import UnknownWorldError, world_from_map
 
 
-def driven_m(ticks: list[Tick]) -> float:
-    poses = [tick.map_from_robot for tick in ticks]
-    return float(sum(np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(poses)))
-
-
-def ticks_until_feature(somewhere: World, times: int) -> list[Tick]:
-    """What the robot does before any ray around it touches what breaks the symmetry."""
-    ticks = list(islice(Simulation(somewhere, seed=0), 1300))
-    unlike = unlike_when_turned(somewhere.map, times)
-    poses = [tick.map_from_robot for tick in ticks]
-    touching = beams_that_touch(somewhere.map, unlike, poses, somewhere.lidar_range_m)
-    assert touching.max() > 150  # of 1,440: in the end it is seen well
-    return ticks[: int(np.argmax(touching > 0))]
+def unlike_when_turned(grid_map: GridMap, times: int) -> NDArray[np.bool_]:
+    """Cells that some turn by 1 / `times` of a full turn changes."""
+    turns = range(4 // times, 4, 4 // times)
+    turned = [np.rot90(grid_map.cells, quarters) for quarters in turns]
+    return np.asarray(np.any([grid_map.cells != cells for cells in turned], axis=0))
 
 
 @pytest.mark.parametrize("name", WORLDS)
@@ -50,22 +39,6 @@ def test_the_cross_differs_from_its_turned_self_by_one_cabinet() -> None:
     cabinet_m2 = 1.4 * 1.0
     assert len(rows) == (np.ptp(rows) + 1) * (np.ptp(cols) + 1)
     assert len(rows) * 0.05**2 == pytest.approx(cabinet_m2)
-
-
-def test_the_gates_room_differs_from_its_turned_self_by_one_cabinet_each_way() -> None:
-    unlike = unlike_when_turned(world("gates").map, 2)
-    cabinet_m2 = 1.3 * 0.7
-    assert np.count_nonzero(unlike) * 0.05**2 == pytest.approx(2 * cabinet_m2)
-
-
-def test_the_arms_of_the_cross_differ_only_after_a_long_drive() -> None:
-    before = ticks_until_feature(world("cross_feature"), 4)
-    assert 25.0 < driven_m(before) < 35.0
-
-
-def test_the_hall_looks_different_from_its_turned_self_almost_everywhere() -> None:
-    unlike = unlike_when_turned(world("hall").map, 2)
-    assert np.count_nonzero(unlike) * 0.05**2 > 10.0  # m2
 
 
 def test_an_unknown_world_is_refused_with_all_that_are_known() -> None:
