@@ -111,11 +111,6 @@ def localized_robots(
         fleet.stop()
 
 
-def test_three_robots_localize_and_receive_nothing_of_each_other(short_folder: str) -> None:
-    with localized_robots(3, PATIENCE_S, Path(short_folder)):
-        pass
-
-
 def test_a_pool_serves_three_robots_and_neither_a_kill_nor_a_flood_costs_an_update(
     short_folder: str,
 ) -> None:

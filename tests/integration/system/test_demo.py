@@ -178,16 +178,6 @@ def drawings(page: ClientConnection) -> Iterator[dict[str, Any]]:
         yield json.loads(received)
 
 
-def test_a_demo_that_is_killed_takes_its_processes_with_it(
-    viewed: tuple[TypedCommand, str],
-) -> None:
-    demo, link = viewed
-    with opened(link):
-        demo.wait_for("step 0: ")
-    assert demo.end(signal.SIGKILL) == -signal.SIGKILL
-    demo.assert_nothing_runs()
-
-
 def test_a_demo_whose_worker_is_killed_ends_and_names_the_process(
     viewed: tuple[TypedCommand, str],
 ) -> None:

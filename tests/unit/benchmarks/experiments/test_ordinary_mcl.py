@@ -58,15 +58,6 @@ def test_no_random_particles_are_drawn_while_scans_fit(tmp_path: Path) -> None:
     assert beliefs("amcl", tmp_path) == beliefs("mcl", tmp_path)
 
 
-@pytest.mark.parametrize("off", ["sensor.visibility_particles=0", "sensor.model=beam"])
-def test_visibility_can_be_turned_off_and_is_no_part_of_a_beam_model(
-    off: str, tmp_path: Path
-) -> None:
-    few = "belief.max_clusters=1"
-    plain = beliefs("mcl", tmp_path, off, few)
-    assert beliefs("mcl-visibility", tmp_path, off, few) == plain
-
-
 @pytest.mark.parametrize("algorithm", WITH_VISIBILITY)
 def test_every_variant_finds_the_robot(algorithm: Algorithm, tmp_path: Path) -> None:
     measures = run_task(task(algorithm, tmp_path, updates=25)).measures

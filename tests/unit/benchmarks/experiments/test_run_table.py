@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.measures import BINS
-from benchmarks.experiments.run_table import RunTable, key_of, rows_of, tasks_of
+from benchmarks.experiments.run_table import RunTable, key_of, rows_of
 from benchmarks.experiments.task import Finished, Task
 from particle_filter.settings import BeliefSettings
 from process_runtime.settings import Settings
@@ -40,18 +40,6 @@ def test_a_table_of_runs_is_continued_and_lists_its_runs(tmp_path: Path) -> None
     again.append(task(1), finished())
     assert len(rows_of(file)) == 2
     assert RunTable(file).done == {key_of(task(0)), key_of(task(1))}
-
-
-def test_the_first_seed_of_each_experiment_comes_first() -> None:
-    cases = [case("a", settings=("belief.max_clusters=9",)), case("b")]
-
-    def settings_of(own: object) -> Settings:
-        return Settings(belief=BeliefSettings(max_clusters=9)) if own else Settings()
-
-    tasks = tasks_of(cases, ["mcl"], None, settings_of)
-    assert [(t.case.name, t.seed) for t in tasks] == [("a", 0), ("b", 0), ("a", 1), ("b", 1)]
-    assert [t.settings.belief.max_clusters for t in tasks[:2]] == [9, BeliefSettings().max_clusters]
-    assert [t.seed for t in tasks_of([case("b")], [], range(5, 7), settings_of)] == [5, 5, 6, 6]
 
 
 @pytest.mark.parametrize("text", ["", "a,b\n1,2\n"])

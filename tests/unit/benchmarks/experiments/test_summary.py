@@ -5,7 +5,7 @@ from scipy.stats import wilcoxon
 
 from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import COLUMNS
-from benchmarks.experiments.summary import behind, over_all, reliability, starts, summary
+from benchmarks.experiments.summary import behind, over_all, reliability, summary
 
 
 def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:
@@ -64,13 +64,6 @@ def test_starts_and_the_whole_recording_are_one_building() -> None:
     last = reliability(pd.concat([whole, begun, other])).iloc[-1]
     assert tuple(last[["building", "runs", "estimates", "right"]]) == ("b", 2, 8, 6)
     assert last["calibration_error"] == pytest.approx((7.6 - 6) / 8)
-
-
-def test_steps_of_starts_count_from_0() -> None:
-    begun = {"start_step": [30, 7], "sure_and_right_at_update": [np.nan, 3]}
-    table = starts(runs("b-starts", "cluster-mcl", **begun))
-    assert table["start_step"].tolist() == [7, 30]
-    assert table["sure_and_right_at_step"].tolist() == [2, pd.NA]
 
 
 def test_an_experiment_is_listed_as_behind_if_a_baseline_scores_better() -> None:

@@ -5,8 +5,7 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.recorder.records import Happened
-from coordinator.recorder.replay import CoordinatorActs, replayed
+from coordinator.recorder.replay import replayed
 from coordinator.recorder.ring import files_in
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, Relocalize, SetPose
@@ -126,40 +125,3 @@ def test_every_file_alone_is_replayed_to_the_same_beliefs(
         left = files_in(folder)
         # Where a file is larger than a third of the ring, the first ones have gone.
         assert len(left) > 2 or not left[0].stem.endswith("-000000")
-
-
-def test_a_replay_shows_where_each_coordinator_took_over(
-    model: SensorModel, tmp_path: Path
-) -> None:
-    recordings = Recordings(tmp_path)
-    living = Living(model, made=recordings.make)
-    live(living, [("drive", 0)] * 12)
-    living.kill_worker("w1")
-    living.revive()
-    living.drive(12)
-    happenings = recordings.replay()
-    acts = [happening for happening in happenings if isinstance(happening, CoordinatorActs)]
-    assert acts == [
-        CoordinatorActs("coordinator", 1, None),
-        CoordinatorActs("coordinator", 2_000_002, 11),
-    ]
-    assert Happened("worker left", "w1") in happenings
-    assert [h.about for h in happenings if h == Happened("worker joined", "w2")] == ["w2"] * 2
-
-
-def test_a_full_ring_is_replayed_from_its_oldest_file(model: SensorModel, tmp_path: Path) -> None:
-    recordings = Recordings(tmp_path, max_bytes=150_000)
-    living = Living(model, made=recordings.make)
-    live(living, [("drive", 0)] * 100)
-    happenings = recordings.replay()
-    first = files_in(tmp_path)[0]
-    assert not first.name.endswith("-000000.mcap")
-    assert (
-        sum(file.stat().st_size for file in files_in(tmp_path)) < 165_000
-    )  # the newest passes by a head
-    assert isinstance(happenings[0], Happened)
-    assert happenings[0].kind == "not recorded"
-    reported = beliefs(happenings)
-    steps = [belief.step for belief in reported]
-    assert steps == list(range(steps[0], 100))
-    assert as_bytes(reported) == as_bytes([living.beliefs[step][0] for step in steps])

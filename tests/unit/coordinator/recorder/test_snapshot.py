@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import hypothesis
-import msgspec
 import pytest
 from hypothesis import strategies as st
 
@@ -22,14 +21,6 @@ from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 ROOT = Path(__file__).parents[4]
 PACKAGES = [path.parent for path in ROOT.glob("*/__init__.py") if path.parent.name != "tests"]
 STARTED = started()
-
-
-class Trap:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return Path.touch, (self.path,)
 
 
 @pytest.fixture(scope="module")
@@ -90,15 +81,6 @@ def test_every_part_of_a_coordinator_has_only_encoded_fields() -> None:
 def test_bytes_that_are_not_a_snapshot_are_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match="not a coordinator's snapshot"):
         thaw(data)
-
-
-def test_a_pickle_in_a_snapshot_is_not_run(tmp_path: Path) -> None:
-    trap = pickle.dumps(Trap(tmp_path / "trap"))
-    parts = msgspec.msgpack.decode(freeze(STARTED.coordinator()))
-    for data in (trap, msgspec.msgpack.encode(parts | {"version": trap})):
-        with pytest.raises(ValueError, match="not a coordinator's snapshot"):
-            thaw(data)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_no_module_of_the_product_reads_pickles() -> None:
