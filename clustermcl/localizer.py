@@ -30,11 +30,12 @@ from process_runtime.settings_file import with_setting
 from protocol import answers
 from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose
+from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import PoseTuple
 from protocol.reading_checks import odometry_problem
-from protocol.steps import Landmark, Observation, OdometryReading, Scan
+from protocol.steps import Landmark, Observation, OdometryReading, PositionField, Scan
 from sensor_bridge.step_maker import StepMaker
 from worker.advising import advice
 from worker.map_model import default_cache_folder, sensor_model
@@ -187,6 +188,8 @@ class ClusterMCL(RobotCommands):
         covariance: ArrayLike,
         *,
         landmark: str = "",
+        field: ArrayLike | None = None,
+        cell_m: float = 1.0,
         stamp_ns: int | None = None,
         source: str = "sensor",
         outlier_probability: float = 0.05,
@@ -198,18 +201,26 @@ class ClusterMCL(RobotCommands):
 
         Args:
             mean: of a landmark: (2,) x, y in the robot's frame [m]. Otherwise the robot's (3,) pose
-                in the map, or its (2,) position if the sensor has no heading.
-            covariance: (2, 2) or (3, 3) of `mean`, positive definite.
+                in the map, or its (2,) position if the sensor has no heading. Of a field: its
+                (2,) low corner in the map.
+            covariance: (2, 2) or (3, 3) of `mean`, positive definite; it blurs a field.
             landmark: id or class of a landmark; empty: the robot's pose is observed.
+            field: (rows, cols) log-likelihoods of the robot's position in cells along the axes of
+                the map, at most 64 x 64; row 0 has the lowest y. None: `mean` is observed.
+            cell_m: side of a field's cell [m].
             stamp_ns: time by the robot's clock [ns]; None: that of the newest odometry.
             source: name of the sensor; errors of one sensor are correlated.
             outlier_probability: probability that the observation is false.
             correlation_s: time after which 63 % of the sensor's error is new [s].
 
         Raises:
-            MalformedMessageError: a number is not finite or out of range, or the covariance is
-                not positive definite.
+            MalformedMessageError: a number is not finite or out of range, the covariance is not
+                positive definite, or the field is too large.
         """
+        cells = None
+        if field is not None:
+            values = ArrayBlob.of(np.asarray(field), "float32")
+            cells = PositionField(cell_m=cell_m, log_likelihoods=values)
         newest = self._maker.odometry
         message = Observation(
             sender=source,
@@ -219,6 +230,7 @@ class ClusterMCL(RobotCommands):
             covariance=tuple(np.asarray(covariance, np.float64).ravel().tolist()),
             outlier_probability=outlier_probability,
             correlation_s=correlation_s,
+            field=cells,
         )
         self._maker.observe(decode(encode(message), Observation))
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
-from protocol.steps import LaserBeams, MapMessage, Scan
+from protocol.steps import LaserBeams, MapMessage, Scan, Seen
 from protocol.work import Particles
 
 Frame: TypeAlias = dict[str, Any]
@@ -76,13 +76,23 @@ def scan_frame(scan: Scan | None) -> Frame:
 
     ``scan`` are the beams' end points (see `scan_points_cm`), ``laser`` is the position of the
     first laser [cm]; both are in the robot's frame. ``seen`` are the observations: a landmark's
-    name and its position in the robot's frame [m], or no name and the robot's position in the map.
+    name and its position in the robot's frame [m], or no name and the robot's position in the map,
+    which is that of the most likely cell of a field.
     """
     return {
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
-        "seen": [] if scan is None else [(s.landmark, *s.mean[:2]) for s in scan.observations],
+        "seen": [] if scan is None else [(s.landmark, *_where(s)) for s in scan.observations],
     }
+
+
+def _where(seen: Seen) -> tuple[float, float]:
+    x, y = seen.mean[:2]
+    if seen.field is None:
+        return x, y
+    values = seen.field.log_likelihoods.array()
+    row, col = divmod(int(values.argmax()), values.shape[1])
+    return x + (col + 0.5) * seen.field.cell_m, y + (row + 0.5) * seen.field.cell_m
 
 
 def _place(place: Hypothesis, slot: int) -> Frame:

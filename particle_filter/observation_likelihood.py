@@ -1,7 +1,7 @@
 """Likelihoods of observations at many poses, and poses that observations allow."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from math import floor, hypot, pi, sqrt
 from typing import NamedTuple
@@ -10,15 +10,18 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Poses
+from particle_filter.arrays import FREE, LogWeights, Poses
 from particle_filter.grid import Grid
-from particle_filter.kernels import kernel, plain
+from particle_filter.kernels import ToCells, kernel, plain, to_cells
 from particle_filter.observations import Landmarks, Observation, factors, log_average_ratio
 from particle_filter.poses import wrap_angle
+from particle_filter.position_fields import PositionField, ratios
 from particle_filter.sensor_model import ground_log_penalty
 
 _NEGLIGIBLE = 36.0
 """Terms smaller than the largest by more than this are omitted, being below its rounding [nat]."""
+_FIELDS_KEPT = 16
+"""Fields of one map whose shares of the free space are kept."""
 _PER_NAT = 32
 """Intervals of the table of log(1 + exp(-d))."""
 
@@ -43,6 +46,12 @@ class ObservationArrays(NamedTuple):
     """(P, 5) poses: x [m], y [m], heading [rad], scale, share."""
     pose_precisions: NDArray[np.float64]
     """(P, 3, 3) halves of the precisions of the poses; 0 of an unknown heading."""
+    fields: NDArray[np.float64]
+    """(F, 4) fields: x, y of the low corner [m]; cells per metre; share."""
+    field_cells: NDArray[np.int64]
+    """(F, 3) rows, columns, and index of the first cell in `field_ratios`."""
+    field_ratios: NDArray[np.float64]
+    """Log ratios of all fields' cells; those of one field end with that of poses outside."""
 
     @classmethod
     def of(
@@ -61,7 +70,7 @@ class ObservationArrays(NamedTuple):
         determinants = xx * yy - xy * xy
         scales = np.log(explained / (math.tau * np.sqrt(determinants)))
         largest = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-        poses = [seen for seen in observations if not seen.landmark]
+        poses = [seen for seen in observations if not seen.landmark and seen.field is None]
         rows, precisions = np.zeros((len(poses), 5)), np.zeros((len(poses), 3, 3))
         for row, precision, seen in zip(rows, precisions, poses, strict=True):
             size, (right, _) = len(seen.mean), factors(seen, landmarks, grid)
@@ -77,7 +86,25 @@ class ObservationArrays(NamedTuple):
             np.sqrt(2.0 * largest * np.maximum(scales + _NEGLIGIBLE, 0.0)),
             rows,
             precisions,
+            *_field_arrays(observations, grid),
         )
+
+
+def _field_arrays(
+    observations: Sequence[Observation], grid: Grid
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return `fields`, `field_cells` and `field_ratios` of observations."""
+    rows, sizes, logs, first = [], [], [np.zeros(0)], 0
+    for seen in observations:
+        if seen.field is not None:
+            weights = seen.field.weights(seen.covariance)
+            free = free_shares(seen.field, seen.mean, grid)
+            rows.append((*seen.mean, 1.0 / seen.field.cell_m, seen.share))
+            sizes.append((*weights.shape, first))
+            logs.append(np.log(ratios(weights, free, seen.outlier_probability)))
+            first += weights.size + 1
+    fields, cells = np.array(rows).reshape(-1, 4), np.array(sizes, np.int64).reshape(-1, 3)
+    return fields, cells, np.concatenate(logs)
 
 
 def log_likelihood_ratio(
@@ -172,6 +199,14 @@ def _log_ratios(
             squares = a[0, 0] * dx * dx + a[1, 1] * dy * dy + a[2, 2] * turn * turn
             mixed = a[0, 1] * dx * dy + a[0, 2] * dx * turn + a[1, 2] * dy * turn
             total[i] += share * _log_add(0.0, scale - squares - 2.0 * mixed, table)
+    for f in range(len(observed.fields)):
+        x, y, per_m, share = observed.fields[f]
+        rows, cols, first = observed.field_cells[f]
+        for i in range(len(poses)):
+            col, row, at = (xs[i] - x) * per_m, (ys[i] - y) * per_m, rows * cols
+            if 0.0 <= col < cols and 0.0 <= row < rows:
+                at = int(row) * cols + int(col)
+            total[i] += share * observed.field_ratios[first + at]
     return total
 
 
@@ -191,9 +226,13 @@ def allowed_poses(
     """
 
     def average(seen: Observation) -> float:
+        if seen.field is not None:  # the area that it allows, so that the smallest is the largest
+            return -(seen.field.cell_m**2) / float(seen.field.weights(seen.covariance).max())
         return math.expm1(log_average_ratio([replace(seen, share=1.0)], landmarks, grid))
 
     seen = max(observations, key=average)
+    if seen.field is not None:
+        return _poses_in_field(seen, seen.field, grid, count, rng)
     poses = rng.uniform(-math.pi, math.pi, (count, 3))
     if seen.landmark:
         right, any_landmark = factors(seen, landmarks, grid)
@@ -211,3 +250,69 @@ def allowed_poses(
     ratios = np.expm1(log_likelihood_ratio(poses, [replace(seen, share=1.0)], landmarks, grid))
     # Together with poses spread evenly, each is weighed by the density of both.
     return poses, -np.log1p(ratios / average(seen))
+
+
+def _poses_in_field(
+    seen: Observation, field: PositionField, grid: Grid, count: int, rng: np.random.Generator
+) -> tuple[Poses, LogWeights]:
+    """Return as `allowed_poses`."""
+    free = free_shares(field, seen.mean, grid)
+    weights = np.where(free > 0.0, field.weights(seen.covariance), 0.0)
+    if not weights.any():
+        return np.zeros((0, 3)), np.zeros(0)
+    shares = weights.ravel() / weights.sum()
+    chosen = rng.choice(len(shares), count, p=shares)
+    rows, cols = np.divmod(chosen, weights.shape[1])
+    poses = rng.uniform(-math.pi, math.pi, (count, 3))
+    corners = seen.mean + np.column_stack([cols, rows]) * field.cell_m
+    poses[:, :2] = corners + rng.random((count, 2)) * field.cell_m
+    is_free = ground_log_penalty(poses, grid, -1.0) == 0.0
+    free_m2 = max(int(np.count_nonzero(grid.cells == 0)), 1) * grid.cell_m**2
+    return poses[is_free], -np.log1p(shares[chosen[is_free]] * free_m2 / field.cell_m**2)
+
+
+def free_shares(
+    field: PositionField, corner: NDArray[np.float64], grid: Grid
+) -> NDArray[np.float64]:
+    """Return (rows, cols) shares of the map's free space in a field's cells.
+
+    Args:
+        field: its cells.
+        corner: (2,) its low corner in the map [m].
+        grid: the map.
+    """
+    shape = field.log_likelihoods.shape
+    key = (*corner.tolist(), field.cell_m, *shape)
+    kept = grid.once("free shares of fields", dict[Hashable, NDArray[np.float64]])
+    shares = kept.get(key)
+    if shares is None:
+        if len(kept) >= _FIELDS_KEPT:
+            kept.clear()
+        to_field = to_cells(np.append(corner, 0.0), field.cell_m)
+        in_map = (*grid.map_from_grid.tolist(), grid.cell_m)
+        kept[key] = shares = _free_shares(grid.cells, in_map, to_field, shape)
+    return shares
+
+
+@kernel
+def _free_shares(
+    cells: NDArray[np.int8],
+    in_map: tuple[float, float, float, float],
+    to_field: ToCells,
+    shape: tuple[int, int],
+) -> NDArray[np.float64]:
+    shares, total = np.zeros(shape), 0
+    x0, y0, heading, cell_m = in_map
+    cos, sin, (per_m, _, col0, row0) = math.cos(heading), math.sin(heading), to_field
+    for row in range(cells.shape[0]):
+        across = (row + 0.5) * cell_m
+        for col in range(cells.shape[1]):
+            if cells[row, col] != FREE:
+                continue
+            total += 1
+            along = (col + 0.5) * cell_m
+            field_col = (x0 + cos * along - sin * across) * per_m + col0
+            field_row = (y0 + sin * along + cos * across) * per_m + row0
+            if 0.0 <= field_col < shape[1] and 0.0 <= field_row < shape[0]:
+                shares[int(field_row), int(field_col)] += 1.0
+    return shares / max(total, 1)

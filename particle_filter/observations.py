@@ -1,8 +1,9 @@
-"""Likelihoods of observations: of the robot's pose, and of landmarks in the robot's frame.
+"""Likelihoods of observations: of the robot's pose or position, and of landmarks in its frame.
 
 An observation is right with a Gaussian error, or false. A false observation of a landmark is of
 another landmark with a wrong name, or of nothing on the map. All likelihoods here are relative to
-that of an observation of nothing, so a pose that explains an observation badly gets 0 nat.
+that of an observation of nothing, so a pose that explains an observation badly gets 0 nat. Those
+of a field are relative to their average over the free space, see `position_fields`.
 """
 
 import math
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.poses import between, compose, wrap_angle
+from particle_filter.position_fields import PositionField, ratios
 
 _SIGHT_M2 = math.pi * 10.0**2
 """Area over which false observations of landmarks are spread [m^2]: a circle around the robot."""
@@ -46,7 +48,7 @@ class Observation:
 
     mean: NDArray[np.float64]
     """The robot's (3,) pose or (2,) position in the map; or (2,) position of a landmark in the
-    robot's frame."""
+    robot's frame; or (2,) low corner of a field in the map."""
     covariance: NDArray[np.float64]
     """(2, 2) or (3, 3), positive definite."""
     landmark: str
@@ -54,6 +56,8 @@ class Observation:
     outlier_probability: float
     share: float = 1.0
     """Share of the log-likelihood that is new: errors of successive sights are correlated."""
+    field: PositionField | None = None
+    """Log-likelihoods of the robot's position; None: `mean` is observed."""
 
     def blurred(self, by_m: float, by_rad: float) -> "Observation":
         """Return a less certain observation, for poses that represent a neighbourhood."""
@@ -100,6 +104,8 @@ def log_average_ratio(
     free_m2 = max(int(np.count_nonzero(grid.cells == 0)), 1) * grid.cell_m**2
     total = 0.0
     for seen in observations:
+        if seen.field is not None:
+            continue  # its average is one
         right, any_landmark = factors(seen, landmarks, grid)
         if seen.landmark:
             named = landmarks.names.count(seen.landmark)
@@ -120,7 +126,17 @@ def factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float,
 
 
 def outlier_probability(pose: Pose, seen: Observation, landmarks: Landmarks, grid: Grid) -> float:
-    """Return the probability that an observation is false if the robot is at a (3,) pose."""
+    """Return the probability that an observation is false if the robot is at a (3,) pose.
+
+    That of a field is relative to the average over its cells.
+    """
+    if seen.field is not None:
+        weights, false = seen.field.weights(seen.covariance), seen.outlier_probability
+        of_cells = ratios(weights, np.full_like(weights, 1.0 / weights.size), false)
+        col, row = np.floor((pose[:2] - seen.mean) / seen.field.cell_m)
+        rows, cols = weights.shape
+        inside = 0 <= col < cols and 0 <= row < rows
+        return float(false / of_cells[int(row * cols + col) if inside else -1])
     right, any_landmark = factors(seen, landmarks, grid)
     if not seen.landmark:
         return float(

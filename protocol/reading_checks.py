@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, PoseTuple
-from protocol.steps import LaserBeams, LaserReading, Observation, OdometryReading, Scan, Seen
+from protocol.steps import (
+    MAX_FIELD_SIDE,
+    LaserBeams,
+    LaserReading,
+    Observation,
+    OdometryReading,
+    PositionField,
+    Scan,
+    Seen,
+)
 
 MAX_BEAMS = 20_000
 """No current laser has more; a larger scan is an error."""
@@ -75,12 +84,29 @@ def observation_problem(seen: Observation | Seen) -> str | None:
         return f"{size} numbers with a covariance of {len(seen.covariance)}"
     if max(map(abs, seen.mean)) > MAX_POSE_M:
         return "an observation out of range"
+    if seen.field is not None and (problem := _field_problem(seen, seen.field)):
+        return problem
     covariance = np.reshape(seen.covariance, (size, size))
     largest = float(np.max(np.abs(covariance)))
     if largest > MAX_POSE_M**2 or not np.allclose(covariance, covariance.T, atol=1e-6 * largest):
         return "a covariance that is too large or not symmetric"
     if float(np.linalg.eigvalsh(covariance)[0]) < max(MIN_VARIANCE, 1e-12 * largest):
         return "a covariance that is not positive definite"
+    return None
+
+
+def _field_problem(seen: Observation | Seen, field: PositionField) -> str | None:
+    if seen.landmark or len(seen.mean) != 2:
+        return "a field with a landmark or a heading"
+    try:
+        values = field.log_likelihoods.array()
+    except MalformedMessageError as error:
+        return error.problem
+    sides = values.shape
+    if len(sides) != 2 or not all(0 < side <= MAX_FIELD_SIDE for side in sides):
+        return f"a field of {sides} cells; {MAX_FIELD_SIDE} x {MAX_FIELD_SIDE} are possible"
+    if field.log_likelihoods.dtype != "float32" or not np.isfinite(values).all():
+        return "a field that is not of finite float32"
     return None
 
 

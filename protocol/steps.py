@@ -66,6 +66,21 @@ OutlierProbability: TypeAlias = Annotated[float, Meta(ge=1e-6, le=0.999)]
 
 
 Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=MAX_POSE_M)]
+MAX_FIELDS = 4
+"""Fields of one step."""
+MAX_FIELD_SIDE = 64
+"""Cells along each side of a field."""
+
+
+class PositionField(msgspec.Struct, frozen=True, kw_only=True):
+    """Log-likelihoods of the robot's position in cells along the axes of the map."""
+
+    cell_m: Annotated[float, Meta(ge=0.01, le=MAX_POSE_M)]
+    """Side of a cell [m]."""
+    log_likelihoods: ArrayBlob
+    """(rows, cols) float32, row 0 has the lowest y; a constant added to all has no effect."""
+    map_digest: str = ""
+    """The map that it was made for; empty: any."""
 
 
 class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
@@ -79,13 +94,17 @@ class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
     """Id or class of a landmark in the map's landmarks file. Empty: `mean` is the robot's pose."""
     mean: Numbers
     """Of a landmark: x, y in the robot's frame [m]. Otherwise x, y [m], heading [rad] of the robot
-    in the map; without the last number, the heading is unknown."""
+    in the map; without the last number, the heading is unknown. Of a field: its low corner x, y in
+    the map [m]."""
     covariance: Numbers
-    """Of `mean`, row by row."""
+    """Of `mean`, row by row. An error of a field's position blurs it."""
     outlier_probability: OutlierProbability = 0.05
     """Probability that the observation is false."""
     correlation_s: Positive = 30.0
     """Time after which 63 % of the error of a source is new [s]."""
+    field: PositionField | None = None
+    """How likely the measurement is in each part of the map. The robot is in one of its cells with
+    the probability that the observation is not false."""
 
 
 class Seen(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,6 +116,7 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
     outlier_probability: OutlierProbability
     share: Annotated[float, Meta(ge=0.0, le=1.0)]
     """Share of its log-likelihood that is new since earlier sights of the same thing."""
+    field: PositionField | None = None
 
 
 class Landmark(msgspec.Struct, frozen=True, kw_only=True):

@@ -10,22 +10,34 @@ import numpy as np
 from particle_filter.arrays import Pose
 from particle_filter.observations import Observation as Placed
 from particle_filter.poses import between, compose
+from particle_filter.position_fields import PositionField as Cells
 from particle_filter.trajectory import MAX_LATE_NS, Trajectory
+from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import observation_problem
-from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation, Seen
+from protocol.steps import (
+    MAX_FIELDS,
+    MAX_OBSERVATIONS,
+    Landmark,
+    Observation,
+    PositionField,
+    Seen,
+)
 from sensor_bridge.sources import Source, Sources, source_name
 from sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
 
 UNKNOWN_LANDMARK = "unknown_landmark"
 OBSERVATION_AHEAD = "observation_from_the_future"
 TOO_MANY_OBSERVATIONS = "too_many_observations"
+OTHER_MAP = "field_of_another_map"
 TOO_FAR = "observation_too_far_back"
 BROKEN_SOURCE = "broken_source"
 MAX_WAITING = 64
 """Observations that wait for odometry; of more, those with the latest stamps are dropped."""
 VIEW_M = 0.5
 """Distance driven after which 63 % of the error of an observation of the same landmark is new."""
+SAME_FIELD_M = 5.0
+"""Fields that a source reports within this distance have the same systematic error."""
 SAME_M = 1.0
 """Observations of landmarks closer than this are of the same one, whatever their names."""
 LEAST_SHARE = 0.02
@@ -44,6 +56,7 @@ class _Sight:
     stamp_ns: int
     share: float = 0.0
     """Share of it that was new."""
+    is_field: bool = False
 
 
 class PendingObservations:
@@ -55,10 +68,14 @@ class PendingObservations:
     Args:
         landmarks: of the map.
         dropped: counts dropped observations by cause.
+        map_digest: of the map; fields of another one are dropped.
     """
 
-    def __init__(self, landmarks: Sequence[Landmark], dropped: Counter[str]) -> None:
+    def __init__(
+        self, landmarks: Sequence[Landmark], dropped: Counter[str], map_digest: str = ""
+    ) -> None:
         self._landmarks, self._dropped = tuple(landmarks), dropped
+        self._map_digest = map_digest
         self._names = frozenset(landmark.name for landmark in landmarks)
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
@@ -72,6 +89,8 @@ class PendingObservations:
         newest_ns = self._trajectory.newest_ns
         if observation.landmark and observation.landmark not in self._names:
             self._dropped[UNKNOWN_LANDMARK] += 1
+        elif observation.field and observation.field.map_digest not in ("", self._map_digest):
+            self._dropped[OTHER_MAP] += 1
         elif newest_ns is not None and observation.stamp_ns > newest_ns + MAX_AHEAD_NS:
             self._dropped[OBSERVATION_AHEAD] += 1
         else:
@@ -104,6 +123,7 @@ class PendingObservations:
                 covariance=tuple(here.covariance.ravel().tolist()),
                 outlier_probability=here.outlier_probability,
                 share=here.share * weight,
+                field=_on_the_wire(here.field),
             )
             # A step with an impossible observation would be refused by every worker.
             if observation_problem(seen) is not None:
@@ -131,17 +151,23 @@ class PendingObservations:
         if observation.landmark:
             place = compose(odom_from_robot, np.append(mean, 0.0))
         name = observation.landmark
-        sight = _Sight(observation.sender, name, place, odom_from_robot, observation.stamp_ns)
+        stamp_ns, is_field = observation.stamp_ns, observation.field is not None
+        sight = _Sight(
+            observation.sender, name, place, odom_from_robot, stamp_ns, is_field=is_field
+        )
         share, weight = self._share(sight, observation.correlation_s)
         if share < LEAST_SHARE:
             return 0.0
-        if len(self._placed) >= MAX_OBSERVATIONS:
+        fields = sum(each.field is not None for _, each, _, _ in self._placed)
+        if len(self._placed) >= MAX_OBSERVATIONS or (observation.field and fields >= MAX_FIELDS):
             self._dropped[TOO_MANY_OBSERVATIONS] += 1
             return 0.0
         self._past.append(replace(sight, share=share))
         covariance = np.reshape(observation.covariance, (len(mean), len(mean)))
         odds = observation.outlier_probability
         seen = Placed(mean, covariance, observation.landmark, odds, share)
+        if (field := observation.field) is not None:
+            seen = replace(seen, field=Cells(field.cell_m, field.log_likelihoods.array()))
         source = (observation.sender, observation.landmark)
         self._placed.append((source, seen, odom_from_robot, weight))
         return share * weight
@@ -158,7 +184,10 @@ class PendingObservations:
         share = -math.expm1(-apart - waited_s / correlation_s)
         # Every observation of a moved landmark is wrong, so later ones weigh less. One
         # with another name is no repetition: the names before may have been false.
-        if sight.place is None:
+        if sight.is_field:
+            here = sight.odom_from_robot[:2]
+            before = [p for p in before if math.dist(p.odom_from_robot[:2], here) <= SAME_FIELD_M]
+        elif sight.place is None:
             return share, 1.0
         repeated = math.fsum(each.share for each in before if each.name == sight.name)
         return share, 1.0 / (1.0 + repeated)
@@ -170,3 +199,10 @@ class PendingObservations:
         if past.place is None or sight.place is None:
             return True
         return math.dist(past.place[:2], sight.place[:2]) <= SAME_M
+
+
+def _on_the_wire(field: Cells | None) -> PositionField | None:
+    if field is None:
+        return None
+    values = ArrayBlob.of(field.log_likelihoods, "float32")
+    return PositionField(cell_m=field.cell_m, log_likelihoods=values)

@@ -131,7 +131,7 @@ class StepMaker:
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
         self._gate = MotionGate(settings)
-        self._pending_observations = PendingObservations(landmarks, self.dropped)
+        self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -206,7 +206,7 @@ class StepMaker:
     def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest = map_digest
-        self._pending_observations = PendingObservations(landmarks, self.dropped)
+        self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:

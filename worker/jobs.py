@@ -22,6 +22,7 @@ from particle_filter.log_weights import multiplied
 from particle_filter.observation_likelihood import ObservationArrays, allowed_poses, log_ratios
 from particle_filter.observations import Landmarks, Observation, log_average_ratio
 from particle_filter.poses import between
+from particle_filter.position_fields import PositionField
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
@@ -412,6 +413,9 @@ def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
             each.landmark,
             each.outlier_probability,
             each.share,
+            None
+            if each.field is None
+            else PositionField(each.field.cell_m, each.field.log_likelihoods.array()),
         )
         for each in scan.observations
     ]

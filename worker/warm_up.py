@@ -13,7 +13,7 @@ from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
-from protocol.steps import Landmark, Scan, Seen
+from protocol.steps import Landmark, PositionField, Scan, Seen
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
 
@@ -24,6 +24,11 @@ _SEEN = Seen(
     covariance=(0.01, 0.0, 0.0, 0.01),
     outlier_probability=0.05,
     share=1.0,
+)
+_REGION = replace(
+    _SEEN,
+    landmark="",
+    field=PositionField(cell_m=1.0, log_likelihoods=ArrayBlob.of(np.zeros((4, 4)), "float32")),
 )
 
 _log = logging.getLogger(__name__)
@@ -88,7 +93,7 @@ def _run_kernels(sensor: SensorSettings) -> None:
     track = TrackJob(cluster=0, start=sample, exact=False)
     for one in (track, ElsewhereJob(first_step=3)):
         job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
-        job.advance(replace(_scan(3, rng), observations=(_SEEN,), landmarks=(_TAG,)))
+        job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
     angles = np.zeros(1)
     cast_rays_from_poses(model.jumps, model.grid.cell_m, np.ones((1, 3)), angles, 1.0)  # advice
 

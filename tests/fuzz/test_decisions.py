@@ -25,6 +25,7 @@ from protocol.steps import (
     LaserReading,
     Observation,
     OdometryReading,
+    PositionField,
     Reading,
     Scan,
     Seen,
@@ -89,6 +90,18 @@ def observations(draw: st.DrawFn) -> Observation:
         sender="eye", stamp_ns=stamp_ns, landmark=landmark, mean=draw(ANY_POSE)[:size],
         covariance=tuple(covariance.ravel().tolist()),
     )  # fmt: skip
+    if size == 2 and not landmark and draw(st.booleans()):
+        sides = draw(st.integers(1, 64)), draw(st.integers(1, 64))
+        levels = draw(
+            st.lists(
+                st.floats(allow_nan=False, allow_infinity=False, width=32), min_size=1, max_size=6
+            )
+        )
+        field = PositionField(
+            cell_m=draw(st.floats(0.01, 1e8) | st.floats(0.5, 5.0)),
+            log_likelihoods=ArrayBlob.of(np.resize(levels, sides), "float32"),
+        )
+        seen = msgspec.structs.replace(seen, field=field)
     usual = msgspec.structs.replace(seen, mean=(1.0,) * size)
     usual = msgspec.structs.replace(usual, covariance=tuple(np.eye(size).ravel().tolist()))
     return usual if refusal_of(seen) else seen
@@ -101,6 +114,7 @@ def seen_in_step(draw: st.DrawFn) -> Seen:
     return Seen(
         landmark=one.landmark, mean=one.mean, covariance=one.covariance,
         outlier_probability=draw(st.floats(1e-6, 0.999)), share=draw(st.floats(0.0, 1.0)),
+        field=one.field,
     )  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 
+import numpy as np
 import yaml
 import zenoh
 from msgspec.structs import replace
@@ -18,8 +19,9 @@ from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Status
+from protocol.arrays import ArrayBlob
 from protocol.codec import encode
-from protocol.steps import Observation
+from protocol.steps import Observation, PositionField
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import BRIDGE, WORLD, Robot
 from tests.integration.faults.system import SMALL, system
@@ -33,11 +35,15 @@ RIGHT = Observation(
     sender="gnss", stamp_ns=0, mean=(0.0, 0.0), covariance=(400.0, 0.0, 0.0, 400.0)
 )  # fmt: skip
 """The robot is within 20 m of the middle all along."""
+REGION = PositionField(
+    cell_m=1.0, log_likelihoods=ArrayBlob.of(np.zeros((64, 64)), "float32"), map_digest="other"
+)
 TAG = replace(RIGHT, sender="eye", landmark="tag", mean=(30.0, 0.0))
 WRONG = {
     "malformed Observation: field": replace(RIGHT, mean=(math.nan, 0.0)),
     "malformed Observation: impossible": replace(RIGHT, covariance=(1.0, 2.0, 2.0, 1.0)),
     "reading refused: unknown landmark": replace(TAG, landmark="none"),
+    "reading refused: field of another map": replace(RIGHT, field=REGION),
     "reading refused: observation from the future": RIGHT,
 }
 """By the cause that is counted."""

@@ -9,7 +9,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
-from protocol.steps import Observation, OdometryReading, Scan
+from protocol.steps import Observation, OdometryReading, PositionField, Scan
 from protocol.work import Report
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
@@ -54,9 +54,19 @@ def test_an_observation_on_the_wire_has_these_fields() -> None:
         "mean": [2.0, -0.5],
         "covariance": [0.25, 0.0, 0.0, 0.25],
     }
-    defaults = {"outlier_probability": 0.05, "correlation_s": 30.0}
+    defaults = {"outlier_probability": 0.05, "correlation_s": 30.0, "field": None}
     assert msgpack.unpackb(encode(observation)) == plain | defaults
     assert decode(msgpack.packb(plain), Observation) == observation
+    values = ArrayBlob.of(np.array([[0.0, -1.0]]), "float32")
+    field = PositionField(cell_m=5.0, log_likelihoods=values)
+    region = msgspec.structs.replace(observation, landmark="", field=field)
+    blob = {"dtype": "float32", "shape": [1, 2], "data": b"\0\0\0\0\0\0\x80\xbf"}
+    on_the_wire = {"cell_m": 5.0, "log_likelihoods": blob, "map_digest": ""}
+    assert msgpack.unpackb(encode(region)) == plain | defaults | {
+        "landmark": "",
+        "field": on_the_wire,
+    }
+    assert decode(encode(region), Observation) == region
 
 
 def test_an_unknown_field_of_a_later_release_is_ignored() -> None:

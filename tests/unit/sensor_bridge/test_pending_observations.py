@@ -2,14 +2,17 @@ import math
 from collections import Counter
 
 import msgspec
+import numpy as np
 import pytest
 
+from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.steps import MAX_OBSERVATIONS, Landmark, Observation
+from protocol.steps import MAX_FIELDS, MAX_OBSERVATIONS, Landmark, Observation, PositionField
 from sensor_bridge.pending_observations import (
     MAX_WAITING,
     OBSERVATION_AHEAD,
+    OTHER_MAP,
     TOO_FAR,
     TOO_MANY_OBSERVATIONS,
     UNKNOWN_LANDMARK,
@@ -135,6 +138,77 @@ def test_an_impossible_observation_is_refused(change: dict[str, object], words: 
     fields |= {"covariance": EVEN, **change}
     with pytest.raises(MalformedMessageError, match=words):
         decode(encode(Observation(**fields)), Observation)  # type: ignore[arg-type]
+
+
+def region(at_s: float, **change: object) -> Observation:
+    values = ArrayBlob.of(np.zeros((2, 3)), "float32")
+    field = PositionField(cell_m=5.0, log_likelihoods=values)
+    return msgspec.structs.replace(seen(at_s, name=""), **({"field": field} | change))
+
+
+def field(values: object, cell_m: float = 5.0, **change: object) -> PositionField:
+    blob = ArrayBlob.of(np.asarray(values), "float32")
+    blob = msgspec.structs.replace(blob, **change)
+    return PositionField(cell_m=cell_m, log_likelihoods=blob)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"field": field(np.full((2, 2), np.nan))}, "not of finite"),
+        ({"field": field(np.zeros((65, 1)))}, "64 x 64"),
+        ({"field": field(np.zeros((0, 5)))}, "64 x 64"),
+        ({"field": field(np.zeros(5))}, "64 x 64"),
+        ({"field": field(np.zeros((2, 2)), shape=(2, 2**40))}, "do not fill"),
+        ({"field": field(np.zeros((2, 2)), shape=(2, 1), dtype="float64")}, "not of finite"),
+        ({"field": field(np.zeros((2, 2)), cell_m=0.0)}, "cell_m"),
+        ({"landmark": "tag"}, "with a landmark or a heading"),
+        (
+            {"mean": (1.0, 2.0, 3.0), "covariance": (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0)},
+            "with a landmark or a heading",
+        ),
+    ],
+)
+def test_an_impossible_field_is_refused(change: dict[str, object], words: str) -> None:
+    with pytest.raises(MalformedMessageError, match=words):
+        decode(encode(region(1.0, **change)), Observation)
+
+
+def test_a_field_reaches_the_step_and_its_error_grows_with_the_motion_since() -> None:
+    sights = PendingObservations((), Counter(), "map")
+    sights.on_observation(region(0.5))
+    driven(sights, 1)
+    (moved,) = sights.take(0, (1.0, 0.0, 0.0))
+    assert moved.field == field(np.zeros((2, 3)))
+    assert (moved.mean, moved.share) == ((2.0, 0.0), 1.0)
+    assert moved.covariance == pytest.approx((0.26, 0.0, 0.0, 0.26))
+
+
+def test_fields_of_another_map_and_too_many_fields_are_dropped() -> None:
+    dropped = Counter[str]()
+    sights = PendingObservations((), dropped, "map")
+    for digest in ("map", "other"):
+        of_map = msgspec.structs.replace(field(np.zeros((1, 1))), map_digest=digest)
+        sights.on_observation(region(0.0, field=of_map, sender=digest))
+    for number in range(MAX_FIELDS):
+        sights.on_observation(region(0.0, sender=str(number)))
+    driven(sights, 0)
+    assert len(sights.take(0, (0.0, 0.0, 0.0))) == MAX_FIELDS
+    assert dropped == {OTHER_MAP: 1, TOO_MANY_OBSERVATIONS: 1}
+
+
+def test_fields_at_one_place_repeat_a_systematic_error() -> None:
+    """Wi-Fi of a standing robot points to the same wrong room for ever."""
+    weights = {}
+    for speed in (0.0, 0.3):
+        sights, weights[speed] = PendingObservations((), Counter()), 0.0
+        for second in range(0, 600, 10):
+            sights.on_observation(region(second))
+            sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
+            (each,) = sights.take(0, (speed * second, 0.0, 0.0))
+            weights[speed] += each.share
+    assert 1.0 < weights[0.0] < 1.0 + math.log(60.0)
+    assert weights[0.3] > 10.0
 
 
 def test_an_observation_moved_out_of_range_does_not_spoil_the_step() -> None:
