@@ -62,7 +62,7 @@ class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     gains: tuple[Finite, ...] = ()
     """Expected gain of the log probability of each of `Advice.clusters`, if it is right [nat]."""
     information: NotNegative
-    """Mean of these over the places."""
+    """Mean of these, weighted by the probability that the place is right."""
     sure_probability: Probability
     """Probability that the robot is localized after the way."""
     explores: bool = False

@@ -95,6 +95,26 @@ def test_a_cupboard_that_was_not_seen_is_not_looked_for_again(x_m: float, is_adv
     assert bool(ways_in(FLATS, asked)) == is_advised
 
 
+def test_a_place_is_confirmed_after_another_was_not_seen() -> None:
+    """The belief keeps both places equal: its evidence is only what each would have seen."""
+    cells = FLATS.copy()
+    cells[55:70, 50:75] = OCCUPIED  # in the near room of the first flat
+    earlier = np.array([[0.0, 0.3, 0.0, 1.0, 0.0, 0.0]], "<f4")
+    ways = ways_in(cells, replace(ASKED, seen=ViewMemory(earlier.tobytes())))
+    assert ways[0].poses[-1, 0] + 2.0 > 4.5  # to the cupboard in the far room of the second
+    assert ways[0].gains[1] > 3.0 * LEAST_INFORMATION
+
+
+@pytest.mark.parametrize(("x_m", "stands"), [(9.85, False), (9.75, False), (10.3, True)])
+def test_no_way_begins_where_the_robot_cannot_stand(x_m: float, stands: bool) -> None:
+    """The second flat begins behind a wall from 9.85 m to 10.15 m."""
+    ways, spots = finished(
+        advised_ways(question(RIGHT, (x_m, 2.0, 0.0)), model_of(FLATS), FilterSettings())
+    )
+    assert (np.hypot(*spots[:, :2].T).max() > 1.0) == stands
+    assert stands or all(np.ptp(way.poses[:, :2]) == 0.0 for way in ways)
+
+
 def test_no_way_distinguishes_equal_flats() -> None:
     ways, spots = finished(
         advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
