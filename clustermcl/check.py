@@ -65,7 +65,7 @@ def run_check(
         agreement = agreement_of(scans, grid_map, settings)
     report = report_of(
         map_file,
-        grid_map,
+        grid_map.with_landmarks(landmarks),
         laser_range_m=laser_range_m,
         places=places,
         seed=settings.seed,
@@ -140,7 +140,8 @@ def _symmetry(symmetry: Symmetry) -> str:
 
 def _group(place: Place) -> Iterator[str]:
     places = (place.map_from_robot, *place.look_alikes)
-    yield f"  these {len(places)} places look alike:"
+    for_good = ", wherever the robot drives" if place.distinguishable is False else ""
+    yield f"  these {len(places)} places look alike{for_good}:"
     for pose in places[:_MOST_PLACES]:
         yield f"    {pose_text(pose)}"
     if len(places) > _MOST_PLACES:

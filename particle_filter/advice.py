@@ -258,7 +258,7 @@ def _angles(laser: LaserScan) -> NDArray[np.float64]:
     return np.asarray(laser.angle_min + laser.angle_step * np.arange(len(laser.ranges)), np.float64)
 
 
-def _cast(at: Poses, laser: LaserScan, model: SensorModel) -> NDArray[np.float64]:
+def cast(at: Poses, laser: LaserScan, model: SensorModel) -> NDArray[np.float64]:
     """Return (K, B) ranges of a laser on a robot at (K, 3) poses [m]."""
     grid, longest = model.grid, min(laser.range_max_m, model.settings.max_range_m)
     in_grid = compose(inverse(grid.map_from_grid), compose(at, laser.robot_from_laser))
@@ -290,7 +290,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     """Predict the scan of each place at a spot, and weigh it at all places."""
     count = len(question.places)
     at = compose(question.places, spot)
-    ranges = _cast(at, laser, model)
+    ranges = cast(at, laser, model)
     variances = np.diagonal(question.covariances, axis1=1, axis2=2)
     off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
     around = at[:, None] + off[:, None] * _OFFSETS

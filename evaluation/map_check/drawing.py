@@ -29,7 +29,7 @@ def drawn_report(
     """Draw tested places as filled arrows, joined with their look-alikes, and the symmetries.
 
     A ring is the centre of a rotation, a line through the middle of the map a translation,
-    a diamond a landmark.
+    a diamond a landmark. A circle around a place: no drive distinguishes it from its look-alikes.
     """
     canvas, view = map_canvas(reduced(to_message(grid_map, "report")))
     draw = ImageDraw.Draw(canvas, "RGBA")
@@ -52,6 +52,8 @@ def _draw_place(draw: ImageDraw.ImageDraw, view: View, place: Place) -> None:
         draw.line((start, view.at(*other[:2])), fill=f"{colour}{alpha}", width=_LINE_PX)
         draw.polygon(_arrow(view, other), outline=colour, width=_LINE_PX)
     draw.polygon(_arrow(view, place.map_from_robot), fill=colour)
+    if place.distinguishable is False:
+        draw.circle(start, 1.5 * _ARROW_PX, outline=colour, width=_LINE_PX)
 
 
 def _arrow(view: View, pose: PoseTuple) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, label
 
 from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
+from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch, Viewer
 from evaluation.map_check.symmetries import Symmetry, middle_of, symmetries_of
 from grid_maps.grid_map import GridMap
@@ -80,6 +81,8 @@ class Place(msgspec.Struct, frozen=True, kw_only=True):
     """Share of the beams that hit something within the laser's range."""
     look_alikes: tuple[PoseTuple, ...]
     """The poses from which the view is nearly the same."""
+    distinguishable: bool | None = None
+    """Whether a way from there distinguishes some of them; None: it is not known."""
 
 
 class MapReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,7 +126,7 @@ def report_of(
     rng = np.random.default_rng(seed)
     viewer = Viewer(grid_map, laser_range_m)
     search = LookAlikeSearch(grid_map, viewer, rng)
-    looked_at, groups = [], []
+    looked_at, groups, spacing_m = [], [], search.spacing_m
     for _ in range(places):
         view = viewer.random_view(rng)
         found = search.places_like(view)
@@ -136,11 +139,17 @@ def report_of(
                 look_alikes=tuple(others),
             )
         )
+    del viewer, search  # their arrays are as large as those that follow
+    told = distinguishable(groups, grid_map, laser_range_m)
+    looked_at = [
+        msgspec.structs.replace(place, distinguishable=answer)
+        for place, answer in zip(looked_at, told, strict=True)
+    ]
     report = MapReport(
         map=name,
         ground=ground_of(grid_map),
         laser_range_m=laser_range_m,
-        searched_every_m=search.spacing_m,
+        searched_every_m=spacing_m,
         places=tuple(looked_at),
         symmetries=symmetries_of(groups, middle_of(grid_map))[:_MOST_SYMMETRIES],
         agreement=agreement,
@@ -183,6 +192,11 @@ def _of_places(report: MapReport) -> Iterator[str]:
         yield (
             f"{alike} of {looked_at} places look like others, also after {WAY_M:.0f} m of "
             "driving: until something distinguishes them, the belief is ambiguous"
+        )
+    if for_good := sum(place.distinguishable is False for place in report.places):
+        yield (
+            f"from {for_good} of these, no drive distinguishes them: landmarks do "
+            "(docs/tutorials/tags.md)"
         )
 
 

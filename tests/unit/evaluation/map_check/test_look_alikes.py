@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.observability import turned_copies
+from evaluation.map_check import ambiguity
+from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import LookAlikeSearch, Viewer
 from evaluation.map_check.report import report_of
 from evaluation.map_check.symmetries import symmetries_of
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
+from protocol.steps import Landmark
 from robot_simulator.worlds.catalogue import world
 
 
@@ -44,8 +47,32 @@ def test_a_symmetric_hall_is_reported() -> None:
     assert symmetry.share == 1.0
     assert abs(symmetry.turn_rad) == pytest.approx(math.pi, abs=0.02)
     assert symmetry.about_m == pytest.approx((0.0, 0.0), abs=0.05)
+    alike, for_good = report.remarks
+    assert alike.startswith("8 of 8 places look like others")
+    assert for_good.startswith("from 8 of these, no drive distinguishes them")
+    assert {place.distinguishable for place in report.places} == {False}
+
+
+def test_a_tag_in_one_arm_of_the_cross_distinguishes_what_looks_alike() -> None:
+    tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
+    plan = world("cross").map.with_landmarks([tag])
+    report = report_of("cross", plan, laser_range_m=12.0, places=4, seed=1, agreement=None)
+    assert [len(place.look_alikes) for place in report.places] == [3] * 4
+    assert {place.distinguishable for place in report.places} == {True}
     (remark,) = report.remarks
-    assert remark.startswith("8 of 8 places look like others")
+    assert remark.startswith("4 of 4 places look like others")
+
+
+def test_only_some_groups_of_places_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ambiguity, "_MOST_GROUPS", 1)
+    plan = world("cross").map
+    own = np.array([0.0, 5.0, 1.57])
+    alone = distinguishable([own[None]] * 3, plan, 12.0)
+    assert alone == [None] * 3
+    arms = np.array(turned_copies(pose_tuple(own), 4, (0.0, 0.0)))
+    assert distinguishable([arms] * 2, plan, 12.0) == [False, None]
+    in_walls = arms + np.array([50.0, 50.0, 0.0])
+    assert distinguishable([in_walls], plan, 12.0) == [None]
 
 
 def test_a_short_sighted_laser_is_reported() -> None:
