@@ -81,14 +81,12 @@ def test_the_palette_equals_that_of_the_page() -> None:
     assert len(PALETTE) == SLOTS
 
 
-def test_a_step_without_places_can_be_drawn() -> None:
-    assert drawn_picture(room(), step(places=[])).size == (1448, 748)
+FLAT = {**step()["places"][0], "cov": (0.0, 0.0, 0.0, 0.0)}
 
 
-@pytest.mark.parametrize("probability", [1.0, 1e-9])
-def test_any_probability_can_be_drawn(probability: float) -> None:
-    place = {**step()["places"][0], "p": probability, "cov": (0.0, 0.0, 0.0, 0.0)}
-    assert drawn_picture(room(), step(places=[place])).size == (1448, 748)
+@pytest.mark.parametrize("places", [[], [{**FLAT, "p": 1.0}], [{**FLAT, "p": 1e-9}]])
+def test_no_place_or_one_of_any_probability_can_be_drawn(places: list[dict[str, Any]]) -> None:
+    assert drawn_picture(room(), step(places=places)).size == (1448, 748)
 
 
 @pytest.mark.parametrize(

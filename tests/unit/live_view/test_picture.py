@@ -67,15 +67,10 @@ def test_a_scan_that_its_belief_overtook_is_drawn_now_and_in_the_archive(picture
     assert picture.changes() == {}
 
 
-def test_a_late_true_pose_is_drawn_at_its_step(picture: Picture) -> None:
+def test_a_late_true_pose_is_drawn_at_its_step_and_added_to_the_trail(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, pose=(1.0, 1.0, 0.0)))
     assert picture.changes()["step"]["truth"] == (1.0, 1.0, 0.0)
-
-
-def test_a_late_true_pose_is_added_to_the_trail(picture: Picture) -> None:
-    picture.on_belief(belief(5, 1))
-    picture.on_truth(TruePose(sender="s", step=5, pose=(1.0, 1.0, 0.0)))
     assert rows(picture.everything()["history"]["rows"])[-1][2] == [1.0, 1.0, 0.0]
 
 

@@ -40,14 +40,10 @@ def test_a_missing_report_keeps_its_probability_and_the_others_share_the_rest(
     assert np.sum(np.exp(posterior)) == pytest.approx(1.0)
 
 
-def test_without_any_report_nothing_changes() -> None:
+@pytest.mark.parametrize("value", [np.nan, -np.inf], ids=["no report", "impossible everywhere"])
+def test_what_says_the_same_of_all_places_changes_nothing(value: float) -> None:
     prior = belief.normalised_logs(np.array([0.0, -1.0]))
-    np.testing.assert_array_equal(belief.updated(prior, np.full(2, np.nan)), prior)
-
-
-def test_a_scan_that_is_impossible_everywhere_adds_no_evidence() -> None:
-    prior = belief.normalised_logs(np.array([0.0, -1.0]))
-    np.testing.assert_array_equal(belief.updated(prior, np.full(2, -np.inf)), prior)
+    np.testing.assert_array_equal(belief.updated(prior, np.full(2, value)), prior)
 
 
 @given(ANY_LOGS, st.floats(0.001, 0.999))

@@ -1,3 +1,5 @@
+import pytest
+
 from process_runtime.watchdog import HangDetector
 
 
@@ -12,18 +14,17 @@ def first_hang(signs: set[int], asked: range | list[int], hung_after_s: float = 
     return None
 
 
-def test_silence_after_a_sign_is_a_hang() -> None:
-    assert first_hang({3, 5}, range(60)) == 16
-
-
-def test_a_process_without_signs_of_life_does_not_count_as_hanging() -> None:
-    assert first_hang(set(), range(60)) is None
-
-
-def test_a_process_with_signs_of_life_does_not_hang() -> None:
-    assert first_hang(set(range(0, 60, 10)), range(60)) is None
-
-
-def test_the_silence_counts_again_when_the_asking_process_was_stopped_too() -> None:
-    assert first_hang({5}, [*range(8), *range(100, 105)]) is None
-    assert first_hang({5}, [*range(8), *range(100, 160)]) == 111
+@pytest.mark.parametrize(("signs", "asked", "hangs_at"), [
+    ({3, 5}, range(60), 16),
+    (set(), range(60), None),
+    (set(range(0, 60, 10)), range(60), None),
+    ({5}, [*range(8), *range(100, 105)], None),
+    ({5}, [*range(8), *range(100, 160)], 111),
+], ids=[
+    "silence after a sign", "no sign yet", "signs all along", "the asking process was stopped too",
+    "then the silence counts again",
+])  # fmt: skip
+def test_a_process_hangs_when_its_signs_of_life_end(
+    signs: set[int], asked: range | list[int], hangs_at: int | None
+) -> None:
+    assert first_hang(signs, asked) == hangs_at

@@ -1,6 +1,7 @@
 from collections.abc import Iterable
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -22,37 +23,35 @@ def taken(stamped: Iterable[tuple[int, int]]) -> list[bool]:
     return [numbering.on_other_scan(one, NEWEST) for one in scans]
 
 
-def test_several_newer_scans_of_low_steps_indicate_a_new_count() -> None:
-    assert taken([(0, 101), (1, 102), (2, 103)]) == [False, False, True]
+FAR = 100 + HUGE_JUMP + 1
+
+
+@pytest.mark.parametrize(("stamped", "indicates"), [
+    ([(0, 101), (1, 102), (2, 103)], True),
+    ([(step, step) for step in range(NEEDED_OF_OLDER)], True),
+    ([(FAR, 101), (FAR + 1, 102), (FAR + 2, 103)], True),
+    ([(FAR - 1, 101), (FAR, 102), (FAR + 1, 103)], False),
+    ([(50, 500)] * 20, False),
+    ([(0, 101), (1, 102), (99, 99), (2, 103), (3, 104)], False),
+], ids=[
+    "several newer scans of low steps", "many with older stamps: the newest may have been forged",
+    "several after a huge jump", "not if the first goes on", "a repeated scan with a wrong stamp",
+    "a late scan in between",
+])  # fmt: skip
+def test_scans_indicate_a_new_count(stamped: list[tuple[int, int]], indicates: bool) -> None:
+    assert NEEDED == 3
+    assert taken(stamped) == [False] * (len(stamped) - 1) + [indicates]
+
+
+def test_a_jump_is_huge_from_a_number_of_steps_on() -> None:
+    assert is_huge_jump(scan(FAR), NEWEST)
+    assert not is_huge_jump(scan(FAR - 1), NEWEST)
+    assert not is_huge_jump(scan(FAR), None)
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 100)), max_size=NEEDED_OF_OLDER - 1))
 def test_repeated_or_late_scans_do_not_indicate_a_new_count(stamped: list[tuple[int, int]]) -> None:
     assert not any(taken(stamped))
-
-
-def test_a_repeated_scan_with_a_wrong_stamp_does_not_indicate_a_new_count() -> None:
-    assert not any(taken([(50, 500)] * 20))
-
-
-def test_a_late_scan_in_between_resets_the_detector() -> None:
-    assert NEEDED == 3
-    assert not any(taken([(0, 101), (1, 102), (99, 99), (2, 103), (3, 104)]))
-
-
-def test_many_scans_with_older_stamps_indicate_a_new_count() -> None:
-    """The newest scan may have been a forged one, with a stamp of next year."""
-    row = [(step, step) for step in range(NEEDED_OF_OLDER)]
-    assert taken(row) == [False] * (NEEDED_OF_OLDER - 1) + [True]
-
-
-def test_several_scans_after_a_huge_jump_indicate_a_new_count() -> None:
-    far = 100 + HUGE_JUMP + 1
-    assert taken([(far, 101), (far + 1, 102), (far + 2, 103)]) == [False, False, True]
-    assert not any(taken([(far - 1, 101), (far, 102), (far + 1, 103)])), "the first goes on"
-    assert is_huge_jump(scan(far), NEWEST)
-    assert not is_huge_jump(scan(far - 1), NEWEST)
-    assert not is_huge_jump(scan(far), None)
 
 
 def test_a_scan_that_continues_the_count_resets_the_detector() -> None:

@@ -9,11 +9,15 @@ def test_a_live_robot_needs_no_source() -> None:
     assert source_of(BridgeSettings(source="zenoh")) is None
 
 
-def test_the_bridge_reads_a_recording() -> None:
-    with pytest.raises(RecordingError, match=r"nowhere\.log"):
-        source_of(BridgeSettings(source="nowhere.log"))
-
-
-def test_the_bridge_refuses_a_simulated_source() -> None:
-    with pytest.raises(SettingsError, match=r"sim:cross.*robot_simulator"):
-        source_of(BridgeSettings(source="sim:cross"))
+@pytest.mark.parametrize(
+    ("source", "error", "words"),
+    [
+        ("nowhere.log", RecordingError, r"nowhere\.log"),
+        ("sim:cross", SettingsError, "sim:cross.*robot_simulator"),
+    ],
+)
+def test_a_source_that_cannot_be_read_is_refused(
+    source: str, error: type[Exception], words: str
+) -> None:
+    with pytest.raises(error, match=words):
+        source_of(BridgeSettings(source=source))
