@@ -23,11 +23,11 @@ SETTINGS = Settings(
 FOUND_WITHIN = 40
 
 
-@pytest.mark.parametrize(("seed", "lifted_at"), [(0, 150), (1, 167), (11, 337)])
+@pytest.mark.parametrize(("seed", "lifted_at"), [(0, 150), (11, 337)])
 def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
     seed: int, lifted_at: int, tmp_path: Path
 ) -> None:
-    """Kidnapped in the middle of a periodic search (11), and at once after one (0, 1)."""
+    """Kidnapped in the middle of a periodic search (11), and at once after one (0)."""
     world = eight_rooms()
     source = SimulatedSource(
         Simulation(world, seed), steps=lifted_at + FOUND_WITHIN, kidnap_at=lifted_at
