@@ -28,7 +28,6 @@ def values_of(kind: Any) -> st.SearchStrategy[Any]:
 
 @cache
 def any_message() -> st.SearchStrategy[Message]:
-    """A message of any type."""
     return st.sampled_from(message_types()).flatmap(messages)
 
 

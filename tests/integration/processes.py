@@ -47,7 +47,6 @@ class RunningProcess:
         wait_until(lambda: text in self.out or text in self.err, deadline_s)
 
     def kill(self) -> None:
-        """End it, whatever state it is in."""
         self._popen.kill()
         self._popen.wait()
 

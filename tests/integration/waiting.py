@@ -43,5 +43,4 @@ def patient(zenoh: ZenohSettings) -> ZenohSettings:
 
 
 def patient_client(settings: Settings) -> Settings:
-    """Return settings with a `patient` client."""
     return replace(settings, zenoh=patient(settings.zenoh))

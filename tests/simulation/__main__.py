@@ -8,7 +8,6 @@ from tests.simulation.many import broken, processes
 
 
 def main() -> int:
-    """Run; print the broken laws and the duration."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--schedules", type=int, default=2000)
     parser.add_argument("--first", type=int, default=0, help="seed of the first schedule")

@@ -67,7 +67,6 @@ class CoordinatorNode(Node):
     # --- a process's life
 
     def start(self) -> None:
-        """Look whether the robot has a coordinator."""
         self._is_running = False
         if not self.linked:
             self.later(TICK_S, self.start)
@@ -129,21 +128,18 @@ class CoordinatorNode(Node):
         self.later(TICK_S, self.start)
 
     def end(self) -> None:
-        """Be killed."""
         super().end()
         self._begin_process()
 
     # --- messages
 
     def on_token(self, name: str, alive: bool) -> None:
-        """Take a worker's or a coordinator's token."""
         self.pass_on(events.TokenChanged(name if name.startswith("w") else None, alive))
 
     def on_link(self, up: bool) -> None:
         self.pass_on(events.LinkChanged(up))
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """Take another coordinator's state."""
         check_term(checkpoint, self._now_us() * 1_000)
         if not self._is_running:
             return

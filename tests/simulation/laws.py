@@ -113,7 +113,6 @@ class Life:
         self.decided.append(Decided(ready.scan.step, ready.scan.stamp_ns))
 
     def handled(self, event: events.Event, now_ns: int, done: list[Instruction]) -> None:
-        """An event, and what it has come to."""
         match event:
             case events.OdometryArrived(reading) if reading.stamp_ns != self.newest_odometry_ns:
                 self.newest_odometry_ns = reading.stamp_ns  # the same again is no news
@@ -224,7 +223,6 @@ class Laws:
             demand(holder == worker, "a job has one worker in an epoch, whoever gives it")
 
     def ruled(self, term: int) -> str:
-        """The process whose term it was."""
         return self._rules[term].name
 
     def _rules_alone(self, life: Life, term: int) -> None:
@@ -235,7 +233,6 @@ class Laws:
         demand(order.term >= worker_term, "no worker obeys who was taken over from")
 
     def believed(self, belief: Belief) -> None:
-        """An answer or publication for all."""
         self.steps += 1
         probabilities = [hypothesis.probability for hypothesis in belief.hypotheses]
         probabilities.append(belief.elsewhere_probability)

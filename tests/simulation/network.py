@@ -31,7 +31,6 @@ class Clock:
         self._numbers = count()
 
     def after(self, delay_s: float, action: Action) -> None:
-        """Schedule a call for later."""
         heapq.heappush(self._due, (self.now_ns + ns(delay_s), next(self._numbers), action))
 
     def step(self) -> None:
@@ -66,7 +65,6 @@ class Node:
         return self.clock.now_ns + self._offset_ns
 
     def take(self, action: Action) -> None:
-        """Something arrives."""
         if self.is_frozen:
             self._held.append((self.session, action))
         elif self.alive:
@@ -86,7 +84,6 @@ class Node:
                 action()
 
     def end(self) -> None:
-        """Be killed."""
         self.alive = self.is_frozen = False
         self.life += 1
         self.session += 1
@@ -157,12 +154,10 @@ class Network:
         node.token = None
 
     def kill(self, node: Node) -> None:
-        """End a process: its links close, whatever they let through."""
         node.end()
         self.undeclare(node)
 
     def start(self, node: Node) -> None:
-        """Start a process that was killed."""
         if not node.alive:
             node.alive, node.linked = True, not (node.cut_in or node.cut_out)
             node.start()

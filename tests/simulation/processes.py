@@ -61,7 +61,6 @@ class Bridge(Node):
             self._simulation.publish_odometry(self, reading)
 
     def history(self, first: int, last: int | None) -> tuple[Scan, ...]:
-        """Steps of the past."""
         return tuple(
             s for s in self._history if first <= s.step and (last is None or s.step <= last)
         )
@@ -85,7 +84,6 @@ class WorkerNode(Node):
         self._is_searching = False
 
     def start(self) -> None:
-        """Begin without any job."""
         self.core = Worker(self.name)
         self._is_searching = False
         self._unread.clear()
@@ -93,22 +91,18 @@ class WorkerNode(Node):
         self._simulation.network.declare(self, self.name)
 
     def on_scan(self, scan: Scan) -> None:
-        """A step."""
         self._handle(events.on_scan(scan))
         self.later(QUIET_S, self._read_checkpoints)
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """A coordinator decides, or lives."""
         self._unread.append(checkpoint)
         self.later(10 * QUIET_S, self._read_checkpoints)
 
     def on_order(self, asker: Asker, order: WorkOrder) -> None:
-        """A coordinator sends an order."""
         self._read_checkpoints()
         self._handle(events.on_order(self._question(asker), order))
 
     def on_take_over(self, asker: Asker, take_over: TakeOver) -> None:
-        """A coordinator asks what there is."""
         self._read_checkpoints()
         self._handle(events.on_state_query(self._question(asker), take_over))
 

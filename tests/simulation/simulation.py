@@ -154,19 +154,16 @@ class Simulation:
     # --- what goes over the network
 
     def publish_scan(self, source: Bridge, scan: Scan) -> None:
-        """A step."""
         self.laws.taken_ns[scan.stamp_ns] = self.clock.now_ns
         for node in self._shuffled((*self.coordinators.values(), *self.workers.values())):
             self.network.send(source, node, lambda node=node: node.on_scan(scan))  # type: ignore[misc]
 
     def publish_odometry(self, source: Bridge, reading: OdometryReading) -> None:
-        """Where the robot is."""
         self.laws.taken_ns[reading.stamp_ns] = self.clock.now_ns
         for node in self.coordinators.values():
             self.network.send(source, node, lambda node=node: node.on_odometry(reading))  # type: ignore[misc]
 
     def publish_report(self, source: WorkerNode, report: Report) -> None:
-        """A job's step."""
         for node in self.coordinators.values():
             self.network.send(
                 source,
@@ -175,7 +172,6 @@ class Simulation:
             )
 
     def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
-        """A coordinator's state, as bytes."""
         received = decode(encode(checkpoint), Checkpoint)
         for worker in self._shuffled(self.workers.values()):
             self.network.send(
@@ -188,23 +184,19 @@ class Simulation:
                 self.network.send(source, node, lambda node=node: node.on_checkpoint(received))  # type: ignore[misc]
 
     def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
-        """A query to one worker."""
         worker, asker = self.workers[name], Asker.now(source)
         self.network.send(source, worker, lambda: worker.on_order(asker, order))
 
     def answer_order(self, source: WorkerNode, asker: Asker, answer: OrderAnswer) -> None:
-        """A worker's answer."""
         node = self.coordinators[asker.name]
         received = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
         self.network.send(source, node, received)
 
     def send_take_over(self, source: CoordinatorNode, name: str, question: TakeOver) -> None:
-        """A query to one worker."""
         worker, asker = self.workers[name], Asker.now(source)
         self.network.send(source, worker, lambda: worker.on_take_over(asker, question))
 
     def answer_state(self, source: WorkerNode, asker: Asker, state: WorkerState) -> None:
-        """A worker's answer."""
         node, term = self.coordinators[asker.name], source.known_term
         received = asker.waiting(node, lambda: node.on_state(source.name, state, term))
         self.network.send(source, node, received)

@@ -133,7 +133,6 @@ class Relay:
 
 
 def _begin(work: Callable[..., None], *arguments: object) -> Thread:
-    """Start a daemon thread."""
     thread = Thread(target=work, args=arguments, daemon=True)
     thread.start()
     return thread

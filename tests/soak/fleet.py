@@ -123,7 +123,6 @@ class Fleet:
         return found
 
     def processes(self) -> list[psutil.Process]:
-        """Return all descendants, including new forks and zombies."""
         return psutil.Process().children(recursive=True)
 
     def set_cables(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:

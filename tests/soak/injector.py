@@ -103,7 +103,6 @@ class Injector:
         return done
 
     def end_all(self) -> None:
-        """Continue all frozen processes, and mend all links."""
         self._later.clear()
         if self._cut_off:
             self._mend(sorted(self._cut_off))

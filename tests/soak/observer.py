@@ -122,11 +122,9 @@ class Observer:
         )  # fmt: skip
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Publish any bytes."""
         self.node.session.put(key, payload)
 
     def query(self, selector: str, payload: bytes) -> None:
-        """Query with any bytes; replies are ignored."""
         self.node.session.get(selector, lambda _reply: None, payload=payload, timeout=ASK_TIMEOUT_S)
 
     def verdicts(self, now_ns: int) -> list[Verdict]:

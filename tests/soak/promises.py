@@ -34,8 +34,6 @@ _REMEMBERED = 4096
 
 @dataclass(frozen=True)
 class Break:
-    """One violation of a promise."""
-
     at_ns: int
     """0: no particular time."""
     what: str
@@ -43,8 +41,6 @@ class Break:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """The result for one promise."""
-
     promise: str
     target: str
     measured: str
@@ -57,8 +53,6 @@ class Verdict:
 
 @dataclass(frozen=True)
 class DoneFault:
-    """An injected fault."""
-
     kind: Kind
     at_ns: int
     until_ns: int

@@ -29,7 +29,6 @@ class SoakResult:
 
     @property
     def is_broken(self) -> bool:
-        """Whether a promise was broken."""
         return any(verdict.kept is False for verdict in self.verdicts)
 
     def at_s(self, at_ns: int) -> float:

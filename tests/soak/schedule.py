@@ -8,8 +8,6 @@ import numpy as np
 
 
 class Kind(StrEnum):
-    """Kinds of faults."""
-
     WORKER_KILLED = "worker killed"
     WORKER_FROZEN = "worker frozen"
     ALL_WORKERS_KILLED = "all workers killed"
@@ -60,8 +58,6 @@ _NEAREST, _FARTHEST = 0.4, 1.6
 
 @dataclass(frozen=True)
 class Fault:
-    """A scheduled fault."""
-
     at_s: float
     """Time after the start of the soak."""
     kind: Kind

@@ -33,8 +33,6 @@ _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 
 @dataclass(frozen=True, kw_only=True)
 class SoakOptions:
-    """Options of a soak."""
-
     minutes: float
     coordinators: int
     """One leads, the others are standbys."""

@@ -63,7 +63,6 @@ class Robot:
 
     @contextmanager
     def driving(self) -> Iterator[None]:
-        """It drives while the context lasts."""
         stop = StopFlag()
         thread = threading.Thread(target=self._drive, args=(stop,))
         thread.start()

@@ -64,7 +64,6 @@ class System:
 
     @property
     def client(self) -> Client:
-        """A new client, for one ``with`` block."""
         return Client(patient_client(self.settings))
 
     @property
@@ -73,7 +72,6 @@ class System:
         return self.beliefs[-1].step if self.beliefs else -1
 
     def since(self, step: int) -> list[Belief]:
-        """Beliefs of later steps."""
         return [belief for belief in list(self.beliefs) if belief.step > step]
 
     def gaps_s(self) -> list[float]:
@@ -82,7 +80,6 @@ class System:
         return [(b - a) / 1e9 for a, b in pairwise(received)]
 
     def clusters(self) -> set[int]:
-        """Those of the last belief."""
         return {h.cluster for h in self.beliefs[-1].hypotheses}
 
     def tracks(self) -> bool:
@@ -98,7 +95,6 @@ class System:
         wait_until(lambda: len(self.since(step)) >= 5 and self.tracks())
 
     def wait_for_steps(self, count: int, deadline_s: float = PATIENCE_S) -> None:
-        """Wait for this many more beliefs."""
         step = self.step
         wait_until(lambda: self.step >= step + count, deadline_s)
 
@@ -122,8 +118,6 @@ class System:
         os.kill(self.pid(name), number)
 
     def mend(self) -> None:
-        """Restart dead processes, as `clustermcl up` does."""
-
         def all_run() -> bool:
             self.stack.ended()
             return set(self.stack.pids()) == self._names
@@ -142,7 +136,6 @@ class System:
         wait_until(is_replaced)
 
     def log(self, name: str) -> str:
-        """What a process of the stack has logged."""
         return (self.folder / f"{name}.log").read_text()
 
 

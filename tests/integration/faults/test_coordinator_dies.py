@@ -49,7 +49,6 @@ def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
 
 
 def alone_of(tested: System, settings: Settings = SMALL) -> list[Outcome]:
-    """The beliefs of one process after the bridge's steps up to now."""
     history = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S)
     assert history.scans[0].step == 0
     grid_map = world(WORLD).map

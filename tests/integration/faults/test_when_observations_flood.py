@@ -104,6 +104,5 @@ def flood(session: zenoh.Session) -> Iterator[list[int]]:
 
 
 def dropped(status: Status) -> dict[str, int]:
-    """The bridge's counters of dropped messages, by cause."""
     (health,) = (health for health in status.processes if health.sender == BRIDGE)
     return dict(health.dropped)

@@ -171,7 +171,6 @@ class Flooder:
                 self._received[str(sample.key_expr)] = report
 
     def report(self, step: int, snapshot: Particles | None = None) -> None:
-        """Publish the worker's last report with another step and other particles."""
         report = replace(self._received[self._key], step=step, snapshot=snapshot)
         block = zenoh.CongestionControl.BLOCK
         self._session.put(self._key, encode(report), congestion_control=block)

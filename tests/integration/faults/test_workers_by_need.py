@@ -40,7 +40,6 @@ def by_need(monkeypatch: pytest.MonkeyPatch) -> Iterator[System]:
 
 
 def workers(tested: System) -> set[str]:
-    """Names of the workers that the coordinator sees."""
     with tested.client as client:
         return set(client.status().workers)
 

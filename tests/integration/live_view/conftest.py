@@ -44,7 +44,6 @@ class System:
         self._stack: Stack | None = None
 
     def start(self) -> None:
-        """Start it, unless it runs."""
         if self._stack is not None:
             return
         self._stack = Stack(self.settings, self._folder, logs_in_folder=True)
@@ -56,7 +55,6 @@ class System:
             self._stack = None
 
     def causes(self) -> list[str]:
-        """The events of clusters and searches up to now."""
         with Client(self.settings) as client:
             return [numbered.event.cause for numbered in client.events().events]
 

@@ -66,8 +66,6 @@ class Snapshot:
 
 
 class Page:
-    """The open page."""
-
     def __init__(self, driver: Any, link: str) -> None:
         self.driver, self.link = driver, link
         driver.get("about:blank")  # an earlier page goes on looking for its server
@@ -81,7 +79,6 @@ class Page:
         return ActionChains(self.driver)
 
     def run(self, script: str) -> Any:
-        """What a script returns."""
         return self.driver.execute_script(script)
 
     @property
@@ -95,17 +92,14 @@ class Page:
         return self.driver.execute_async_script(f"const done = arguments[0]; {script}")
 
     def text(self, element: str) -> str:
-        """Visible text of an element by its id."""
         visible: str = self.run(f"return document.getElementById('{element}').innerText")
         return visible
 
     def is_visible(self, element: str) -> bool:
-        """Whether an element is shown."""
         shown: bool = self.run(f"return document.getElementById('{element}').checkVisibility()")
         return shown
 
     def click(self, element: str) -> None:
-        """Click on an element as a person does."""
         self.driver.find_element("id", element).click()
 
     def drag_on_map(self, start: tuple[float, float], end: tuple[float, float]) -> None:
@@ -126,7 +120,6 @@ class Page:
 
     @contextmanager
     def holding(self, key: str) -> Iterator[None]:
-        """Keep a key pressed."""
         self.actions().key_down(key).perform()
         yield
         self.actions().key_up(key).perform()
@@ -159,7 +152,6 @@ class Page:
         return rows
 
     def snapshot(self) -> Snapshot:
-        """The map as it is drawn now."""
         taken = json.loads(self.run(SNAPSHOT))
         png = base64.b64decode(taken["image"].partition(",")[2])
         pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
@@ -170,12 +162,10 @@ class Page:
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def wait_for_places(self, count: int, deadline_s: float = 90.0) -> None:
-        """Wait until this number of probable places is drawn."""
         probable = "return (liveView.view.step?.places ?? []).filter(one => one.p > 0.04).length"
         wait_until(lambda: self.run(probable) == count, deadline_s)
 
     def save(self, file: Path) -> None:
-        """Keep a picture of the window."""
         self.driver.save_screenshot(str(file))
 
 

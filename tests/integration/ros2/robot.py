@@ -155,7 +155,6 @@ class RosRobot:
 
 
 def link(parent: str, child: str, at: Rigid) -> Any:
-    """A transform in space."""
     made = new(
         "geometry_msgs/msg/Transform",
         translation=new("geometry_msgs/msg/Vector3", x=at.x, y=at.y, z=at.z),

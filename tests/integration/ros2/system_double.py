@@ -70,7 +70,6 @@ class SystemDouble:
         return map_in(reply.ok.payload.to_bytes()).map_from_grid
 
     def put(self, key: str, payload: bytes) -> None:
-        """Publish whatever."""
         self._session.put(key, payload)
 
     def _on_laser(self, sample: zenoh.Sample) -> None:
@@ -120,5 +119,4 @@ class SystemDouble:
 
 
 def map_in(payload: bytes) -> MapReading:
-    """A map of any size."""
     return msgspec.convert(msgpack.unpackb(payload), MapReading)

@@ -115,7 +115,6 @@ class Drive:
 
     @contextmanager
     def driving(self) -> Iterator[None]:
-        """It drives while the context lasts."""
         stop = StopFlag()
         thread = threading.Thread(target=self._drive, args=(stop,))
         thread.start()

@@ -48,7 +48,6 @@ class Robot:
         return list(history.scans)
 
     def put(self, key: str, data: bytes) -> None:
-        """Anything on a key."""
         self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def dropped(self) -> dict[str, int] | None:

@@ -22,7 +22,6 @@ SMALL_FILTER = [
 def ran(
     *words: str, environment: dict[str, str] | None = None, timeout_s: float = PATIENCE_S
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command to its end."""
     return subprocess.run(
         [*COMMAND, *words],
         env=environment, capture_output=True, text=True, timeout=timeout_s, check=False,
@@ -62,18 +61,15 @@ class TypedCommand:
         return parent.children()
 
     def wait_for(self, text: str, deadline_s: float = PATIENCE_S) -> None:
-        """Until it has written the text."""
         wait_until(lambda: text in self.out or text in self.err, deadline_s)
         self.meet_family()
 
     def end(self, number: int) -> int:
-        """Send a signal and wait for the exit code."""
         self.meet_family()
         self.popen.send_signal(number)
         return self.popen.wait(PATIENCE_S)
 
     def assert_nothing_runs(self) -> None:
-        """No process of it is left, or they all end this moment."""
         assert self.family, "there were processes to look for"
         _, alive = psutil.wait_procs(self.family, timeout=PATIENCE_S)
         assert alive == []

@@ -99,7 +99,6 @@ class ForeignSender:
     scans: Mapping[int, Scan]
 
     def speak(self) -> None:
-        """Everything once."""
         with self.session.liveliness().declare_token(keys.worker_alive(NO_NAME)):
             pass
         for key, data in no_messages():
@@ -109,7 +108,6 @@ class ForeignSender:
             self._put(key, encode(message))
 
     def ask(self) -> None:
-        """Everything once; answers are of no interest."""
         commands = (
             *(keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
             keys.worker_order(WORKER),

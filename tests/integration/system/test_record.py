@@ -16,7 +16,6 @@ IN_FLIGHT = 5
 
 
 def counts_in(file: Path) -> Counter[str]:
-    """Messages by topic."""
     return Counter({topic: len(found) for topic, found in as_others_read(file).items()})
 
 

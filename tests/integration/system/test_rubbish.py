@@ -23,7 +23,6 @@ MAX_MEMORY_BYTES = 350_000_000
 
 
 def dropped_by(status: Status, role: str) -> dict[str, int]:
-    """What all processes of a role dropped, by cause."""
     found: dict[str, int] = {}
     for process in status.processes:
         if process.role == role:

@@ -17,7 +17,6 @@ STEPS = 60
 
 @pytest.fixture(scope="module")
 def alone() -> list[Outcome]:
-    """The beliefs of one process without a network."""
     return outcomes_of(SMALL, steps=STEPS)
 
 

@@ -193,34 +193,28 @@ class Living:
         self.settle()
 
     def kill_worker(self, name: str) -> None:
-        """A worker is gone at once, with all that it knew."""
         del self.workers[name]
         self._handle(lambda c, now: c.handle(WorkerLeft(name), now))
         self.settle()
 
     def start_worker(self, name: str) -> None:
-        """A new worker appears."""
         self.workers[name] = Worker(name)
         self.join(name)
 
     def join(self, name: str) -> None:
-        """A worker is seen by the coordinator."""
         self._handle(lambda c, now: c.handle(WorkerJoined(name), now))
         self.settle()
 
     def command(self, command: SetPose) -> None:
-        """A person sends a command."""
         self._handle(lambda c, now: c.handle(CommandArrived(command), now))
         self.settle()
 
     def wait(self, seconds: float) -> None:
-        """Time passes."""
         self._now_ns += int(seconds * 1e9)
         self._handle(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
     def settle(self) -> None:
-        """Run until no event is left."""
         while self._queue:
             self._queue.popleft()()
 

@@ -11,8 +11,6 @@ DEADLINE_S = 0.5
 
 
 class StoryWithFrozen(Story):
-    """Some workers do not answer orders."""
-
     def __init__(self, *workers: str) -> None:
         self.frozen: set[str] = set()
         super().__init__(*workers)

@@ -27,7 +27,6 @@ def begun(orders: list[tuple[str, WorkOrder]]) -> dict[str, list[str]]:
 
 
 def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
-    """Every worker follows its orders."""
     for name, order in orders:
         jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
         answer = OrderAnswer(sender=name, order=order.order, jobs=tuple((j, e, 0) for j, e in jobs))

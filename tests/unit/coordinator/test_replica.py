@@ -21,7 +21,6 @@ def state(term: int, serial: int = 0) -> Checkpoint:
 
 
 def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
-    """Make a single replica lead."""
     started = Started(
         sender="c",
         filter_settings=FilterSettings(),

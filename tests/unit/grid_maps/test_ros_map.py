@@ -33,7 +33,6 @@ def write_map(folder: Path, content: bytes = PGM, /, **changed: str) -> Path:
 
 
 def png(*pixels: int | tuple[int, ...], mode: str = "L") -> bytes:
-    """A PNG of one row."""
     image = Image.new(mode, (len(pixels), 1))
     for column, pixel in enumerate(pixels):
         image.putpixel((column, 0), pixel)

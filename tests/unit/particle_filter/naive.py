@@ -24,7 +24,6 @@ def angle_between(a: float, b: float) -> float:
 def move(
     poses: Poses, before: Pose, after: Pose, settings: MotionSettings, normals: Poses
 ) -> Poses:
-    """One particle after the other, by the books' formulas with variances."""
     x, y = after[0] - before[0], after[1] - before[1]
     turn = atan2(sin(after[2] - before[2]), cos(after[2] - before[2]))
     drive = hypot(x, y)
@@ -127,7 +126,6 @@ def _read(field: NDArray[np.float64], row: int, col: int, far: float) -> float:
 def ground_log_penalty(
     poses: Poses, cells: Cells, cell_m: float, map_from_grid: Pose, log_penalty: float
 ) -> LogWeights:
-    """One particle after the other."""
     penalties = []
     for pose in poses:
         x, y, _ = np.linalg.inv(matrix(map_from_grid)) @ np.array([pose[0], pose[1], 1.0])

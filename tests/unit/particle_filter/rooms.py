@@ -42,7 +42,6 @@ def beam_model_of(cells: Cells, settings: SensorSettings | None = None) -> BeamM
 
 
 def seen_from(pose: Pose, cells: Cells) -> Beams:
-    """A perfect scan."""
     ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0)
     step = float(ANGLES[1] - ANGLES[0])
     scan = LaserScan(ranges, 20.0, float(ANGLES[0]), step, NO_OFFSET)

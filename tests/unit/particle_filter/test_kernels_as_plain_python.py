@@ -43,7 +43,6 @@ def results() -> dict[str, NDArray[Any]]:
 
 
 def run(code: str, **environment: str) -> None:
-    """Run Python in a process of its own."""
     subprocess.run(
         [sys.executable, "-c", code], check=True, cwd=REPOSITORY, env={**os.environ, **environment}
     )

@@ -8,7 +8,6 @@ from zenoh_link.session import open_session
 
 
 def body(invocation: Invocation) -> None:
-    """Hear until stopped."""
     settings = invocation.settings
     with ExitStack() as sessions:
         for _ in range(invocation.arguments.count):

@@ -7,7 +7,6 @@ from process_runtime.main import Invocation, process_main
 
 
 def body(invocation: Invocation) -> None:
-    """Go round, then hang."""
     hang, never = threading.Event(), threading.Event()
     signal.signal(signal.SIGUSR1, lambda *_: hang.set())
     threading.Thread(target=lambda: [None for _ in iter(lambda: never.wait(0.05), True)]).start()

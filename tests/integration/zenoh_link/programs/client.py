@@ -7,7 +7,6 @@ from zenoh_link.session import open_session
 
 
 def body(invocation: Invocation) -> None:
-    """Hear until stopped; ``crash`` on the key ``test`` is a bug with the session open."""
     received: list[str] = []
 
     def on_sample(sample: zenoh.Sample) -> None:

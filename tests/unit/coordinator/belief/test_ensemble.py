@@ -292,7 +292,6 @@ def test_a_search_is_short_while_the_robot_is_localized(fit: float, times: int) 
 
 
 def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Outcome:
-    """Nothing is at the clusters any more; the search finds a place in the east."""
     clusters = [tracked(c.job_id, step, 1e-9, c.pose) for c in made.clusters.all()]
     place = {EAST: 1.0}
     reports = [searched(f"s{search}.{n}", step, place, log_evidence=evidence) for n in range(2)]
