@@ -7,7 +7,7 @@ Each row is a simulated condition; the docstring of its function describes it.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Annotated
@@ -21,10 +21,8 @@ from particle_filter.grid import Grid
 from particle_filter.observation_likelihood import ObservationArrays, log_ratios
 from particle_filter.observations import Landmarks, Observation
 from particle_filter.poses import compose
-from protocol import steps
-from protocol.message import PoseTuple
 from protocol.steps import Landmark
-from robot_simulator.observing import Camera
+from robot_simulator.observing import Camera, Gnss
 from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.office import office
@@ -37,44 +35,6 @@ REFLECTORS = (
     (12.2, 2.0), (12.0, 7.5), (5.0, 8.2), (-2.0, 8.3), (-11.0, 8.1), (-12.3, 5.0),
 )  # fmt: skip
 """x, y in the symmetric hall [m]; they are not symmetric."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gnss(Camera):
-    """A receiver of satellite positions in place of the camera, one fix a second.
-
-    Args:
-        sigma_m: standard deviation of a fix along each axis.
-        bias_m: constant error in x and y.
-        outliers: share of fixes that are wrong by 50 m in a random direction.
-    """
-
-    sigma_m: float = 5.0
-    bias_m: tuple[float, float] = (0.0, 0.0)
-    outliers: float = 0.1
-
-    def observe(
-        self,
-        stamp_ns: int,
-        map_from_robot: PoseTuple,
-        _landmarks: Sequence[Landmark],
-        rng: np.random.Generator,
-    ) -> Iterator[steps.Observation]:
-        """Yield the fix of a second, at the first tenth of it."""
-        if stamp_ns % 10**9 >= 10**8:
-            return
-        angle = rng.uniform(-np.pi, np.pi)
-        wrong_m = 50.0 * float(rng.random() < self.outliers)
-        error = wrong_m * np.array([np.cos(angle), np.sin(angle)])
-        fix = map_from_robot[:2] + np.array(self.bias_m) + error
-        yield steps.Observation(
-            sender="gnss",
-            stamp_ns=stamp_ns,
-            mean=tuple((fix + self.sigma_m * rng.standard_normal(2)).tolist()),
-            covariance=(self.sigma_m**2, 0.0, 0.0, self.sigma_m**2),
-            outlier_probability=max(self.outliers, 0.05),
-            correlation_s=0.5,
-        )
 
 
 @dataclass(frozen=True)
@@ -153,14 +113,14 @@ def run(
 
 def with_false_names(share: float) -> World:
     """Return the cross with tags, from random starts."""
-    return replace(world("cross_tags"), start=None, route=(), camera=Camera(false_names=share))
+    return replace(world("cross_tags"), start=None, route=(), sensor=Camera(false_names=share))
 
 
 def cross(seeds: int) -> str:
     """A cross of four equal arms with a tag in two: sure and right one step after a sight."""
     found = []
     for seed in range(seeds):
-        after = list(islice((s for s in run(with_false_names(0.0), seed, 400) if s.has_seen), 2))
+        after = list(islice((s for s in run(with_false_names(0.0), seed, 4000) if s.has_seen), 2))
         found += [step.is_sure and step.is_right for step in after[1:]]
     return f"{sum(found)} of {len(found)}, and {seeds - len(found)} saw no tag"
 
@@ -177,7 +137,7 @@ def _before(seed: int, place: World) -> tuple[World, Landmark, Simulation]:
     at = np.array(Simulation(place, seed).map_from_robot)
     x, y, _ = compose(at, np.array([1.5, 0.4, 0.0])).tolist()
     tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
-    tagged = replace(place, landmarks=(tag,), camera=Camera(range_m=8.0))
+    tagged = replace(place, landmarks=(tag,), sensor=Camera(range_m=8.0))
     return tagged, tag, Simulation(tagged, seed)
 
 
@@ -207,7 +167,7 @@ def replace_landmark(tag: Landmark, x: float) -> Landmark:
 
 def gnss(seeds: int) -> str:
     """An office of 50,000 m2 and fixes of 5 m, 10 % of them wrong by 50 m: right within 5 steps."""
-    large = replace(office(14, 54), camera=Gnss())
+    large = replace(office(14, 54), sensor=Gnss())
     texts = []
     for observes in (True, False):
         firsts = []
@@ -221,7 +181,7 @@ def gnss(seeds: int) -> str:
 def reflectors(seeds: int) -> str:
     """Twelve equal reflectors, symmetric hall: runs with a better log score than the laser's."""
     marks = tuple(Landmark(name="reflector", x=x, y=y, sigma=0.05) for x, y in REFLECTORS)
-    hall = replace(world("hall_symmetric"), landmarks=marks, camera=Camera(range_m=8.0))
+    hall = replace(world("hall_symmetric"), landmarks=marks, sensor=Camera(range_m=8.0))
     scores = np.array(
         [
             [
@@ -238,7 +198,7 @@ def reflectors(seeds: int) -> str:
 
 def biased_fix(seeds: int) -> str:
     """A hall and fixes of 5 m with a constant error of 3 m: error while tracked, of the laser's."""
-    hall = replace(world("hall"), camera=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
+    hall = replace(world("hall"), sensor=Gnss(bias_m=(3.0, 0.0), outliers=0.0))
     rms = []
     for observes in (True, False):
         steps = [
@@ -259,7 +219,7 @@ def kidnapped(seeds: int) -> str:
         target = Simulation(world("office"), 1000 + seed).kidnap()
         x, y, _ = compose(np.array(target), np.array([1.5, 0.4, 0.0])).tolist()
         tag = Landmark(name="exit", x=x, y=y, sigma=0.05)
-        tagged = replace(world("office"), landmarks=(tag,), camera=Camera())
+        tagged = replace(world("office"), landmarks=(tag,), sensor=Camera())
         simulation = Simulation(tagged, seed)
         mcl = ClusterMCL(tagged.map, landmarks=(tag,), seed=seed)
         before = list(run(tagged, seed, 100, knows_start=True, simulation=simulation, mcl=mcl))

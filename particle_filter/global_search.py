@@ -336,22 +336,40 @@ class GlobalSearch:
         fit: neither people nor furniture open a wall.
         """
         yield
-        labels, count = clustered(kept.poses, kept.log_weights, self._rules)
-        yield
-        weights = normalised_weights(kept.log_weights)
-        parts = Parts.of(kept.poses, weights, labels, count)
-        shares = parts.shares
-        correction = np.zeros(count + 1)  # the last, 0, is for poses without a place
-        for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
-            correction[label] = self._model.correction(*parts[label], beams, self._rules.shards)
-            yield from self._meter.spend(_CORRECTION_WORK)
-        self.log_evidence = log_sum(kept.log_weights - correction[labels])
-        log_weights = kept.log_weights - new_view * correction[labels]
+        labels, shares, correction = yield from corrections(
+            kept.poses, kept.log_weights, self._model, beams, self._rules, self._meter
+        )
+        self.log_evidence = log_sum(kept.log_weights - correction)
+        log_weights = kept.log_weights - new_view * correction
         log_weights += self.log_evidence - log_sum(log_weights)
         self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels
         places = int(np.count_nonzero(shares >= self._rules.min_place_share))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
+
+
+def corrections(
+    poses: Poses,
+    log_weights: LogWeights,
+    model: SensorModel,
+    beams: Beams,
+    rules: SearchSettings,
+    meter: WorkMeter,
+) -> Slices[tuple[Labels, NDArray[np.float64], NDArray[np.float64]]]:
+    """Find the places of weighed poses and how much evidence occlusion takes from them, in slices.
+
+    Returns:
+        (N,) place of each pose, (K,) shares of the places, and (N,) amounts to subtract from the
+        log weights.
+    """
+    labels, count = clustered(poses, log_weights, rules)
+    yield
+    parts = Parts.of(poses, normalised_weights(log_weights), labels, count)
+    correction = np.zeros(count + 1)  # the last, 0, is for poses without a place
+    for label in np.flatnonzero(parts.shares >= _CORRECTED_SHARE):
+        correction[label] = model.correction(*parts[label], beams, rules.shards)
+        yield from meter.spend(_CORRECTION_WORK)
+    return labels, parts.shares, correction[labels]
 
 
 @kernel

@@ -179,9 +179,9 @@ class Simulation:
 
     def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> tuple[Observation, ...]:
         world, rng = self.world, self._observation_rng
-        if world.camera is None:
+        if world.sensor is None:
             return ()
-        return tuple(world.camera.observe(stamp_ns, map_from_robot, world.landmarks, rng))
+        return tuple(world.sensor.observe(stamp_ns, map_from_robot, world.landmarks, rng))
 
     def _far_pose(self) -> PoseTuple:
         """Return one of the ten farthest of forty random poses."""

@@ -18,7 +18,7 @@ from particle_filter.arrays import Pose
 from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.evidence_model import scan_exponent
-from particle_filter.log_weights import multiplied
+from particle_filter.log_weights import log_sum, multiplied
 from particle_filter.observation_likelihood import ObservationArrays, allowed_poses, log_ratios
 from particle_filter.observations import Landmarks, Observation, log_average_ratio
 from particle_filter.poses import between
@@ -26,7 +26,7 @@ from particle_filter.position_fields import PositionField
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import Slices, finished
+from particle_filter.slices import Slices, WorkMeter, finished
 from particle_filter.uniform_poses import UniformPoses
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
@@ -311,7 +311,12 @@ class Elsewhere(RunningJob):
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
         self.step = scan.step
-        log_likelihood, _ = self._average(ParticleSet.even(poses), len(poses), beams)
+        exponent = scan_exponent(beams.count, self._model.settings)
+        result = cluster_filter.measurement_update(
+            ParticleSet.even(poses), beams, self._model, exponent
+        )
+        correction = self._model.correction(poses, result.particles.weights, beams)
+        log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
         log_observed, found = self._observed(scan, beams, log_likelihood, rng)
         return ElsewhereReport(
             **self._head(scan.step),
@@ -319,16 +324,6 @@ class Elsewhere(RunningJob):
             log_observed=log_observed,
             places=found,
         )
-
-    def _average(
-        self, particles: ParticleSet, count: int, beams: Beams
-    ) -> tuple[float, ParticleSet]:
-        """Return the log of the corrected likelihood over `count` poses, and the weighed poses."""
-        exponent = scan_exponent(beams.count, self._model.settings)
-        result = cluster_filter.measurement_update(particles, beams, self._model, exponent)
-        weighed = result.particles
-        correction = self._model.correction(particles.map_from_robot, weighed.weights, beams)
-        return result.log_weight_sum - math.log(count) - correction, weighed
 
     def _observed(
         self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
@@ -343,11 +338,19 @@ class Elsewhere(RunningJob):
         if not len(poses):
             return log_average, None
         log_weights += log_ratios(poses, observation_arrays(scan, model))
-        log_both, weighed = self._average(ParticleSet(poses, log_weights), count, beams)
+        exponent, rules = scan_exponent(beams.count, model.settings), self._settings.search
+        particles = ParticleSet(poses, log_weights)
+        result = cluster_filter.measurement_update(particles, beams, model, exponent)
+        weighed = result.particles.log_weights
+        labels, _, correction = finished(
+            global_search.corrections(poses, weighed, model, beams, rules, WorkMeter())
+        )
+        corrected = weighed - correction
+        log_both = result.log_weight_sum + log_sum(corrected) - log_sum(weighed) - math.log(count)
         log_joint = log_both - log_likelihood
         log_observed = max(log_joint, log_average)
-        rules = self._settings.search
-        found = places.places_of(weighed, rules, rules.min_place_share, rng)
+        after, least = ParticleSet(poses, corrected), rules.min_place_share
+        found = finished(places.found_places(after, labels, rules, least, rng))
         return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
     def handed_on(self) -> Assignment:

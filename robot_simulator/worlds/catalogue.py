@@ -4,7 +4,7 @@ from pathlib import Path
 
 from process_runtime.sources import Simulated
 from recordings.map_file import load_map_with_obstacles
-from robot_simulator.worlds.halls import hall, hall_symmetric
+from robot_simulator.worlds.halls import hall, hall_symmetric, yard
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags, gates, rectangle
 from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
@@ -13,6 +13,7 @@ WORLDS = {
     draw.__name__: draw
     for draw in (
         cross, cross_feature, cross_tags, rectangle, gates, office, hall, hall_symmetric,
+        yard,
     )
 }  # fmt: skip
 

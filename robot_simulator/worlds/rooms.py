@@ -26,7 +26,7 @@ def cross_tags() -> World:
         start=(4.0, 0.0, np.pi),
         route=((0.0, 0.0), (0.0, 5.5)),
         landmarks=tuple(Landmark(name=name, x=x, y=y, sigma=0.05) for name, x, y in tags),
-        camera=Camera(false_names=0.05),
+        sensor=Camera(false_names=0.05),
     )
 
 

@@ -9,7 +9,7 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
 from protocol.steps import Landmark
-from robot_simulator.observing import Camera
+from robot_simulator.observing import Camera, Gnss
 
 Waypoint = tuple[float, float]
 """x [m], y [m] in the map."""
@@ -34,7 +34,7 @@ class World:
         route: points that the robot visits before it drives to random goals.
         lidar_range_m: range of the laser.
         landmarks: of the map.
-        camera: sees them; None: the robot has none.
+        sensor: the robot's other sensor; None: it has only a laser.
     """
 
     map: GridMap
@@ -43,7 +43,7 @@ class World:
     route: tuple[Waypoint, ...] = ()
     lidar_range_m: float = 12.0
     landmarks: tuple[Landmark, ...] = ()
-    camera: Camera | None = None
+    sensor: Camera | Gnss | None = None
 
 
 def world_from_map(

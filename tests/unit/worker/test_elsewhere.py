@@ -9,6 +9,7 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.uniform_poses import UniformPoses
 from protocol.arrays import ArrayBlob
+from protocol.steps import Seen
 from protocol.work import Assignment, ElsewhereJob, ElsewhereReport
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
@@ -82,6 +83,25 @@ def test_the_likelihood_elsewhere_is_corrected_for_occlusion(drive: Drive) -> No
     assert taken_back > 0.0
     expected = np.logaddexp.reduce(logs) - np.log(2000.0) - taken_back
     assert report.log_likelihood == pytest.approx(expected)
+
+
+def test_places_that_an_observation_allows_are_corrected_for_occlusion(drive: Drive) -> None:
+    fix = Seen(
+        landmark="", mean=(*TRUTH[:2].tolist(),), covariance=(4.0, 0.0, 0.0, 4.0),
+        outlier_probability=0.05, share=1.0,
+    )  # fmt: skip
+    scan, shares = replace(drive.scans[0], observations=(fix,)), []
+    for weight in (0.0, 1.0):
+        sensor = replace(SENSOR, occlusion_weight=weight, occlusion_tolerance=0.0)
+        seeing = computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), sensor)
+        given = replace(settings(0, elsewhere_poses=2000), sensor=sensor)
+        report = running(begun(seeing).assignment, seeing, given, sender="w").advance(scan)
+        assert isinstance(report, ElsewhereReport)
+        assert report.places is not None
+        assert math.dist(report.places.mean.array()[0, :2], TRUTH[:2]) < 0.2
+        shares.append(report.places.share.array())
+    through_nothing, through_walls = shares[1][[0, 2]] / shares[0][[0, 2]]
+    assert through_nothing > 1.5 * through_walls
 
 
 def test_poses_elsewhere_differ_by_step_and_seed(model: SensorModel, drive: Drive) -> None:
