@@ -44,7 +44,7 @@ def yard() -> World:
     containers = ((16.0, 2.5, 19.0, 4.0), (20.5, -4.6, 21.9, -1.6))
     plan = _symmetric_plan(54.0, outdoors, containers)
     return replace(
-        world_from_map(plan.grid_map(), start=(4.0, -1.4, 0.0), route=((11.0, 0.0), (18.0, 0.0))),
+        world_from_map(plan.grid_map(), start=(2.0, 0.0, 0.0), route=((11.0, 0.0), (18.0, 0.0))),
         sensor=Gnss(sigma_m=3.0, bias_m=(1.0, -0.5), indoors=(-13.1, -9.8, 13.1, 9.8)),
     )
 

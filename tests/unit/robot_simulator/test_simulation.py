@@ -141,3 +141,17 @@ def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
     for _ in range(50):
         next(simulation)
     assert simulation.map_from_robot[:2] != pytest.approx(before[:2], abs=0.1)
+
+
+def test_a_receiver_has_a_fix_each_second_outdoors_and_none_indoors() -> None:
+    ticks = list(islice(Simulation(world("yard"), seed=1), 400))
+    is_outdoors = [abs(tick.map_from_robot[0]) > 13.1 for tick in ticks]
+    assert 10 < sum(is_outdoors) < 390
+    assert [bool(tick.observations) for tick in ticks] == [
+        outdoors and number % 10 == 0 for number, outdoors in enumerate(is_outdoors)
+    ]
+    fixes = [
+        (tick.observations[0].mean, tick.map_from_robot) for tick in ticks if tick.observations
+    ]
+    off_m = [hypot(fix[0] - pose[0], fix[1] - pose[1]) for fix, pose in fixes]
+    assert 1.0 < np.median(off_m) < 8.0
