@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from particle_filter.slices import Slices
 
 REACH_M = 20.0
 """Ways stay within this distance of the robot along x and y [m]."""
+LEAST_REACH_M = 1.0
+"""Ground that reaches less far from the robot counts as none [m]."""
 MARGIN_M = 0.1
 """Least distance that a way keeps from obstacles, beyond the robot's radius [m]."""
 SURE_SIGMAS = 1.0
@@ -48,6 +51,11 @@ class Roads:
     """(S,) node of each spot."""
     sure: NDArray[np.bool_]
     """(n, n) for points of the lattice: clear of obstacles whatever the errors of the places."""
+
+    @property
+    def reach_m(self) -> float:
+        """Distance of the farthest spot [m]."""
+        return float(np.hypot(*self.nodes[self.spots].T).max())
 
     def way_to(self, node: int) -> NDArray[np.int64]:
         """Return the (n,) nodes of the way, from the robot's node on."""
@@ -83,24 +91,72 @@ def roads_of(
         radius_m: radius of the robot [m].
         grid: the map.
     """
+    points = _lattice()
+    middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
+    drivable, sure = np.ones((2, *points.shape[:2]), np.bool_)
+    for place, covariance in zip(places, covariances, strict=True):
+        drivable_here, sure_here, clear_here = _ground(place, covariance, radius_m, grid, points)
+        drivable &= drivable_here
+        sure &= sure_here
+        clear = np.minimum(clear, clear_here)
+        yield
+    drivable[middle, middle] = True
+    return _shortest(drivable, sure, clear, points)
+
+
+def without_common_ground(
+    places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid
+) -> Slices[list[tuple[int, ...]]]:
+    """Return the places that have no free ground, and the pairs of the others that share none.
+
+    Args:
+        places: (K, 3) possible poses of the robot.
+        covariances: (K, 3, 3) of these.
+        radius_m: radius of the robot [m].
+        grid: the map.
+
+    Returns:
+        Their numbers. Ground counts from `LEAST_REACH_M` on.
+    """
+    points, grounds = _lattice(), []
+    for place, covariance in zip(places, covariances, strict=True):
+        grounds.append(_ground(place, covariance, radius_m, grid, points))
+        yield
+    middle, found = len(points) // 2, list[tuple[int, ...]]()
+    numbers = range(len(places))
+    for group in chain(combinations(numbers, 1), combinations(numbers, 2)):
+        if any((place,) in found for place in group):
+            continue
+        common = np.logical_and.reduce([grounds[place][0] for place in group])
+        clear = np.minimum.reduce([grounds[place][2] for place in group])
+        common[middle, middle] = True
+        if _shortest(common, common, clear, points).reach_m < LEAST_REACH_M:
+            found.append(group)
+        yield
+    return found
+
+
+def _lattice() -> Poses:
+    """Return the (n, n, 3) points in the robot's frame whose clearance is checked."""
     side = 2 * round(REACH_M / (2.0 * _LATTICE_M))
     axis = np.arange(-side, side + 1) * _LATTICE_M
     x, y = np.meshgrid(axis, axis)
-    points = np.stack([x, y, np.zeros_like(x)], axis=-1)
-    near, clear = np.hypot(x, y) < _NEAR_M, np.full(x.shape, np.inf)
-    drivable, sure = np.ones((2, *x.shape), np.bool_)
-    for place, covariance in zip(places, covariances, strict=True):
-        room = _clearance(grid, place, points)
-        as_now = np.zeros_like(near)
-        if room[side, side] < radius_m + MARGIN_M + _LATTICE_M:
-            as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
-        spread = SURE_SIGMAS * _spread(place, covariance, points)
-        drivable &= (room > radius_m + max(spread[side, side], MARGIN_M)) | as_now
-        sure &= (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
-        clear = np.minimum(clear, room - spread)
-        yield
-    drivable[side, side] = True
-    return _shortest(drivable, sure, clear, points[::2, ::2, :2].reshape(-1, 2))
+    return np.stack([x, y, np.zeros_like(x)], axis=-1)
+
+
+def _ground(
+    place: Pose, covariance: NDArray[np.float64], radius_m: float, grid: Grid, points: Poses
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
+    """Return (n, n) where one place can be driven, where surely, and how clear it is there [m]."""
+    middle, room = len(points) // 2, _clearance(grid, place, points)
+    near = np.hypot(points[..., 0], points[..., 1]) < _NEAR_M
+    as_now = np.zeros_like(near)
+    if room[middle, middle] < radius_m + MARGIN_M + _LATTICE_M:
+        as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
+    spread = SURE_SIGMAS * _spread(place, covariance, points)
+    drivable = (room > radius_m + max(spread[middle, middle], MARGIN_M)) | as_now
+    sure = (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
+    return drivable, sure, room - spread
 
 
 def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDArray[np.float64]:
@@ -195,9 +251,10 @@ def _shortest(
     drivable: NDArray[np.bool_],
     sure: NDArray[np.bool_],
     clear: NDArray[np.float64],
-    nodes: NDArray[np.float64],
+    points: Poses,
 ) -> Roads:
     """Connect every second point of the lattice, if the points between them are free, too."""
+    nodes = points[::2, ::2, :2].reshape(-1, 2)
     size = (len(drivable) + 1) // 2
     number = np.arange(size * size).reshape(size, size)
     begins, ends, costs = [], [], []

@@ -1,7 +1,6 @@
 """A worker's advice: from a belief to ways that distinguish its places."""
 
 from collections.abc import Sequence
-from itertools import chain, combinations
 
 import numpy as np
 from msgspec.structs import replace
@@ -10,7 +9,7 @@ from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
 from particle_filter.exploring import unseen_way
 from particle_filter.observations import Landmarks
-from particle_filter.roads import REACH_M, roads_of
+from particle_filter.roads import LEAST_REACH_M, REACH_M, roads_of, without_common_ground
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
@@ -22,8 +21,6 @@ from worker.jobs import scan_beams, scan_of_laser
 
 PROBABLY_ELSEWHERE = 0.5
 LOST = "the robot is probably at another place: drive where a search sees more"
-LEAST_REACH_M = 1.0
-"""Ground that reaches less far from the robot counts as none [m]."""
 MAX_COMPARED = 8
 """Number of the most probable places of which pairs without common ground are found."""
 
@@ -81,7 +78,8 @@ def advice(
     if is_lost:
         note = LOST
     elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
-        groups = yield from _without_common_ground(question, model)
+        some = question.places[:MAX_COMPARED], question.covariances[:MAX_COMPARED]
+        groups = yield from without_common_ground(*some, question.radius_m, model.grid)
         apart = [tuple(head.clusters[place] for place in group) for group in groups]
         named = ", ".join(" and ".join(f"c{cluster}" for cluster in group) for group in apart[:5])
         note = f"no ground is free at all {count} places" + (f": not at {named}" if named else "")
@@ -117,21 +115,6 @@ def _exploring(question: Question, model: SensorModel) -> Slices[tuple[Way, ...]
         sight_ranges_m=(),
     )
     return (way,)
-
-
-def _without_common_ground(question: Question, model: SensorModel) -> Slices[list[tuple[int, ...]]]:
-    """Return the places without free ground, and the pairs of the others that share none."""
-    found: list[tuple[int, ...]] = []
-    places = range(min(len(question.places), MAX_COMPARED))
-    for group in chain(combinations(places, 1), combinations(places, 2)):
-        if any((place,) in found for place in group):
-            continue
-        of = list(group)
-        both = question.places[of], question.covariances[of]
-        roads = yield from roads_of(*both, question.radius_m, model.grid)
-        if np.hypot(*roads.nodes[roads.spots].T).max() < LEAST_REACH_M:
-            found.append(group)
-    return found
 
 
 def _question(

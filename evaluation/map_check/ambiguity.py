@@ -10,6 +10,7 @@ from particle_filter.advice import Question, advised_ways, cast
 from particle_filter.arrays import Poses
 from particle_filter.kernels import plain
 from particle_filter.observations import Landmarks
+from particle_filter.roads import LEAST_REACH_M
 from particle_filter.sensor_model import LaserScan, SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
@@ -18,7 +19,6 @@ from particle_filter.view_memory import ViewMemory
 
 _MOST_GROUPS, _MOST_PLACES = 12, 16
 _RADIUS_M, _GATE_M, _GATE_RAD = 0.2, 0.2, 0.2
-_LEAST_REACH_M = 1.0
 _BEAMS = 360
 _LEAST_INFORMATION = 0.1
 """Of one view [nat]; less is an error of the poses or of the map's cells."""
@@ -57,7 +57,7 @@ def distinguishable(
             _RADIUS_M, ViewMemory(), _GATE_M, _GATE_RAD, landmarks,
         )  # fmt: skip
         _, spots = finished(advised_ways(question, model, settings))
-        if np.hypot(spots[:, 0], spots[:, 1]).max() >= _LEAST_REACH_M:
+        if np.hypot(spots[:, 0], spots[:, 1]).max() >= LEAST_REACH_M:
             answers[number] = bool(spots[:, 2].max() >= _LEAST_INFORMATION)
     return answers
 
