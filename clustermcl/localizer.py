@@ -1,4 +1,4 @@
-"""The library: Cluster-MCL in the caller's process, by the same classes as in the service."""
+"""The library: Cluster-MCL in the caller's process, with the classes that the service uses."""
 
 import io
 from collections import Counter
@@ -119,7 +119,7 @@ class ClusterMCL(RobotCommands):
         grid_map: the map, from `load_map`.
         robot_from_laser: mount of the laser, for readings that have none: x [m], y [m],
             heading [rad].
-        landmarks: of the map, from `load_landmarks`.
+        landmarks: landmarks of the map, from `load_landmarks`.
         seed: seed of all random numbers; None: that of the settings.
         settings: `Settings`, or a dictionary of those that differ from their defaults, such as
             ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all names.
@@ -200,10 +200,11 @@ class ClusterMCL(RobotCommands):
         The first observation of a landmark makes the next scan a step, even if the robot stands.
 
         Args:
-            mean: of a landmark: (2,) x, y in the robot's frame [m]. Otherwise the robot's (3,) pose
-                in the map, or its (2,) position if the sensor has no heading. Of a field: its
-                (2,) low corner in the map.
-            covariance: (2, 2) or (3, 3) of `mean`, positive definite; it blurs a field.
+            mean: position of the landmark in the robot's frame, (2,) [m]. Without a landmark:
+                the robot's (3,) pose in the map, or its (2,) position if the heading is unknown.
+                Of a field: its (2,) low corner in the map.
+            covariance: (2, 2) or (3, 3) covariance of `mean`, positive definite [m^2, rad^2]; it
+                blurs a field.
             landmark: id or class of a landmark; empty: the robot's pose is observed.
             field: (rows, cols) log-likelihoods of the robot's position in cells along the axes of
                 the map, at most 64 x 64; row 0 has the lowest y. None: `mean` is observed.
@@ -258,7 +259,7 @@ class ClusterMCL(RobotCommands):
     def save(self, file: Path | str) -> None:
         """Write a file from which `load` continues: places, particles, and a running search.
 
-        Scans that did not make a step yet are not saved.
+        Scans that have not made a step yet are not saved.
 
         Raises:
             OutputError: the file cannot be written.
@@ -277,7 +278,7 @@ class ClusterMCL(RobotCommands):
         write_output_file(Path(file), msgspec.msgpack.encode(state))
 
     def load(self, file: Path | str) -> None:
-        """Continue from the state in a file of `save`; equal readings then give equal beliefs.
+        """Continue from a file that `save` has written; equal readings then give equal beliefs.
 
         The origin of odometry must be the same as when the state was saved. After a restart of
         the robot it is not: use `set_pose` with the last pose instead.

@@ -19,9 +19,9 @@ _SENDER = "library"
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A scan, a pose by odometry, or both of the same time.
+    """A scan, an odometry pose, or both with the same stamp.
 
-    The odometry of a scan without it is interpolated between earlier and later readings.
+    If a scan has no odometry, its pose is interpolated between earlier and later readings.
 
     Args:
         odom_from_robot: x [m], y [m], heading [rad] by odometry; None: unknown at this time.

@@ -44,7 +44,21 @@ _log = logging.getLogger(__name__)
 
 
 def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
-    """Record until the stop flag is set; then add the new landmarks to the file, and count them."""
+    """Measure unknown landmarks until the stop flag is set, then add them to the file.
+
+    Args:
+        settings: the robot and the router.
+        path: landmarks file; created if it does not exist.
+        stop: flag that ends the recording.
+
+    Returns:
+        Number of landmarks added.
+
+    Raises:
+        LandmarksFileError: the existing file is damaged.
+        OutputError: the file cannot be written.
+        UnreachableError: no router answers in time.
+    """
     check_output_file(path)
     known = {each.name for each in load_landmarks(path)} if path.exists() else set()
     survey = LandmarkSurvey(known)
@@ -93,7 +107,7 @@ class LandmarkSurvey:
         self._belief = belief
 
     def on_observation(self, seen: Observation) -> None:
-        """Take an observation; it waits for odometry of its time."""
+        """Queue an observation until odometry of its time has arrived."""
         if not seen.landmark or seen.landmark in self._known or observation_problem(seen):
             return
         self._waiting = [*self._waiting, seen][-_MOST_WAITING:]

@@ -1,4 +1,4 @@
-"""The methods that change the belief, of `ClusterMCL` and of `Client`."""
+"""The commands that `ClusterMCL` and `Client` share: `set_pose` and `relocalize`."""
 
 import math
 import uuid
@@ -26,7 +26,7 @@ class RobotCommands:
         have arrived, the pose is stored and set later.
 
         Args:
-            pose: in the map: x [m], y [m], heading [rad].
+            pose: pose in the map: x [m], y [m], heading [rad].
             position_sigma_m: standard deviation of x and of y.
             heading_sigma_rad: standard deviation of the heading.
             covariance: covariance of x, y, heading, nine numbers row by row [m², m rad, rad²];

@@ -1,4 +1,4 @@
-"""`clustermcl snapshot`: save what the page shows as a picture or a page of HTML."""
+"""`clustermcl snapshot`: save what the page shows as a picture or an HTML file."""
 
 import time
 from contextlib import closing
@@ -25,7 +25,7 @@ def save_snapshot(file: Path, settings: Settings) -> None:
     """Save what the page of a running system shows.
 
     Args:
-        file: path that ends in ``.png``, or in ``.html`` for a page without need for a server.
+        file: path that ends in ``.png``, or in ``.html`` for a page that needs no server.
         settings: the router's endpoint and the robot's name.
 
     Raises:

@@ -22,7 +22,7 @@ def is_verbose() -> bool:
 
 
 def log_settings() -> list[str]:
-    """Return the assignment of `log.level` for started processes; empty: as in the settings."""
+    """Return the assignment of `log.level` for child processes; empty: as in the settings."""
     if is_quiet():
         return [f"log.level={_QUIET}"]
     return ["log.level=debug"] if is_verbose() else []
@@ -63,7 +63,7 @@ def _options(
 
 
 class VerbosityGroup(TyperGroup):
-    """A group of commands that has both options, and adds them to each of its commands."""
+    """A command group that takes `--quiet` and `--verbose`, and adds them to its commands."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

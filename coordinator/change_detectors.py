@@ -6,7 +6,7 @@ from coordinator.part import Part
 from protocol.steps import Scan
 
 STEPS = 20
-"""A worker that dies delays a few steps; an overload delays most of this number."""
+"""Number of steps compared: a worker that dies delays a few of them, an overload most."""
 LATE_NS, IN_TIME_NS = 100_000_000, 50_000_000
 """Median time from a scan to its decision above which an overload begins, and up to which it
 ends."""

@@ -183,7 +183,7 @@ def state_in(checkpoint: Checkpoint) -> CheckpointState:
     """Return the state in a checkpoint.
 
     Raises:
-        ValueError: as `from_bytes`, or the two belong to different steps.
+        ValueError: as for `from_bytes`, or the two belong to different steps.
     """
     state = from_bytes(checkpoint.state)
     applied = state.collector.applied

@@ -31,7 +31,7 @@ class Commanded(msgspec.Struct, frozen=True):
     command: SetPose | Relocalize
     stamp_ns: int = 0
     odom_from_robot: PoseTuple | None = None
-    """None: no odometry had arrived; the robot is taken to have stood until the first."""
+    """None: no odometry had arrived; the robot is assumed to have stood still until the first."""
     during_search: bool = False
     """Whether the first search had begun when the command arrived."""
 
@@ -72,7 +72,7 @@ class Commands(Part):
         The newest command replaces a waiting one.
 
         Args:
-            command: with a new id.
+            command: command with a new id.
             ensemble: the belief, which is changed.
             applied: the scan of the last step; None: no step was applied.
             odometry: the robot's motion, to carry a pose to that step.

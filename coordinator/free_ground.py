@@ -58,7 +58,7 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
-            covariance: of the pose, (3 x 3) row by row, in m and rad.
+            covariance: covariance of the pose, 3 x 3 row by row [m^2, m rad, rad^2].
         """
         bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
         free = bits.reshape(self.rows, self.cols)

@@ -29,7 +29,7 @@ def balanced(
     workers: Collection[str],
     may_move: Callable[[str], bool],
 ) -> dict[str, str]:
-    """Give each waiting job to the least loaded worker, then even out.
+    """Give each waiting job to the least loaded worker, then balance the load.
 
     A job moves only from a worker that has two more than another, so that it does not move back
     soon. Of equally loaded workers, the first by name gets a job and the last by name loses one.

@@ -89,7 +89,7 @@ class Placement(Part):
         self.live[worker].ordered = None
 
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """Change numbers of particles."""
+        """Change numbers of particles; `sizes`: the number and its first step, by job id."""
         for job_id, (particles, first_step) in sizes.items():
             worker = self.jobs.resize(job_id, particles, first_step)
             if worker is not None and worker in self.live:
@@ -125,7 +125,7 @@ class Placement(Part):
         Args:
             expected: jobs whose reports the step needed.
             missing: jobs of these without a report.
-            now_ns: by the clock of all events.
+            now_ns: time by the clock of all events [ns].
             patient: whether all workers are slow, so that moving jobs would not help.
         """
         placed = self.jobs.placed
@@ -147,7 +147,17 @@ class Placement(Part):
     def orders(
         self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
     ) -> list[tuple[str, WorkOrder]]:
-        """Place jobs without a worker, even out, and return the orders that are due."""
+        """Give waiting jobs to workers, balance the load, and return the orders that are due.
+
+        Args:
+            term: the coordinator's term.
+            map_digest: digest of the map that the workers are to use.
+            now_ns: time by the clock of all events [ns].
+            newest_step: the newest step whose scan has arrived.
+
+        Returns:
+            Names of workers, each with its order.
+        """
         self.jobs.give_up_awaited(now_ns)
         self._give_up_silent_shards(newest_step, now_ns)
         ready = [name for name, live in sorted(self.live.items()) if live.silent_until_ns <= now_ns]

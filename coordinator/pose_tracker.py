@@ -34,7 +34,7 @@ class LatencyEstimator(Part):
 
     @property
     def usual_ns(self) -> int | None:
-        """Usual difference of arrival and stamp, each by its clock; None: nothing has arrived."""
+        """Least recent difference between arrival and stamp [ns]; None: nothing has arrived."""
         return None if self.begun_ns is None else min(self.least_ns, self.least_before_ns)
 
     def on_arrival(self, stamp_ns: int, now_ns: int) -> int:

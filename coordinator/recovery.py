@@ -79,7 +79,7 @@ class Term(Part):
         return False
 
     def rises_above_workers(self, now_ns: int) -> bool:
-        """Raise the term if a worker's coordinator has not appeared; return whether.
+        """Raise the term if a worker's coordinator has not appeared; return whether it was raised.
 
         The other coordinator may have died before it led. If it is alive, its next message deposes
         this coordinator.
@@ -117,7 +117,7 @@ class LastPlace(msgspec.Struct, frozen=True):
         """Return the most probable pose in a checkpoint; None: the checkpoint has no cluster.
 
         Raises:
-            ValueError: as `state_in`.
+            ValueError: as for `state_in`.
         """
         state = state_in(checkpoint)
         applied, clusters = state.collector.applied, state.ensemble.clusters.all()

@@ -41,7 +41,7 @@ class Replica:
 
     Args:
         take_over_after_s: silence of a leader after which a follower takes over [s].
-        now_ns: by the monotonic clock of all events.
+        now_ns: time by the monotonic clock of all events [ns].
     """
 
     def __init__(self, take_over_after_s: float, now_ns: int) -> None:
@@ -76,7 +76,7 @@ class Replica:
 
         Args:
             coordinator: made with the states that the follower and the file have kept.
-            now_ns: by the monotonic clock of all events.
+            now_ns: time by the monotonic clock of all events [ns].
             handle: passes events on to the coordinator, as a recorder does; None: directly.
         """
         self.coordinator, self._decide = coordinator, handle or coordinator.handle

@@ -63,12 +63,12 @@ class StragglerPolicy(Part):
     def on_step_decided(
         self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
     ) -> list[str]:
-        """Record who missed a step; return the workers that lose their jobs.
+        """Record which workers missed a step; return those that lose their jobs.
 
         Args:
             reported: workers that reported at least one of their jobs.
             missing: workers that did not report all of their jobs in time.
-            now_ns: by the clock of all events.
+            now_ns: time by the clock of all events [ns].
             patient: whether all workers are slow.
         """
         if not reported:  # the network is slow then, not one worker
@@ -118,7 +118,7 @@ class StragglerPolicy(Part):
 
         Args:
             worker: name of the worker.
-            now_ns: by the clock of all events.
+            now_ns: time by the clock of all events [ns].
             answers: whether the worker has answered its last order, so it is not frozen.
         """
         record = self.records.get(self._counted_as(worker))
@@ -166,9 +166,9 @@ class ShardReports(Part):
     watched: tuple[int, int] | None = None
     """Epoch and number of reports when the present silence began; None: it is not watched."""
     others: int = 0
-    """Number of reports of other workers' shards at that time."""
+    """Number of reports of other workers' shards when it began."""
     since_ns: int = 0
-    """That time [ns]."""
+    """When the present silence began [ns]."""
 
 
 class SilentShards(Part):
@@ -193,7 +193,7 @@ class SilentShards(Part):
         Args:
             shards: jobs of the running search.
             newest_step: the newest step whose scan has arrived; later reports are not due.
-            now_ns: by the clock of all events.
+            now_ns: time by the clock of all events [ns].
         """
         self.records = {job_id: self.records.get(job_id, ShardReports()) for job_id in shards}
         if now_ns - self.looked_ns > PAUSE_NS:

@@ -163,7 +163,7 @@ class CoordinatorState(Part):
         return known if known and known.map_digest == self.map_digest else None
 
     def wants_map(self, now_ns: int) -> bool:
-        """Return whether to request the map now, with which given poses are checked."""
+        """Return whether to request the map now, against which given poses are checked."""
         asked_ns = self.map_asked_ns
         if not self.map_digest or self._free_ground is not None:
             return False

@@ -1,4 +1,4 @@
-"""Gives out steps in order, each when all its reports have arrived or its deadline has passed."""
+"""Releases steps in order, each once its reports have arrived or its deadline has passed."""
 
 from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ def check_places(report: Report, settings: FilterSettings) -> None:
 FETCH_NS = 500_000_000
 """A step waits this time for an earlier scan, which is requested from the bridge [ns]."""
 REPORTS_AHEAD = 300
-"""Reports of steps further above the newest scan are refused: longer than the bridge's history."""
+"""Reports of a step further above the newest scan are refused; the bridge keeps fewer steps."""
 KEPT_AHEAD = 1_000
 """Largest number of steps whose reports are kept."""
 BULKY_REPORTS = 16
@@ -165,7 +165,7 @@ class StepCollector(Part):
         """Return whether a report may wait for its step.
 
         Args:
-            report: from a job's present worker.
+            report: report of a job's present worker.
             is_recovered: whether a worker repeats it after a take-over, before scans are fetched.
         """
         if self._is_over(report.step):
@@ -213,7 +213,7 @@ class StepCollector(Part):
             expected: ids of the jobs whose reports the step needs.
             placed_ns: returns when a job was given to its worker [ns], as `Jobs.placed_ns`; a step
                 waits longer for a new job.
-            now_ns: by the same clock as in `on_scan`.
+            now_ns: time by the clock of `on_scan` [ns].
             deferrable: ids of jobs that may report a step later.
         """
         scan, settings = self.oldest_scan, self.settings

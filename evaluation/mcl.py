@@ -62,7 +62,7 @@ class Recovery:
     _fast: float = 0.0
 
     def on_likelihood(self, log_average_likelihood: float) -> None:
-        """Take the logarithm of a scan's mean likelihood over the particles."""
+        """Update the averages with the log of a scan's mean likelihood over the particles."""
         average = math.exp(max(log_average_likelihood, _LOWEST_LOG))
         if self._slow is None:
             self._slow = self._fast = average

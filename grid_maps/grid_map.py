@@ -38,7 +38,7 @@ class GridMap:
         cells: (rows, cols) int8: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y.
         cell_m: side of a cell [m].
         map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
-        landmarks: of the map.
+        landmarks: landmarks of the map.
 
     Raises:
         ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
@@ -120,7 +120,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
     building.
 
     Raises:
-        ValueError: as `GridMap`.
+        ValueError: as for `GridMap`.
     """
     if cells.ndim != 2 or cells.size <= LARGE_CELLS:
         return GridMap(cells, cell_m, map_from_grid)

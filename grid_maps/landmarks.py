@@ -59,7 +59,7 @@ def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:
     """Return the landmarks of the file in a map's folder; none if there is no file.
 
     Raises:
-        LandmarksFileError: as `load_landmarks`.
+        LandmarksFileError: as for `load_landmarks`.
     """
     path = Path(map_file).parent / LANDMARKS_FILE
     return load_landmarks(path) if path.exists() else ()

@@ -125,7 +125,7 @@ class RecordedRun:
                 self.room.publish(changes)
 
     def saved(self) -> str:
-        """Read the whole recording, and return a page of HTML that plays it.
+        """Read the whole recording, and return an HTML page that plays it.
 
         Raises:
             RecordingError: the recording cannot be read.

@@ -1,4 +1,4 @@
-"""Writes the page as one file of HTML that needs no server: a moment, or a run that plays."""
+"""Writes the page as one HTML file that needs no server: one moment, or a whole run to play."""
 
 import base64
 import importlib.resources
@@ -16,7 +16,7 @@ _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 
 def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at: str) -> str:
-    """Return a page of HTML that shows one moment.
+    """Return an HTML page that shows one moment.
 
     Args:
         frames: the frames of all topics, from `Picture.everything`.
@@ -28,7 +28,7 @@ def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at:
 
 
 def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
-    """Return a page of HTML that plays all archived steps of a run."""
+    """Return an HTML page that plays all archived steps of a run."""
     packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
     past = base64.b64encode(packed).decode()
     return _page({**picture.everything(), "past": past}, grid_map)

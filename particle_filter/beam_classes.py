@@ -99,6 +99,8 @@ def _count(
                         least = min(least, (at_row - row) ** 2 + (at_col - col) ** 2)
             away = sqrt(least)
             is_near = away <= near
-            if is_near and not away < sharp and first > 1.0:  # before what is on its way, if close
+            if (
+                is_near and not away < sharp and first > 1.0
+            ):  # just before a close obstacle on its way
                 is_near = cast_ray(ahead, from_col, from_row, dx, dy, close / length) == np.inf
             counts[0 if away < sharp else 1 if is_near else 3] += 1

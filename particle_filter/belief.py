@@ -29,7 +29,7 @@ def normalised_logs(log_values: NDArray[np.float64]) -> LogProbabilities:
 def updated(
     log_prior: LogProbabilities, log_average_likelihood: NDArray[np.float64]
 ) -> LogProbabilities:
-    """One Bayes update: prior times the average likelihood of the cluster's particles.
+    """Apply one Bayes update: prior times the average likelihood of the cluster's particles.
 
     A missing report (NaN) gives no information about its cluster: its probability stays, and the
     other clusters share the rest.
@@ -64,7 +64,7 @@ def mixed(log_belief: NDArray[np.float64], transition_probability: float) -> Log
     separate places that look alike.
 
     Args:
-        log_belief: (K,) of the clusters; their sum, which may be under one, is kept.
+        log_belief: (K,) log probabilities of the clusters; their sum, at most one, is kept.
         transition_probability: rho, from 0 to 1.
 
     Returns:

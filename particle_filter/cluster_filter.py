@@ -196,7 +196,7 @@ def regularised_resample(
         sample: (M, 3) poses.
         log_weights: (M,).
         count: number of particles to draw.
-        rng: for the draw and the noise.
+        rng: random numbers for the draw and the noise.
 
     Raises:
         ValueError: the sample is empty or has no weight.

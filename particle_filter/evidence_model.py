@@ -99,7 +99,7 @@ def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> 
     Args:
         new_view: how much of a new view of the building the scan is, from 0 to 1.
         residual: how much worse the best particle fits than one could [nat/beam].
-        rules: have the residual at which a difference counts half.
+        rules: contain the residual at which a difference counts half.
     """
     if math.isnan(residual) or math.isinf(rules.evidence_residual):
         return new_view
@@ -162,7 +162,7 @@ class UsualFit(msgspec.Struct, frozen=True):
         """Return the statistics after one more scan.
 
         Args:
-            log_likelihood: of the scan at the believed place [nat].
+            log_likelihood: log-likelihood of the scan at the believed place [nat].
             news: how independent the scan is of earlier ones, from 0 to 1.
         """
         if self.mean is None:

@@ -142,9 +142,10 @@ class GlobalSearch:
 
     @property
     def left_out_gap(self) -> float:
-        """Lower bound of the log ratio of what was kept to what was left out [nat].
+        """Lower bound of the log ratio of the kept weight to the weight left out [nat].
 
-        It is the smaller of two: all weight to the sampled weight, and the margin of the search.
+        It is the smaller of two bounds: the log ratio of all weight to the sampled weight, and the
+        margin of the search.
         """
         return min(-math.log(max(self._sampled, 1e-300)), self._rules.margin)
 
@@ -165,7 +166,7 @@ class GlobalSearch:
         Args:
             odom_from_before: (3,) odometry at the step before; None: this is the first step.
             odom_from_after: (3,) odometry now.
-            beams: of the scan.
+            beams: beams of the scan.
             rng: source of the random numbers of this step.
             observed: observations of the step, and the map's landmarks.
 

@@ -178,7 +178,7 @@ class LikelihoodFieldModel:
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """Return the share of the occluded beams' score that the evidence loses."""
+        """Return the log evidence to subtract for occluded beams [nat]; see `SensorModel`."""
         settings = self.settings
         taken_back = scan_exponent(beams.count, settings) * settings.occlusion_weight
         return taken_back * self.mean_occluded(map_from_robot, weights, beams, sharers)
@@ -186,7 +186,7 @@ class LikelihoodFieldModel:
     def mean_occluded(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """Return the mean score of beams whose ends are occluded from the particles.
+        """Return the mean score of the beams whose ends are occluded, over the particles [nat].
 
         The field rewards a beam that ends near an obstacle even if another obstacle is in front of
         it. The mean is estimated from a systematic sample of the particles, minus a tolerance,
@@ -205,7 +205,7 @@ class LikelihoodFieldModel:
         return min(stride * ceil(whole / (stride * sharers)), whole)
 
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """Return the share of each pose's `log_likelihood` that occluded beams contribute, (N,).
+        """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].
 
         Each pose checks every `visibility_beam_stride`-th beam. This takes a hundred times as long
         as `log_likelihood`.

@@ -60,7 +60,7 @@ def multiplied(
         (N,) log-weights, and the logarithm of the sum of the weights before scaling.
 
     Raises:
-        ValueError: as `weights_and_ess`.
+        ValueError: as for `weights_and_ess`.
     """
     after, total = _multiplied(plain(log_weights), plain(log_likelihood), exponent, plain(penalty))
     _check(total, total)

@@ -37,7 +37,7 @@ class ObservationArrays(NamedTuple):
     positions: NDArray[np.float64]
     """(L, 2) landmarks in the map [m]."""
     scales: NDArray[np.float64]
-    """(S, L) logarithms of the ratios of a landmark exactly where it is sighted."""
+    """(S, L) log ratio if a landmark is exactly where it is observed."""
     precisions: NDArray[np.float64]
     """(S, L, 3) halves of the precision's xx, of both xy and of yy [1/m^2]."""
     reaches: NDArray[np.float64]
@@ -57,7 +57,7 @@ class ObservationArrays(NamedTuple):
     def of(
         cls, observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
     ) -> "ObservationArrays":
-        """Return the arrays of observations; arguments as of `log_likelihood_ratio`."""
+        """Return the arrays of observations; arguments as for `log_likelihood_ratio`."""
         names = np.array(landmarks.names)
         sights = [seen for seen in observations if seen.landmark]
         explained = np.empty((len(sights), len(names)))
@@ -110,12 +110,12 @@ def _field_arrays(
 def log_likelihood_ratio(
     poses: Poses, observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
 ) -> LogWeights:
-    """Return (N,) log-likelihoods at (N, 3) poses, relative to "nothing on the map was observed".
+    """Return (N,) log-likelihoods of poses, relative to "nothing on the map was observed" [nat].
 
     Args:
-        poses: map_from_robot.
-        observations: of one step.
-        landmarks: of the map.
+        poses: (N, 3) poses of the robot in the map.
+        observations: observations of one step.
+        landmarks: landmarks of the map.
         grid: the map, over which false observations of the pose are spread.
     """
     return log_ratios(poses, ObservationArrays.of(observations, landmarks, grid))

@@ -44,7 +44,7 @@ class Landmarks:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a sensor says about the robot's pose at a step."""
+    """What a sensor measured about the robot's pose at a step."""
 
     mean: NDArray[np.float64]
     """The robot's (3,) pose or (2,) position in the map; or (2,) position of a landmark in the
@@ -55,7 +55,7 @@ class Observation:
     """Name of the landmark; empty: an observation of the robot's pose."""
     outlier_probability: float
     share: float = 1.0
-    """Share of the log-likelihood that is new: errors of successive sights are correlated."""
+    """Share of the log-likelihood that is new: errors of successive observations are correlated."""
     field: PositionField | None = None
     """Log-likelihoods of the robot's position; None: `mean` is observed."""
 
@@ -95,9 +95,10 @@ NOTHING_OBSERVED: tuple[tuple[Observation, ...], Landmarks] = ((), Landmarks.of(
 def log_average_ratio(
     observations: Sequence[Observation], landmarks: Landmarks, grid: Grid
 ) -> float:
-    """Return the sum of log average likelihood ratios over all poses in the free space.
+    """Return the log of each observation's average likelihood ratio, summed over observations.
 
-    The integral of a Gaussian over the map is one: its parts outside the free space are neglected.
+    The average is over all poses in the free space [nat]. The integral of a Gaussian over the map
+    is one: its parts outside the free space are neglected.
     """
     if not observations:
         return 0.0
@@ -117,7 +118,11 @@ def log_average_ratio(
 
 
 def factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float, float]:
-    """Return the factors of the density of a right observation, and of a landmark with any name."""
+    """Return two factors of the likelihood ratio: for right observations, and for wrong names.
+
+    The first multiplies the densities of landmarks with the observed name, or of the pose; the
+    second those of all landmarks. An observation of nothing has the ratio 1.
+    """
     odds = 1.0 / seen.outlier_probability - 1.0
     if seen.landmark:  # half of the false observations are of another landmark
         return odds * 2.0 * len(set(landmarks.names)) * _SIGHT_M2, _SIGHT_M2

@@ -45,7 +45,7 @@ def heading_distance(
 
 
 def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
-    """Chain two poses: `a_from_c`.
+    """Chain two poses to `a_from_c`.
 
     Args:
         a_from_b: (..., 3) x [m], y [m], heading [rad].
@@ -70,7 +70,7 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
 
 
 def inverse(a_from_b: Poses) -> Poses:
-    """Invert (..., 3) poses: `b_from_a`; headings in [-pi, pi)."""
+    """Return `b_from_a`, the inverse of (..., 3) poses; headings in [-pi, pi)."""
     a_from_b = np.asarray(a_from_b, np.float64)
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     b_from_a = np.empty_like(a_from_b)

@@ -63,8 +63,8 @@ class ViewMemory(msgspec.Struct, frozen=True):
 
         Args:
             before_from_after: (3,) the motion since the scan before, by odometry.
-            motion: how far odometry errs.
-            rules: have the distance and turn over which views correlate.
+            motion: noise of the odometry.
+            rules: contain the distance and turn over which views correlate.
 
         Returns:
             The weight of the scan, 0 to 1, and the memory with it.

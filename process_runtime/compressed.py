@@ -48,7 +48,8 @@ def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
     """Read a whole file, decompressed.
 
     Raises:
-        InputFileError: as `error`: the file is missing, unreadable, truncated, damaged or too long.
+        InputFileError: of the type `error`: the file is missing, unreadable, truncated, damaged or
+            too long.
     """
     try:
         with open_decompressed(path) as stream:

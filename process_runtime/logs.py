@@ -56,7 +56,7 @@ class CauseCounter:
         return self._unreported.pop(cause)
 
     def warn(self, log: logging.Logger, cause: str, detail: object, now_s: float) -> None:
-        """Count one and, once a period, log the cause with the newest detail.
+        """Count one fault and, at most once a period, log its cause with the newest detail.
 
         Args:
             log: the logger.

@@ -57,7 +57,8 @@ def settings_as_toml(settings: Settings, names: Container[str] | None = None) ->
 
     Args:
         settings: the values.
-        names: to write, next to those that differ from their defaults; None: all.
+        names: settings to write; those that differ from their defaults are always written.
+            None: write all.
     """
     sections: dict[str, list[str]] = {}
     for info in TABLE.values():

@@ -11,7 +11,7 @@ def refuse_aliases(content: bytes, path: Path, error: type[InputFileError]) -> N
     """Reject aliases: no map needs one, and ROS parameter files cannot have them.
 
     Raises:
-        InputFileError: as `error`, with the line.
+        InputFileError: of the type `error`; names the line.
         yaml.YAMLError: the text is not YAML.
     """
     for event in yaml.parse(content, yaml.SafeLoader):

@@ -189,14 +189,14 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
-    """Give the robot's pose. A query on ``command/set_pose``.
+    """Set the robot's pose. A query on ``command/set_pose``.
 
     Refused where the map has no free space within 3 sigma. Before the first scan or the map
     arrives, the last `SetPose` or `Relocalize` is kept and applied then.
     """
 
     command_id: Id
-    """Makes the command idempotent: a repeated id has no effect. So in all commands."""
+    """Makes the command idempotent: a repeated id has no effect. All commands have one."""
     pose: PoseTuple
     """x [m], y [m], heading [rad]."""
     position_sigma_m: Sigma = 0.5

@@ -1,6 +1,6 @@
 """The errors that a user, a file or another process can cause.
 
-They are all a `ClusterMclError`, whose text is one sentence; programs print it and exit with 2.
+All are a `ClusterMclError`, whose text is one sentence; programs print it and exit with 2.
 A wrong argument inside the code raises `ValueError`.
 """
 
@@ -103,7 +103,7 @@ class UnreachableError(ClusterMclError):
         peer: the router, a process, or the key of the query.
         problem: a sentence that names it.
         waited_s: how long the caller waited for an answer [s].
-        endpoint: the router's; None: unknown.
+        endpoint: endpoint of the router; None: unknown.
     """
 
     def __init__(

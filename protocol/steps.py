@@ -115,7 +115,7 @@ class Seen(msgspec.Struct, frozen=True, kw_only=True):
     covariance: Numbers
     outlier_probability: OutlierProbability
     share: Annotated[float, Meta(ge=0.0, le=1.0)]
-    """Share of its log-likelihood that is new since earlier sights of the same thing."""
+    """Share of its log-likelihood that is new since earlier observations of the same thing."""
     field: PositionField | None = None
 
 
@@ -197,7 +197,7 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
 def mirrored(scan: Scan) -> Scan:
     """Return the step mirrored at the robot's x axis, as a mirror-image building would show it.
 
-    The mirrored robot has the same sensor noise, driver and building statistics, but is nowhere
+    The mirrored robot has the same sensor noise, driver and building statistics, but is not
     on the map, unless the map is its own mirror image.
     """
     others = tuple(

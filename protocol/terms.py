@@ -23,7 +23,7 @@ def check_term(
     """Refuse a message with a term that no coordinator can have.
 
     Args:
-        message: from the wire.
+        message: message from the wire.
         clock_ns: local time since 1970.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Check what the types of a message's fields cannot: its arrays, and its covariances.
+"""Check what the types of a message's fields cannot express: arrays and covariances.
 
 A NaN in one report would make every probability NaN. Laser readings are not checked here: the
 bridge checks them and counts each kind of defect.

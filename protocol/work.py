@@ -122,7 +122,7 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
 
     max_bytes: ClassVar[int] = LARGEST_BYTES
     order: Number
-    """Increases with each order of a term; a worker ignores a lower one than the last."""
+    """Increases with each order of a term; a worker ignores an order older than its last one."""
     term: Number = 0
     """The coordinator's term; a worker refuses a lower term than the highest it knows."""
     map_digest: str

@@ -39,7 +39,7 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
 
     Raises:
         ValueError: the chunk unpacks to more, or the compression is unknown.
-        Exception: of the library for the compression: the chunk is damaged.
+        Exception: an error of the compression's library: the chunk is damaged.
     """
     most = min(most, MOST_BYTES)
     match compression:

@@ -89,7 +89,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
 
 
 class LinkFields(msgspec.Struct, frozen=True):
-    """The pose of a frame in its parent; that which Foxglove draws is rounded."""
+    """The pose of a frame in its parent; the pose that Foxglove draws is rounded."""
 
     stamp_ns: Stamp
     child_frame_id: str

@@ -35,7 +35,7 @@ class SkippedLine:
 
 @dataclass(frozen=True)
 class OdometryEntry:
-    """An odometry reading of a line, or of a message of a bag."""
+    """An odometry reading in a line of a log or in a message of a bag."""
 
     line_number: int
     stamp_ns: int
@@ -44,7 +44,7 @@ class OdometryEntry:
 
 @dataclass(frozen=True)
 class LaserEntry:
-    """A scan of a line, or of a message of a bag; None: the line lacks the value."""
+    """A scan in a line of a log or in a message of a bag; None: it lacks the value."""
 
     line_number: int
     stamp_ns: int
@@ -72,7 +72,7 @@ class LogParser(Protocol):
         """
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Correct the entries by what only all lines together show; return them."""
+        """Correct and return the entries, after all lines are known."""
 
 
 class TextLog:

@@ -50,8 +50,8 @@ class Recording:
 
     Args:
         path: the file.
-        readings: in the order of time. Stamps of odometry never decrease; scans keep their own
-            stamps, at which the true pose is looked up.
+        readings: readings in the order of time. Stamps of odometry never decrease; scans keep
+            their own stamps, at which the true pose is looked up.
         skipped: the skipped lines.
     """
 

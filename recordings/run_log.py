@@ -74,7 +74,11 @@ class RunLog:
 
     @classmethod
     def to(cls, path: Path) -> "RunLog":
-        """Open a file that a user named; an error says why it cannot be written."""
+        """Open a file that a user named, after a check that it can be written.
+
+        Raises:
+            OutputError: the file cannot be written, and why.
+        """
         check_output_file(path)
         return cls(path)
 

@@ -18,7 +18,7 @@ class Camera:
     Args:
         range_m: largest distance of a landmark that is seen.
         sigma_m: standard deviation of the measured position along each axis.
-        false_names: share of sights with the name of a random landmark.
+        false_names: share of observations with the name of a random landmark.
     """
 
     range_m: float = 3.0

@@ -88,7 +88,7 @@ class Amcl:
         self._was_reset = False
 
     def resume(self, held: int | None) -> None:
-        """Continue after a bridge was killed that published the cluster `held` as the pose."""
+        """Continue in place of a killed bridge, which published the cluster `held` as the pose."""
         self.is_active, self._choice.held = True, held
 
     @property
@@ -120,7 +120,7 @@ class Amcl:
             yield from self._on_clock_set_back("/clock", before_ns - now_ns)
 
     def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
-        """Handle a `tf2_msgs/TFMessage`, `fixed` if from `/tf_static`: odometry, lasers' poses."""
+        """Handle a `tf2_msgs/TFMessage`; `fixed`: it came on `/tf_static`."""
         for one in message.transforms:
             parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
             if (parent, child) == (self.settings.global_frame, self.settings.odom_frame):

@@ -96,7 +96,7 @@ class RestartFile:
     """Exists while the bridge runs and after it was killed; the ``with`` block removes it.
 
     Args:
-        path: of the file; None: no file.
+        path: path of the file; None: no file.
     """
 
     def __init__(self, path: Path | None) -> None:

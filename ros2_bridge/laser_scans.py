@@ -69,7 +69,7 @@ class LaserScans:
         return [self._refused(of_laser[0], self._missing(of_laser[0]), now_ns)]
 
     def ready(self, now_ns: int) -> list[LaserReading | Refused]:
-        """Remove and return, in order, scans whose transforms are known and refused ones."""
+        """Remove scans whose transforms are known or late; return their readings or refusals."""
         done: list[LaserReading | Refused] = []
         still: deque[_Waiting] = deque()
         for waiting in self._waiting:
@@ -120,7 +120,13 @@ class LaserScans:
 def laser_reading(
     scan: Any, base_from_laser: Rigid, odom_from_robot: PoseTuple, settings: Ros2Settings
 ) -> LaserReading:
-    """Convert a `sensor_msgs/LaserScan`; `odom_from_robot`: at its stamp.
+    """Convert a `sensor_msgs/LaserScan`.
+
+    Args:
+        scan: the message.
+        base_from_laser: pose of the laser on the robot.
+        odom_from_robot: odometry at the scan's stamp.
+        settings: range limits [m], and the sender's name.
 
     Raises:
         ValueError: the laser's plane is not horizontal, or the laser is not on the robot.

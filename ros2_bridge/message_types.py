@@ -150,7 +150,7 @@ def type_hash(ros_type: str, *, humble: bool) -> str:
 
     Args:
         ros_type: such as ``sensor_msgs/msg/LaserScan``.
-        humble: in the form of ROS 2 Humble, which has no hashes.
+        humble: return the form of ROS 2 Humble, which has no hashes.
     """
     if humble:
         return HUMBLE_HASH

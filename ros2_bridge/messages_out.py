@@ -119,7 +119,7 @@ def particle_cloud(
         map_from_robot: (N, 3) poses.
         weights: (N,) that sum to one.
         stamp_ns: time of the poses.
-        frame: of the poses.
+        frame: frame of the poses.
     """
     rows = np.zeros((len(weights), 8))
     rows[:, :2] = map_from_robot[:, :2]

@@ -108,7 +108,7 @@ class RosNode:
 
     Args:
         session: connected to the robot's router, without a namespace.
-        name: of the node.
+        name: name of the node.
         humble: the robot's release is ROS 2 Humble, whose keys have no hashes.
     """
 

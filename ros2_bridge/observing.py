@@ -23,12 +23,12 @@ from ros2_bridge.initial_pose import pose_in_map
 from ros2_bridge.outputs import Refused
 
 MAX_WAITING = 100
-"""Sights that wait for tf."""
+"""Largest number of detections that wait for tf."""
 _KNOWN_RAD = math.pi / 2.0
 """An observation with a larger standard deviation of its heading is used without it."""
 _LEAST_SIGMA_M = 0.02
 _EQUATOR_M, _SQUARED_ECCENTRICITY = 6378137.0, 6.69437999014e-3
-"""Of the ellipsoid WGS 84."""
+"""The ellipsoid WGS 84: equatorial radius [m], and squared eccentricity."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Datum:
     """Where the map lies on Earth."""
 
     latitude_deg: float
-    """Of the map's origin."""
+    """Latitude of the map's origin."""
     longitude_deg: float
     direction_deg: float
     """Direction of the map's x axis, counter-clockwise from east."""
@@ -118,7 +118,7 @@ class Observing:
         self._waiting.clear()
 
     def add(self, message: Any, topic: str, now_ns: int) -> Iterator[Observation | Refused]:
-        """Take a message of a topic; a topic is a source. Sights wait for `ready`.
+        """Process a message; its topic is the source. Detections wait for `ready`.
 
         Raises:
             ValueError: the message has no stamp, a wrong frame, or numbers that are not valid.
@@ -144,7 +144,7 @@ class Observing:
             yield Refused("too many sights wait for tf", self._waiting.popleft().name)
 
     def ready(self, now_ns: int) -> Iterator[Observation | Refused]:
-        """Remove and yield the sights whose transforms are known, and refuse late ones."""
+        """Remove and yield the detections whose transforms are known, and refuse late ones."""
         waiting, self._waiting = self._waiting, deque()
         for sight in waiting:
             try:

@@ -25,8 +25,8 @@ class Parameter:
     """A parameter of AMCL.
 
     Args:
-        name: in nav2.
-        default: in nav2; it also determines the type.
+        name: name in nav2.
+        default: default in nav2; it also determines the type.
         setting: dotted name of our setting; empty: there is none.
         to_setting: converts the parameter's value; returns None to leave our setting unchanged, and
             raises `ValueError` for a value that nav2 does not accept.

@@ -24,7 +24,7 @@ class Services:
 
     Args:
         amcl: the localization.
-        settings: of all processes.
+        settings: settings of all processes.
         clock: returns ROS's time [ns].
         node: full name of the node.
     """

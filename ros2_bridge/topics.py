@@ -12,8 +12,8 @@ class Topic:
     """A topic.
 
     Args:
-        name: by ROS's rules: ``/absolute``, ``relative`` or ``~/private``.
-        ros_type: of its messages.
+        name: name by ROS's rules: ``/absolute``, ``relative`` or ``~/private``.
+        ros_type: type of its messages.
         qos: offered or requested.
     """
 

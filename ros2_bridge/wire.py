@@ -116,8 +116,8 @@ def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
     Args:
         domain_id: ROS_DOMAIN_ID.
         topic: full name.
-        type_name: as DDS names it.
-        type_hash: of the type; ``*`` to receive from any release of ROS.
+        type_name: name of the type in DDS.
+        type_hash: hash of the type; ``*`` to receive from any release of ROS.
     """
     return f"{domain_id}/{topic.strip('/')}/{type_name}/{type_hash}"
 

@@ -3,10 +3,10 @@
 from collections import deque
 
 MAX_UNDECIDED = 4
-"""Steps sent and not decided; at this number no scan becomes a step."""
+"""Number of sent but undecided steps at which no scan becomes a step."""
 OUTAGE_NS = 1_000_000_000
-"""After this time without a belief no coordinator decides [ns]. Steps go on, for the next
-coordinator and for workers."""
+"""After this time without a belief no coordinator decides [ns]. Steps continue, for the next
+coordinator and for the workers."""
 RESEND_AFTER_NS = 1_000_000_000
 STANDING_STEP_NS = 200_000_000
 """Shortest interval of steps of a standing robot [ns]."""
@@ -40,10 +40,10 @@ class FlowControl:
         """Note that a step is decided; a belief of an older term is ignored.
 
         Args:
-            step: the belief's.
-            term: of its coordinator.
+            step: step of the belief.
+            term: term of its coordinator.
             now_ns: monotonic time [ns].
-            searching: no place is tracked.
+            searching: whether no place is tracked.
         """
         if term < self._term:
             return

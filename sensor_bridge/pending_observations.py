@@ -41,9 +41,9 @@ SAME_FIELD_M = 5.0
 SAME_M = 1.0
 """Observations of landmarks closer than this are of the same one, whatever their names."""
 LEAST_SHARE = 0.02
-"""An observation with less news is not used, nor remembered."""
+"""An observation with a smaller new share is neither used nor remembered."""
 FIRST_SHARE = 0.5
-"""An observation with more news makes a step, also of a standing robot."""
+"""An observation with a larger new share makes a step, even if the robot stands."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PendingObservations:
     observation counts only by its new share since the last one of the same thing by this source.
 
     Args:
-        landmarks: of the map.
+        landmarks: landmarks of the map.
         dropped: counts dropped observations by cause.
         map_digest: of the map; fields of another one are dropped.
     """
@@ -85,7 +85,7 @@ class PendingObservations:
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def on_observation(self, observation: Observation) -> None:
-        """Take an observation; it waits for odometry of its time."""
+        """Queue an observation until odometry of its time has arrived."""
         newest_ns = self._trajectory.newest_ns
         if observation.landmark and observation.landmark not in self._names:
             self._dropped[UNKNOWN_LANDMARK] += 1

@@ -112,7 +112,7 @@ def serve_robot(
     """Publish the steps of a source and serve the map until the process is stopped.
 
     Args:
-        invocation: of the process.
+        invocation: settings, arguments and stop flag of the process.
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
         extend: adds to the node what a source needs; returns what to call with each step.
@@ -144,11 +144,11 @@ def serve_robot(
 
 
 class Bridge:
-    """Makes steps of readings, publishes them, and serves the map and past steps.
+    """Makes steps from readings, publishes them, and serves the map and past steps.
 
     Args:
-        node: the process's, open.
-        settings: the bridge's.
+        node: the open node of the process.
+        settings: settings of the bridge.
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them.
         on_step: called with each step after it is published.

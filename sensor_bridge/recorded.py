@@ -40,7 +40,7 @@ class RecordedSource:
 
 
 def opened(path: str, settings: BridgeSettings) -> Recording:
-    """Open a recording, and warn of skipped lines in one sentence.
+    """Open a recording, and log all skipped lines in one warning.
 
     Raises:
         RecordingError: it cannot be used.

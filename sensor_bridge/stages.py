@@ -1,6 +1,6 @@
 """The stages that a reading passes before the motion gate: checks, clock, odometry, lasers.
 
-A stage takes one item and yields those for the next stage, so that the way of a reading is the
+A stage takes one item and yields those for the next stage, so the path of a reading is the
 list of stages in `StepMaker`. No stage knows a clock or a network.
 """
 
@@ -28,7 +28,7 @@ OUTLIER = "outlier_in_time_or_place"
 TOO_MANY_LASERS = "too_many_lasers"
 
 MAX_AHEAD_NS = 10_000_000_000
-"""A stamp further ahead of the newest before it [ns] needs later readings that agree."""
+"""A stamp further ahead of the newest one [ns] is used only if later readings agree."""
 MAX_STEP_BACK_NS = 1_000_000_000
 """Readings may be this late [ns]; stamps of real recordings step back by up to 0.9 s."""
 CONFIRMED_BY = 3
@@ -39,10 +39,10 @@ many readings that contradict the reference laser, their laser becomes the refer
 MAX_WAITING_SCANS = 8
 """Scans of a laser that wait for later odometry; with one more, the first uses the newest."""
 MAX_SPEED_M_PER_S, MAX_TURN_RATE_RAD_PER_S = 10.0, 10.0
-"""Faster is no motion of a robot in a building."""
+"""No robot in a building moves faster."""
 MAX_JUMP_M = 100.0
 """A longer distance between two readings is an odometry jump, whatever time has passed."""
-_SLACK_M, _SLACK_RAD = 1.0, 1.0  # stamps err, made up ones most of all
+_SLACK_M, _SLACK_RAD = 1.0, 1.0  # stamps have errors, invented ones the largest
 _MAX_BACK_S = 10.0
 
 

@@ -1,4 +1,4 @@
-"""Makes numbered steps of a robot's readings: checks, synchronises and gates them."""
+"""Makes numbered steps from a robot's readings: checks, synchronises and gates them."""
 
 import math
 from collections import Counter, deque
@@ -39,8 +39,8 @@ MAX_APART_NS = 500_000_000
 class MotionGate:
     """Opens for the first scan, and then after enough driving or turning since the last step.
 
-    Scans of a standing robot are the same scan again; each would sharpen the belief as if it
-    were new information.
+    Scans of a standing robot repeat each other; each would sharpen the belief as if it were new
+    information.
     """
 
     def __init__(self, settings: BridgeSettings) -> None:
@@ -88,7 +88,7 @@ class MotionGate:
 
 
 class StepMaker:
-    """Makes numbered steps of a robot's readings; each reading passes several stages.
+    """Makes numbered steps from a robot's readings; each reading passes several stages.
 
     A scan without an odometry pose waits for the first odometry after it, so `on_reading` may
     answer an odometry reading with the step of an earlier scan.
@@ -103,7 +103,7 @@ class StepMaker:
         first_step: number of the first step.
         lockstep: put into every step: the sender waits for the belief before it sends the next.
         live: put into every step: stamps are of a robot's own clock.
-        landmarks: of the map; others cannot be observed.
+        landmarks: landmarks of the map; others cannot be observed.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry and restarts of the
@@ -140,14 +140,14 @@ class StepMaker:
         )
 
     def on_reading(self, reading: Reading) -> Scan | None:
-        """Take the next reading; return the next step, if there is one."""
+        """Process the next reading; return the next step, if there is one."""
         self._pass([reading], (self._outliers, *self._use_stages))
         if self.odometry is not None:
             self._move(*self.odometry)
         return self._ready.popleft() if self._ready else None
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation of another sensor; the next step has it."""
+        """Add an observation of another sensor to the next step."""
         self._pending_observations.on_observation(observation)
 
     def judge(self, belief: Belief) -> None:
@@ -164,7 +164,7 @@ class StepMaker:
             self._gate.open_next()
 
     def finish(self) -> Scan | None:
-        """Make steps of the waiting scans after the last reading; call it until it returns None."""
+        """Make a step from each waiting scan after the last reading; call until it returns None."""
         self._pass(self._outliers.released(), self._use_stages)
         self._pass(self._synchroniser.released(at_most_waiting=0), (self._gated,))
         return self._ready.popleft() if self._ready else None

@@ -36,10 +36,10 @@ def advice(
     """Compute the answer to a question, in slices.
 
     Args:
-        asked: the belief, of the map of `model`.
-        scan: of the step of the belief.
-        model: sensor model of the map.
-        settings: of the filter.
+        asked: the belief and the robot's radius.
+        scan: scan of the belief's step.
+        model: sensor model of the map in which the belief is.
+        settings: settings of the filter.
         sender: name of the process.
         landmarks: of the map.
     """

@@ -176,7 +176,7 @@ class JobTable:
         return MissingScans(newest.step + 1, scan.step - 1)
 
     def scan_of(self, step: int) -> Scan | None:
-        """Return the scan of a step; None: this worker has it no more, or has not received it."""
+        """Return the scan of a step; None: it is no longer stored, or never arrived."""
         return next((scan for scan in self._recent if scan.step == step), None)
 
     def last_reports(self) -> list[Report]:
@@ -185,7 +185,7 @@ class JobTable:
         return self.reports.of_step(newest)
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
-        """Advance all jobs to the newest scan, but for those that wait; return their reports."""
+        """Advance all jobs that do not wait to the newest scan; return their reports."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
         return [report for step in sorted(known) for report in self._advance(known[step])]
 

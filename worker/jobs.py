@@ -263,7 +263,7 @@ class Searching(RunningJob):
         return finished(self.slices(scan))
 
     def slices(self, scan: Scan) -> Slices[SearchReport]:
-        """Do as `advance`, in slices; the first slice sets `step`."""
+        """Like `advance`, in slices; the first slice sets `step`."""
         self._search.use(self._model, self._settings)
         scan = mirror_image(scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)

@@ -58,7 +58,7 @@ def sensor_model(
 
     Args:
         grid_map: the map.
-        settings: of the sensor model.
+        settings: settings of the sensor model.
         cache_folder: None: no cache.
 
     Raises:

@@ -1,7 +1,7 @@
 """The worker process: one parent that compiles the kernels, and children that run the jobs.
 
 The children of a pool serve several robots, each in a thread of its own with its own session, so
-that robots meet nowhere and the operating system shares the cores fairly among them.
+that robots share no state, and the operating system divides the cores fairly among them.
 """
 
 import argparse
@@ -124,11 +124,11 @@ def fleet_of(folder: Path, overrides: Sequence[str]) -> list[Settings]:
     """Return the settings of each robot of a fleet.
 
     Args:
-        folder: has a settings file, ``NAME.toml``, for each robot.
+        folder: folder with a settings file, ``NAME.toml``, for each robot.
         overrides: settings as for ``--set``, which hold for all robots.
 
     Raises:
-        SettingsError: there is no settings file, one is not valid, or two are of one robot.
+        SettingsError: there is no settings file, one is invalid, or two name the same robot.
     """
     files = sorted(folder.glob("*.toml"))
     if not files:

@@ -33,7 +33,7 @@ class SearchPause:
         self._scanned_step = step
 
     def on_checkpoint(self, step: int, *, founded: bool) -> None:
-        """Note the last decided step; a belief that was never founded waits for searches."""
+        """Note the last decided step; a belief that never had clusters waits for searches."""
         self._believed_step, self._founded = step, founded
 
     def left_ns(self, now_ns: int) -> int:

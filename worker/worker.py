@@ -280,7 +280,7 @@ class Worker:
         return [Warn("no scan history", problem), *self.on_history(missing, ())]
 
     def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
-        """Take the past scans that `FetchScans` requested."""
+        """Process the past scans that `FetchScans` requested."""
         if missing != self._fetching:
             return []  # an answer to a request that a later one has replaced
         self._fetching = None
@@ -353,12 +353,12 @@ class Worker:
         return self._refuse_waiting(error)
 
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
-        """Take the sensor model that `BuildModel` requested."""
+        """Use the sensor model that `BuildModel` requested."""
         self._preparing, self._model, self._model_digest = False, model, map_digest
         return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:
-        """Take the map that `FetchMap` requested."""
+        """Use the map that `FetchMap` requested."""
         self._preparing = False
         if self._waiting is None and self._model is not None and self._held:
             expected = self._model_digest

@@ -343,7 +343,7 @@ class Node:
 
     def replace_stale_session(self) -> bool:
         """Replace a session that has received nothing since its link came back, if another session
-        sees peers; return whether. See `turn`.
+        sees peers; return whether it was replaced. See `turn`.
         """
         return self._stale.is_armed and self._replace_session()
 

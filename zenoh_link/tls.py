@@ -51,7 +51,7 @@ def why_refused(settings: ZenohSettings) -> str | None:
     """Repeat Zenoh's TLS handshake to find out why it fails.
 
     Args:
-        settings: of a client whose endpoint is ``tls/HOST:PORT`` and whose files were checked.
+        settings: settings of a client with the endpoint ``tls/HOST:PORT``; its files were checked.
 
     Returns:
         The problem with the certificates; None if they are valid or no server listens there.

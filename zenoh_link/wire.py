@@ -239,7 +239,7 @@ def ask_later(
     timeout_s: float,
     message: Message | None = None,
 ) -> None:
-    """Query without blocking; one of the two callbacks runs on a thread of Zenoh's.
+    """Query without blocking; one of the two callbacks runs on a Zenoh thread.
 
     Args:
         session: the process's session.

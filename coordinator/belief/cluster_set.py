@@ -429,13 +429,16 @@ class ClusterSet(Part):
         """Add candidates; if there are too many clusters, end the least probable ones.
 
         Args:
-            candidates: with weights relative to the belief; all are normalised afterwards.
+            candidates: candidates with weights relative to the belief; all probabilities are
+                normalised afterwards.
             step: the step after which they are tracked.
-            first_step: of the search that has found them; its earlier finds are not protected.
+            first_step: first step of the search that found them; its earlier finds are not
+                protected.
             protected_until: the step before which they may not be replaced.
 
         Returns:
-            The new clusters, in the order of the candidates, and who began and who ended.
+            The new clusters, in the order of the candidates, and the events of clusters that began
+            and ended.
         """
         leaving = self._make_room(len(candidates), step, first_step)
         first = self.next_cluster
@@ -544,7 +547,7 @@ class ClusterSet(Part):
         of candidates is no evidence about off the map.
 
         Args:
-            candidates: with weights relative to the belief.
+            candidates: candidates with weights relative to the belief.
             log_elsewhere: log of the probability of elsewhere when their search began.
             log_off_map: log of the probability of off the map at that time.
         """

@@ -55,7 +55,7 @@ ELSEWHERE = "e0"
 OPEN = 0.1
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 LEADS = 0.1
-"""And one cluster has more than this share of the probability of all: else none is near 0.9."""
+"""A decoy is tracked only if one cluster has more than this share: else none is near 0.9."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -72,7 +72,7 @@ class Ensemble(Part, kw_only=True):
     """A pose from an earlier run; it is used until the first search has ended."""
     seen: ViewMemory = ViewMemory()
     found: bool = False
-    """Whether the robot was found since it was last searched for from nothing."""
+    """Whether a place was found since the last search that began without any."""
     begin: dict[str, Job] = {}
     events: list[JobEvent] = []
 

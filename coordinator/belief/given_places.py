@@ -1,4 +1,4 @@
-"""Places around a given pose, and the pose of an earlier run, a candidate of the first search."""
+"""Candidate places around a given pose, or around the last pose of an earlier run."""
 
 import math
 from collections.abc import Sequence
@@ -87,7 +87,7 @@ def with_prior_pose(
         found: most probable first; their shares are probabilities.
         prior: the place as it was after an earlier step; it is tracked from there.
         odom_from_robot: odometry now, by which the prior place is moved.
-        settings: of the filter.
+        settings: settings of the filter.
     """
     rules = settings.belief
     moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))

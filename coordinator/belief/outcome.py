@@ -1,4 +1,4 @@
-"""The result of a step, and the messages made of it."""
+"""The result of a step, and the messages that publish it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

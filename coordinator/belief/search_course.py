@@ -21,9 +21,9 @@ LOST_SEARCHES = 5
 DECOYS = 3
 """Tracked places of the mirrored robot."""
 SCANS = 4
-"""Scans of one search for them."""
+"""Scans that a search for a decoy uses."""
 PATIENCE = 10
-"""Steps from the end of a search for them to the next search."""
+"""Steps from the end of a search for a decoy to the next one."""
 KEPT_STEPS = 100
 """Largest number of steps by which a search may lag behind the clusters."""
 
@@ -168,11 +168,11 @@ class SearchCourse(Part):
         """Return the places that the search has found, if all shards have reported a new step.
 
         Args:
-            reports: of all jobs.
-            clusters: jobs of the clusters that its places are compared with.
+            reports: reports of all jobs.
+            clusters: jobs of the clusters with which the places are compared.
 
         Returns:
-            None also where the mean of one of the clusters at that step is unknown.
+            None: a shard has not reported a new step, or a cluster's mean at that step is unknown.
         """
         if self.pool is None:
             return None
@@ -230,7 +230,10 @@ class Decoy(Part):
     ) -> tuple[dict[str, Job], list[Ended]]:
         """Begin and end the decoy's jobs after a step, and return them.
 
-        `is_open`: it is uncertain that the robot is on the map.
+        Args:
+            step: number of the step.
+            reports: reports of all jobs.
+            is_open: whether it is uncertain that the robot is on the map.
         """
         begin: dict[str, Job] = {}
         ended: list[Ended] = []

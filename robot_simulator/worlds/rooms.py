@@ -19,7 +19,7 @@ def cross() -> World:
 
 
 def cross_tags() -> World:
-    """Return the cross with a tag in each of two arms, from a start between these."""
+    """Return the cross with tags in its eastern and northern arms; the route passes both."""
     tags = (("east", 7.7, 0.0), ("north", 0.0, 7.7))
     return replace(
         cross(),
