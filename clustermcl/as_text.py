@@ -135,7 +135,7 @@ def progress_text(search_progress: float) -> str:
 
 def belief_line(belief: Belief) -> str:
     """Return a belief as one line: its state, its best pose, and its largest probabilities."""
-    search = ", searching" if belief.searching and belief.state != "searching" else ""
+    search = ", a search runs" if belief.searching and belief.state != "searching" else ""
     search += progress_text(belief.search_progress)
     note = ", dead reckoning" if is_unweighed(belief) else ""
     head = f"step {belief.step}: {belief.state}{search}{note}"

@@ -188,7 +188,7 @@ def _followed(
             pause = functools.partial(_pause, stop, stack, 0.0)
             audience = _Audience(session, run, output, pause, may_stand=options.by_hand)
             with recorded(session, options.record), output.live():
-                audience.wait_for_workers(meeting.worker.count)
+                audience.wait_for_workers(meeting.worker.count or 1)
                 if page is not None:
                     # Only then, so that the browser shows the first search.
                     _wait_for_page(page, 1, stop, stack)
@@ -238,9 +238,9 @@ class _Audience:
     def wait_for_workers(self, count: int) -> None:
         """Wait until this many workers are ready, because a step without reports would be lost."""
         while len(self._alive) < count:
-            self._output.on_workers(len(self._alive), count)
+            self._output.on_workers(are_ready=False)
             self._receive()
-        self._output.on_workers(count, count)
+        self._output.on_workers(are_ready=True)
 
     def follow(self) -> Belief:
         """Receive beliefs until the run ends, and return the last one."""
@@ -280,9 +280,10 @@ class _Audience:
                 while len(self._truths) > _KEPT_TRUTHS:
                     del self._truths[next(iter(self._truths))]
             case Received(key=keys.EVENTS, payload=payload):
-                for event in decode(payload, JobEvents).events:
+                events = decode(payload, JobEvents).events
+                self._output.on_events(events)
+                for event in events:
                     self.summary.on_event(event)
-                    self._output.on_event(event)
             case Received(key=keys.BELIEF, payload=payload):
                 belief = decode(payload, Belief)
                 self._on_belief(belief)

@@ -1,7 +1,7 @@
 """The output of a demo: the beliefs while it runs, then a summary or a JSON object."""
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 
 from rich.console import Console
@@ -11,7 +11,6 @@ from rich.text import Text
 from clustermcl.as_json import JsonObject, belief_object
 from clustermcl.as_text import (
     belief_line,
-    event_line,
     is_unweighed,
     pose_text,
     progress_text,
@@ -20,7 +19,7 @@ from clustermcl.as_text import (
 from evaluation.pose_error import pose_error
 from process_runtime.logs import is_quiet
 from protocol.answers import Belief, Status
-from protocol.job_events import Ended, EndedCause, NumberedEvent
+from protocol.job_events import Ended, EndedCause, NumberedEvent, event_texts
 from protocol.message import PoseTuple
 
 HELD_PROBABILITY = 0.02
@@ -52,12 +51,13 @@ class DemoOutput:
         shown = lambda: Text(self._shown, no_wrap=True)  # noqa: E731 - one line
         return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
 
-    def on_workers(self, ready: int, workers: int) -> None:
-        """Show how many workers are ready."""
-        line = f"{ready} of {workers} workers are ready"
-        self._shown = f"{self._title}\n{line} (the first start compiles)"
-        if ready in (0, workers):
-            self._print_change((ready,), line)
+    def on_workers(self, *, are_ready: bool) -> None:
+        """Show whether the workers are ready."""
+        line = (
+            "the workers are ready" if are_ready else "the workers start; the first start compiles"
+        )
+        self._shown = f"{self._title}\n{line}"
+        self._print_change((are_ready,), line)
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
         """Show a belief, and the true pose if it is known; lines show only changes."""
@@ -65,11 +65,11 @@ class DemoOutput:
         change = belief.state, is_unweighed(belief), len(belief.hypotheses)
         self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
 
-    def on_event(self, event: NumberedEvent) -> None:
-        """Show an event of a cluster; ignore events of searches."""
-        if not event.event.is_search:
-            self._events.append(event_line(event))
-            self._print(event_line(event))
+    def on_events(self, events: Iterable[NumberedEvent]) -> None:
+        """Show events of clusters; ignore those of searches."""
+        for line in event_texts(each for each in events if not each.event.is_search):
+            self._events.append(line)
+            self._print(line)
 
     def _print_change(self, change: tuple[object, ...], line: str) -> None:
         if change != self._last_change:

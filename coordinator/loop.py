@@ -49,7 +49,7 @@ from protocol.answers import Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MapMismatchError, printable
 from protocol.health import Health
-from protocol.job_events import event_text
+from protocol.job_events import event_texts
 from protocol.message import Message
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.terms import check_term
@@ -298,8 +298,8 @@ class Loop:
                     self._checkpoints.put(checkpoint)
                 case PublishEvents(events):
                     self._events.put(events)
-                    for numbered in events.events:
-                        _log.info("step %d: %s", numbered.step, event_text(numbered.event))
+                    for text in event_texts(events.events):
+                        _log.info("%s", text)
                 case PublishBelief(belief, pose):
                     self._node.health.happened("beliefs")
                     self._belief.put(belief)

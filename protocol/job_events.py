@@ -1,5 +1,7 @@
 """Events of clusters and searches: what began or ended, and why."""
 
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import ClassVar, Literal, TypeAlias
 
 import msgspec
@@ -106,6 +108,25 @@ def event_text(event: JobEvent) -> str:
             return what if event.is_search else f"{what} ({probability:.2g})"
 
 
+def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
+    """Yield events as text with their steps; three or more of one step and cause share a text.
+
+    Such as ``step 1: 19 places were found by the first search (0.24 to 0.00013)``.
+    """
+    for (step, _, cause), group in groupby(
+        events, lambda n: (n.step, type(n.event), n.event.cause)
+    ):
+        alike = [numbered.event for numbered in group]
+        if len(alike) < _ALIKE or alike[0].is_search:
+            yield from (f"step {step}: {event_text(event)}" for event in alike)
+            continue
+        what = (_BEGAN | _ENDED)[cause].replace("was ", "were ", 1)
+        others = " others" if isinstance(alike[0], Ended) and alike[0].by else ""
+        most, least = (pick(event.probability for event in alike) for pick in (max, min))
+        yield f"step {step}: {len(alike)} places {what}{others} ({most:.2g} to {least:.2g})"
+
+
+_ALIKE = 3
 _BEGAN: dict[BeganCause, str] = {
     "first search": "was found by the first search",
     "restart": "was found by a later search",

@@ -83,7 +83,7 @@ def test_a_belief_is_one_line_however_many_places_there_are() -> None:
     line = belief_line(
         belief(7, "ambiguous", *[place(0.1)] * 9, searching=True, elsewhere_probability=0.1)
     )
-    assert line.startswith("step 7: ambiguous, searching; best x 0.00 m")
+    assert line.startswith("step 7: ambiguous, a search runs; best x 0.00 m")
     assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ..., elsewhere 0.10")
     assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"
     halfway = belief(0, "searching", searching=True, search_progress=0.5)

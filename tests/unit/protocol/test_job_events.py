@@ -14,6 +14,7 @@ from protocol.job_events import (
     JobEvents,
     NumberedEvent,
     event_text,
+    event_texts,
 )
 
 
@@ -37,6 +38,17 @@ def message_of(*events: JobEvent) -> JobEvents:
 )
 def test_an_event_is_printed_as_a_short_text(event: JobEvent, text: str) -> None:
     assert event_text(event) == text
+
+
+def test_many_events_of_one_cause_share_a_line() -> None:
+    found = [Began(f"c{number}", "first search", 0.5**number) for number in range(1, 6)]
+    replaced = [Ended(f"c{number}", "pushed out", ("c9",), 0.01) for number in range(4)]
+    few = [Ended("c3", "improbable", (), 1e-5)] * 2
+    assert list(event_texts(message_of(*found, *replaced, *few).events)) == [
+        "step 3: 5 places were found by the first search (0.5 to 0.031)",
+        "step 3: 4 places were replaced by others (0.01 to 0.01)",
+        *["step 3: c3 became too improbable (1e-05)"] * 2,
+    ]
 
 
 def test_every_cause_survives_encoding_and_has_a_text() -> None:
