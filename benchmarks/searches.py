@@ -119,16 +119,16 @@ def search(place: Place, seed: int) -> Result:
 
 def localize(place: Place, seed: int) -> Result:
     """From which of 200 updates on the estimate is right, and what an update costs."""
-    return _judged(place, place.steps(seed, steps=UPDATES), 0)
+    return _scored(place, place.steps(seed, steps=UPDATES), 0)
 
 
 def kidnap(place: Place, seed: int) -> Result:
     """As `localize`, from being lifted elsewhere on; 60 updates."""
     steps = place.steps(seed, steps=2 * KIDNAPPED_AT, kidnap_at=KIDNAPPED_AT)
-    return _judged(place, steps, KIDNAPPED_AT)
+    return _scored(place, steps, KIDNAPPED_AT)
 
 
-def _judged(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -> Result:
+def _scored(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -> Result:
     process, took_s = InProcess(place.model, place.settings), 0.0
     right, sure = list[bool](), list[bool]()
     for scan, truth in steps:

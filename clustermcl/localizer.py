@@ -346,7 +346,7 @@ class ClusterMCL(RobotCommands):
     def _set_belief(self, outcome: Outcome, scan: Scan) -> Belief:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
-        self._maker.judge(self.belief)
+        self._maker.on_belief(self.belief)
         return self.belief
 
 

@@ -29,13 +29,13 @@ from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, subscribe
 
-LEAST_SIGHTS = 5
-"""A landmark that was seen at fewer steps is not written."""
-MOST_SIGHTS = 200
+MIN_OBSERVATIONS = 5
+"""A landmark that was observed at fewer steps is not written."""
+MAX_OBSERVATIONS = 200
 MOST_SCATTER_M = 1.0
 """A name whose observations scatter more stands for several landmarks, or a moving one [m]."""
 LEAST_SIGMA_M = 0.02
-"""The errors of map and mount do not average out [m]."""
+"""Least standard deviation: errors of map and mount do not average out [m]."""
 _MOST_WAITING = 64
 _KEPT = {"odometry": 4096, "belief": 64, "observation": 256}
 _KEYS = tuple(zip(_KEPT, (keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING), strict=True))
@@ -100,7 +100,7 @@ class LandmarkSurvey:
         self._belief: Belief | None = None
         self._steps: dict[str, int] = {}
         """Step of the last observation of each name."""
-        self._sights: dict[str, list[tuple[Pose, Pose]]] = {}
+        self._seen: dict[str, list[tuple[Pose, Pose]]] = {}
         """Positions (2,) in the map and their covariances (2, 2)."""
 
     def on_belief(self, belief: Belief) -> None:
@@ -125,7 +125,7 @@ class LandmarkSurvey:
             return
         name, best = seen.landmark, belief.hypotheses[0]
         if self._steps.get(name) == belief.step or (
-            name not in self._sights and len(self._known) + len(self._sights) >= MAX_LANDMARKS
+            name not in self._seen and len(self._known) + len(self._seen) >= MAX_LANDMARKS
         ):
             return
         self._steps[name] = belief.step
@@ -137,25 +137,25 @@ class LandmarkSurvey:
         by_pose = np.array([[1.0, 0.0, -off[1]], [0.0, 1.0, off[0]]])
         covariance = by_pose @ covariance_matrix(best.covariance) @ by_pose.T
         covariance += map_from_robot @ np.reshape(seen.covariance, (2, 2)) @ map_from_robot.T
-        sights = self._sights.setdefault(name, [])
-        sights.append((np.array([x, y]) + off, covariance))
-        del sights[:-MOST_SIGHTS]
-        if len(sights) == LEAST_SIGHTS:
-            _log.info("landmark %s was seen at %d steps, which is enough", name, LEAST_SIGHTS)
+        positions = self._seen.setdefault(name, [])
+        positions.append((np.array([x, y]) + off, covariance))
+        del positions[:-MAX_OBSERVATIONS]
+        if len(positions) == MIN_OBSERVATIONS:
+            _log.info("landmark %s was seen at %d steps, which is enough", name, MIN_OBSERVATIONS)
 
     def entries(self) -> Iterator[dict[str, Any]]:
         """Yield the found landmarks as entries of a landmarks file."""
-        for name, sights in sorted(self._sights.items()):
-            positions, covariances = map(np.array, zip(*sights, strict=True))
+        for name, seen in sorted(self._seen.items()):
+            positions, covariances = map(np.array, zip(*seen, strict=True))
             scatter_m = float(np.sqrt(positions.var(axis=0).max()))
-            if len(sights) < LEAST_SIGHTS or scatter_m > MOST_SCATTER_M:
-                what = f"{len(sights)} observations, which scatter by {scatter_m:.2f} m"
+            if len(seen) < MIN_OBSERVATIONS or scatter_m > MOST_SCATTER_M:
+                what = f"{len(seen)} observations, which scatter by {scatter_m:.2f} m"
                 _log.warning("landmark %s is left out: %s", name, what)
                 continue
             weights = np.linalg.inv(covariances)
             covariance = np.linalg.inv(weights.sum(axis=0))
             x, y = covariance @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
             sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-            sigma = max(float(sigma), scatter_m / np.sqrt(len(sights)), LEAST_SIGMA_M)
+            sigma = max(float(sigma), scatter_m / np.sqrt(len(seen)), LEAST_SIGMA_M)
             at = {key: round(float(value), 3) for key, value in (("x", x), ("y", y))}
             yield {"id": name, **at, "sigma": round(float(sigma), 3)}

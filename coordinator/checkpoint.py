@@ -43,7 +43,7 @@ def ensemble_problem(ensemble: Ensemble, applied: Scan | None) -> str | None:
     if not all(place.mirrored for place in decoy.places):
         return "a decoy that follows the robot itself"
     probabilities = (cluster.probability for cluster in clusters.all())
-    if abs(math.fsum(probabilities) + clusters.nowhere - 1) > SUM_TOLERANCE:
+    if abs(math.fsum(probabilities) + clusters.outside_clusters - 1) > SUM_TOLERANCE:
         return "probabilities that do not sum to one"
     prior = ensemble.prior_pose
     return (

@@ -43,7 +43,7 @@ class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     recording: Path
     map: Path
     reference: Path | None = None
-    """File with the ground truth; None: the ground truth is unknown, so no step is judged."""
+    """File with the ground truth; None: the ground truth is unknown, so no step is scored."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,7 +54,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """Largest number of steps; None: to the end of the recording."""
     mirrored: bool = False
     """Whether to mirror all scans and motions: the robot is then not on the map, and no step is
-    judged."""
+    scored."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 - *Estimate*: the most probable place; none while the first search runs.
 - *Right*: within 1 m and 20 degrees of the ground truth.
 - *Right for good*: from the first step after which every estimate of the run is right.
-- *Judged*: a step with a known true pose. Other steps count only in the number of steps, the
+- *Scored*: a step with a known true pose. Other steps count only in the number of steps, the
   fractions of states, and the means of "elsewhere" and "off the map".
 - *Reported*: the places of a step with their probabilities, also while the first search runs.
 - *Tracked*: a step after the first search with a right place, probable or not.
@@ -109,32 +109,32 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
 
     steps: int
     localized: bool
-    """Whether the estimates of the last 10 judged steps, or of all if fewer, were right."""
+    """Whether the estimates of the last 10 scored steps, or of all if fewer, were right."""
     final_error_m: float | None
-    """Position error of the estimate at the last judged step."""
+    """Position error of the estimate at the last scored step."""
     final_error_rad: float | None
-    """Heading error of the estimate at the last judged step."""
+    """Heading error of the estimate at the last scored step."""
     localized_at_step: int | None
     """The first step from which the estimate is right for good; None: not localized."""
     localized_at_s: float | None
     """Time from the first step to `localized_at_step`."""
     confidently_wrong_fraction: float | None
-    """Fraction of the judged steps whose estimate was wrong, with a probability of 0.9 or more."""
+    """Fraction of the scored steps whose estimate was wrong, with a probability of 0.9 or more."""
     truth_tracked_fraction: float | None
-    """Fraction of the judged steps after the first search at which the truth was tracked."""
+    """Fraction of the scored steps after the first search at which the truth was tracked."""
     truth_probability_mean: float | None
-    """Mean over the judged steps after the first search of the probability of all right places."""
+    """Mean over the scored steps after the first search of the probability of all right places."""
     rmse_m: float | None
     """Root mean square error of the position once right for good."""
     sure_and_right_at_step: int | None
     """The first step whose estimate is right and has a probability of 0.9 or more."""
     log_score_mean: float | None
-    """Mean over all judged steps of the natural logarithm of the reported probability of all
+    """Mean over all scored steps of the natural logarithm of the reported probability of all
     right places together, bounded below by 0.001. 0 is the best."""
     truth_probability_lowest_once_sure: float | None
     """Lowest reported probability of all right places, from `sure_and_right_at_step` on."""
     brier_mean: float | None
-    """Brier score, mean over all judged steps: (1 - p)^2, with p the reported probability of all
+    """Brier score, mean over all scored steps: (1 - p)^2, with p the reported probability of all
     right places together, plus the squared probabilities of the wrong places. Probability given
     to no place, as to "elsewhere", counts 0. 0 is sure and right, 1 no place, 2 sure and wrong."""
     elsewhere_probability_mean: float | None
@@ -142,7 +142,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     off_map_probability_mean: float | None
     """Mean over all steps of the probability that the robot is not on the map."""
     localized_fraction: float
-    """Fraction of all steps with the state `localized`, judged or not."""
+    """Fraction of all steps with the state `localized`, scored or not."""
     ambiguous_fraction: float
     lost_fraction: float
     searching_fraction: float
@@ -156,11 +156,11 @@ def measures_of(
     facts: Sequence[StepFacts], *, wall_s: float = 0.0, cpu_s: float = 0.0
 ) -> RunMeasures:
     """Compute the measures of a run."""
-    judged = [each for each in facts if each.truth]
+    scored = [each for each in facts if each.truth]
     held = [each for each in after_first_search(facts) if each.truth]
-    final = judged[-1].error if judged else None
-    good = right_for_good(judged)
-    once_sure = list(dropwhile(lambda each: not (each.right and each.confident), judged))
+    final = scored[-1].error if scored else None
+    good = right_for_good(scored)
+    once_sure = list(dropwhile(lambda each: not (each.right and each.confident), scored))
     squared_m2 = mean(each.error.distance_m**2 for each in good if each.error)
     elsewhere = [each.elsewhere for each in facts]
     return RunMeasures(
@@ -170,7 +170,7 @@ def measures_of(
         final_error_rad=final.heading_rad if final else None,
         localized_at_step=good[0].step if good else None,
         localized_at_s=(good[0].stamp_ns - facts[0].stamp_ns) / 1e9 if good else None,
-        confidently_wrong_fraction=mean(each.confident and not each.right for each in judged),
+        confidently_wrong_fraction=mean(each.confident and not each.right for each in scored),
         truth_tracked_fraction=mean(each.tracked for each in held),
         truth_probability_mean=mean(
             each.truth_probability if each.claims else 0.0 for each in held
@@ -178,12 +178,12 @@ def measures_of(
         rmse_m=None if squared_m2 is None else math.sqrt(squared_m2),
         sure_and_right_at_step=once_sure[0].step if once_sure else None,
         log_score_mean=mean(
-            math.log(max(each.truth_probability, LEAST_PROBABILITY)) for each in judged
+            math.log(max(each.truth_probability, LEAST_PROBABILITY)) for each in scored
         ),
         truth_probability_lowest_once_sure=min(
             (each.truth_probability for each in once_sure), default=None
         ),
-        brier_mean=mean(map(brier, judged)),
+        brier_mean=mean(map(brier, scored)),
         elsewhere_probability_mean=mean(p for p in elsewhere if p is not None),
         off_map_probability_mean=mean(each.off_map for each in facts),
         **{
@@ -212,7 +212,7 @@ def after_first_search(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
     return facts[first:]
 
 
-def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
+def right_for_good(scored: Sequence[StepFacts]) -> Sequence[StepFacts]:
     """Return the last steps, all right; empty if fewer than 10 steps, unless all are right."""
-    count = sum(1 for _ in takewhile(lambda each: each.right, reversed(judged)))
-    return judged[len(judged) - count :] if count >= min(LAST_STEPS, len(judged)) else ()
+    count = sum(1 for _ in takewhile(lambda each: each.right, reversed(scored)))
+    return scored[len(scored) - count :] if count >= min(LAST_STEPS, len(scored)) else ()

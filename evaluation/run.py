@@ -35,7 +35,7 @@ ALGORITHMS: dict[str, Outcomes] = {
 }
 """Cluster-MCL, ordinary MCL, and augmented MCL (as AMCL)."""
 
-JudgedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
+EstimatedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
 """A scan, the belief after it, and the true pose; None where the truth is unknown."""
 
 T = TypeVar("T")
@@ -56,7 +56,7 @@ class Run:
     start_step: int = 0
     """First step used of a recording, as if the robot had been switched on there."""
 
-    def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[JudgedStep]]:
+    def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[EstimatedStep]]:
         """Open all inputs; return the course, and an iterator over the steps.
 
         Args:
@@ -69,12 +69,12 @@ class Run:
             model = sensor_model(course.map, settings.sensor, folder)
         except ValueError as error:  # the map has no obstacle
             raise MapFileError(course.map_name, str(error)) from error
-        return course, _judged_steps(course, self.follow, model, settings)
+        return course, _estimated_steps(course, self.follow, model, settings)
 
 
-def _judged_steps(
+def _estimated_steps(
     course: Course, follow: Outcomes, model: SensorModel, settings: Settings
-) -> Iterator[JudgedStep]:
+) -> Iterator[EstimatedStep]:
     truths: dict[int, PoseTuple | None] = {}
 
     def scans() -> Iterator[Scan]:

@@ -110,7 +110,7 @@ def _check_cells(cells: Cells) -> None:
     if low < UNKNOWN or high > OCCUPIED:
         raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
     if not np.any(cells == FREE):
-        raise ValueError("no free cell: there is nowhere to localize")
+        raise ValueError("no cell is free, so no pose is possible")
 
 
 def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:

@@ -32,7 +32,7 @@ class ObservationArrays(NamedTuple):
     Each landmark explains an observation with log(ratio) = scale - squares, a Gaussian.
     """
 
-    sights: NDArray[np.float64]
+    detections: NDArray[np.float64]
     """(S, 3) x, y of observed landmarks in the robot's frame [m]; share of the observation."""
     positions: NDArray[np.float64]
     """(L, 2) landmarks in the map [m]."""
@@ -59,12 +59,12 @@ class ObservationArrays(NamedTuple):
     ) -> "ObservationArrays":
         """Return the arrays of observations; arguments as for `log_likelihood_ratio`."""
         names = np.array(landmarks.names)
-        sights = [seen for seen in observations if seen.landmark]
-        explained = np.empty((len(sights), len(names)))
-        for row, seen in zip(explained, sights, strict=True):
+        detections = [seen for seen in observations if seen.landmark]
+        explained = np.empty((len(detections), len(names)))
+        for row, seen in zip(explained, detections, strict=True):
             right, any_landmark = factors(seen, landmarks, grid)
             row[:] = any_landmark + right * (names == seen.landmark)
-        covariances = np.array([seen.covariance for seen in sights]).reshape(-1, 2, 2, 1)
+        covariances = np.array([seen.covariance for seen in detections]).reshape(-1, 2, 2, 1)
         xx, xy = covariances[:, 0, 0] + landmarks.variances, covariances[:, 0, 1]
         yy = covariances[:, 1, 1] + landmarks.variances
         determinants = xx * yy - xy * xy
@@ -79,7 +79,7 @@ class ObservationArrays(NamedTuple):
             row[3:] = math.log(right / normal), seen.share
             precision[:size, :size] = 0.5 * np.linalg.inv(seen.covariance)
         return cls(
-            np.array([(*seen.mean, seen.share) for seen in sights]).reshape(-1, 3),
+            np.array([(*seen.mean, seen.share) for seen in detections]).reshape(-1, 3),
             plain(landmarks.positions),
             scales,
             np.stack([0.5 * yy, -xy + 0.0 * yy, 0.5 * xx], axis=-1) / determinants[..., None],
@@ -171,8 +171,8 @@ def _log_ratios(
         chord = max(chord, (cosines[i] - cos0) ** 2 + (sines[i] - sin0) ** 2)
     around, chord = sqrt(around), sqrt(chord)
     total, log_sum, log_ratio = np.zeros(len(poses)), np.empty(len(poses)), np.empty(len(poses))
-    for s in range(len(observed.sights)):
-        x, y, share = observed.sights[s]
+    for s in range(len(observed.detections)):
+        x, y, share = observed.detections[s]
         here_x, here_y = x0 + cos0 * x - sin0 * y, y0 + sin0 * x + cos0 * y
         apart = around + chord * hypot(x, y)
         log_sum[:] = 0.0  # the logarithm of 1 and all terms so far

@@ -112,11 +112,11 @@ def log_odds_by_decoy(
     right = float(np.logaddexp(math.log1p(-_ODD_VIEW) + right, math.log(_ODD_VIEW) + wrong))
     right, wrong, alike = new_view * right, new_view * wrong, new_view * alike
     here, _ = _mixture(quality.alike, alike, right)
-    nowhere, _ = _mixture(quality.alike, alike, wrong)
+    not_here, _ = _mixture(quality.alike, alike, wrong)
     either, _ = _mixture(math.exp(log_here), right, wrong)
     _, alike_now = _mixture(quality.alike, alike, either)
     kept = alike_now + _FORGOTTEN * new_view * (_ALIKE_SHARE - alike_now)
-    return here - nowhere, msgspec.structs.replace(quality, alike=kept)
+    return here - not_here, msgspec.structs.replace(quality, alike=kept)
 
 
 def log_odds_of_here(
@@ -144,7 +144,7 @@ def log_odds_of_here(
     log_kinds = new_view * np.logaddexp.reduce(log_probabilities + relative, axis=0)
     clear, crude, resembling, foreign = log_kinds.tolist()
     here, crude_now = _mixture(quality.crude, crude, clear)
-    nowhere, resembling_now = _mixture(quality.resembling, resembling, foreign)
+    not_here, resembling_now = _mixture(quality.resembling, resembling, foreign)
     forgotten = _FORGOTTEN * new_view
     seen = new_view * _SHORT_LEARNED * probabilities
     short = np.array([each.other / sum(each) for each in classes])
@@ -154,7 +154,7 @@ def log_odds_of_here(
         quality.short + float(seen @ (short - quality.short)),
         quality.alike,
     )
-    return here - nowhere, learned
+    return here - not_here, learned
 
 
 def probability_right(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:

@@ -55,6 +55,6 @@ def written_output() -> Iterator[None]:
 
 def _discard_the_rest() -> None:
     """Drop the buffer, which would fail again at the interpreter's exit."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, sys.stdout.fileno())
+    os.close(null)

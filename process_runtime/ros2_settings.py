@@ -61,7 +61,9 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     ] = ""
     sight_sigma_per_m: Annotated[
         float,
-        described("standard deviation of a sight without covariance, for each metre to it", gt=0),
+        described(
+            "standard deviation of a detection without covariance, for each metre to it", gt=0
+        ),
     ] = 0.05
     map_topic: Annotated[str, described("the map, latched")] = "map"
     tf_topic: Annotated[

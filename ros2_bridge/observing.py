@@ -88,8 +88,8 @@ def _from_centre(latitude_deg: float, longitude_deg: float) -> NDArray[np.float6
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """A sight of a landmark that waits for tf."""
+class _Detection:
+    """A detected landmark that waits for tf."""
 
     topic: str
     name: str
@@ -112,7 +112,7 @@ class Observing:
     def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
         self.settings, self._frames = settings, frames
         self._datum = Datum.of(settings)
-        self._waiting: deque[_Sight] = deque()
+        self._waiting: deque[_Detection] = deque()
 
     def clear(self) -> None:
         self._waiting.clear()
@@ -137,26 +137,26 @@ class Observing:
             case types.APRIL_TAGS:
                 for tag in message.detections:
                     name = f"{tag.family}:{tag.id}"
-                    self._waiting.append(_Sight(topic, name, name, stamp_ns, now_ns))
+                    self._waiting.append(_Detection(topic, name, name, stamp_ns, now_ns))
             case types.DETECTIONS:
                 self._waiting.extend(_objects(message, topic, stamp_ns, now_ns))
         while len(self._waiting) > MAX_WAITING:
-            yield Refused("too many sights wait for tf", self._waiting.popleft().name)
+            yield Refused("too many detections wait for tf", self._waiting.popleft().name)
 
     def ready(self, now_ns: int) -> Iterator[Observation | Refused]:
         """Remove and yield the detections whose transforms are known, and refuse late ones."""
         waiting, self._waiting = self._waiting, deque()
-        for sight in waiting:
+        for detection in waiting:
             try:
-                yield self._seen(sight)
+                yield self._seen(detection)
             except TransformMissingError as missing:
                 tolerance_ns = self.settings.transform_tolerance_s * 1e9
-                if missing.may_come and now_ns - sight.since_ns < tolerance_ns:
-                    self._waiting.append(sight)
+                if missing.may_come and now_ns - detection.since_ns < tolerance_ns:
+                    self._waiting.append(detection)
                 else:
-                    yield Refused(f"sight without transform: {missing.cause}", str(missing))
+                    yield Refused(f"detection without transform: {missing.cause}", str(missing))
             except ValueError as problem:
-                yield Refused("sight refused", f"{sight.topic}: {problem}")
+                yield Refused("detection refused", f"{detection.topic}: {problem}")
 
     def _fix(self, message: Any, stamp_ns: int) -> tuple[Any, Any]:
         """Return the (2,) position and (2, 2) covariance of a `sensor_msgs/NavSatFix`.
@@ -177,26 +177,28 @@ class Observing:
         covariance = np.reshape(message.position_covariance, (3, 3))[:2, :2]
         return mean, turn @ covariance @ turn.T + (offset.x**2 + offset.y**2) * np.eye(2)
 
-    def _seen(self, sight: _Sight) -> Observation:
-        """Return the observation of a sight.
+    def _seen(self, detection: _Detection) -> Observation:
+        """Return the observation of a detection.
 
         Raises:
             TransformMissingError: a transform is missing at its time.
             ValueError: its numbers are not valid.
         """
-        frame = self._frames.lookup(self.settings.base_frame, sight.frame, sight.stamp_ns)
-        place = frame.of(sight.place)
+        frame = self._frames.lookup(self.settings.base_frame, detection.frame, detection.stamp_ns)
+        place = frame.of(detection.place)
         distance_m = math.hypot(*place[:3])
         sigma_m = max(self.settings.sight_sigma_per_m * distance_m, _LEAST_SIGMA_M)
         covariance = sigma_m**2 * np.eye(2)
-        if sight.covariance is not None:
+        if detection.covariance is not None:
             turn = frame.rotation()
-            covariance = (turn @ sight.covariance @ turn.T)[:2, :2]
-        return _checked(sight.topic, sight.stamp_ns, sight.name, np.array(place[:2]), covariance)
+            covariance = (turn @ detection.covariance @ turn.T)[:2, :2]
+        return _checked(
+            detection.topic, detection.stamp_ns, detection.name, np.array(place[:2]), covariance
+        )
 
 
-def _objects(message: Any, topic: str, stamp_ns: int, now_ns: int) -> Iterator[_Sight]:
-    """Yield the sights of a `vision_msgs/Detection3DArray`: the likeliest class of each object."""
+def _objects(message: Any, topic: str, stamp_ns: int, now_ns: int) -> Iterator[_Detection]:
+    """Yield the objects of a `vision_msgs/Detection3DArray`, each with its likeliest class."""
     for found in message.detections:
         named = [result for result in found.results if result.hypothesis.class_id]
         if not named:
@@ -208,7 +210,7 @@ def _objects(message: Any, topic: str, stamp_ns: int, now_ns: int) -> Iterator[_
         place = IDENTITY._replace(x=at.x, y=at.y, z=at.z)
         covariance = given if given.any() else None
         name = best.hypothesis.class_id
-        yield _Sight(topic, name, frame, stamp_ns, now_ns, place, covariance)
+        yield _Detection(topic, name, frame, stamp_ns, now_ns, place, covariance)
 
 
 def _checked(topic: str, stamp_ns: int, name: str, mean: Any, covariance: Any) -> Observation:

@@ -81,7 +81,7 @@ class PendingObservations:
         self._waiting: list[Observation] = []
         self._placed: list[tuple[Source, Placed, Pose, float]] = []
         self._sources = Sources(landmarks)
-        self.judge, self.health = self._sources.judge, self._sources.health
+        self.on_belief, self.health = self._sources.on_belief, self._sources.health
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def on_observation(self, observation: Observation) -> None:

@@ -358,7 +358,7 @@ class Bridge:
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         if self._maker is not None:
-            self._maker.judge(belief)
+            self._maker.on_belief(belief)
             self._node.health.sources = self._maker.sources
         searching = belief.state == "searching"
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)

@@ -19,9 +19,9 @@ from protocol.steps import Landmark
 Source: TypeAlias = tuple[str, str]
 """A sender, and the landmark that it sees: one tag may have been moved. Empty: poses."""
 
-PRIOR_SIGHTS = 2.0
+PRIOR_OBSERVATIONS = 2.0
 """Weight of the outlier probability that a source states [observations]."""
-MOST_SIGHTS = 10.0
+MAX_OBSERVATIONS = 10.0
 """Weight of all past observations together, so that a repaired source recovers [observations]."""
 BROKEN = 0.5
 """A source that is wrong more often than this does not count."""
@@ -51,7 +51,7 @@ class Sources:
         return wrong > BROKEN * (wrong + right)
 
     def health(self) -> tuple[SourceHealth, ...]:
-        """Return the estimated outlier rate of each source with judged observations."""
+        """Return the estimated outlier rate of each source whose observations were compared."""
         recent = dict.fromkeys(self._rates, 0.0)
         for _, source, nat in self._gains:
             recent[source] += nat
@@ -69,8 +69,8 @@ class Sources:
         """Store an observation and its weight until the belief of its step arrives."""
         self._seen.append((step, source, seen, weight))
 
-    def judge(self, belief: Belief) -> None:
-        """Judge the observations of a step by the belief after it."""
+    def on_belief(self, belief: Belief) -> None:
+        """Learn from the observations of a step and the belief after it."""
         seen = [each[1:] for each in self._seen if each[0] == belief.step]
         later = [each for each in self._seen if each[0] > belief.step]
         self._seen = deque(later, self._seen.maxlen)
@@ -95,10 +95,10 @@ class Sources:
 
     def _learn(self, source: Source, seen: Observation, outlier: float) -> None:
         stated = seen.outlier_probability
-        prior = PRIOR_SIGHTS * stated, PRIOR_SIGHTS * (1.0 - stated)
+        prior = PRIOR_OBSERVATIONS * stated, PRIOR_OBSERVATIONS * (1.0 - stated)
         wrong, right = self._rates.get(source, prior)
         wrong, right = wrong + seen.share * outlier, right + seen.share * (1.0 - outlier)
-        kept = min(MOST_SIGHTS / (wrong + right), 1.0)
+        kept = min(MAX_OBSERVATIONS / (wrong + right), 1.0)
         self._rates[source] = kept * wrong, kept * right
 
 

@@ -150,9 +150,9 @@ class StepMaker:
         """Add an observation of another sensor to the next step."""
         self._pending_observations.on_observation(observation)
 
-    def judge(self, belief: Belief) -> None:
+    def on_belief(self, belief: Belief) -> None:
         """Compare the observations of a step with the belief after it."""
-        self._pending_observations.judge(belief)
+        self._pending_observations.on_belief(belief)
 
     @property
     def sources(self) -> tuple[SourceHealth, ...]:

@@ -1,4 +1,4 @@
-"""Property tests judge what is computed, not how fast a shared machine computes it."""
+"""Property tests check what is computed, not how fast a shared machine computes it."""
 
 from hypothesis import HealthCheck, settings
 

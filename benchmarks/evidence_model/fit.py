@@ -38,7 +38,7 @@ class Figures:
     @cached_property
     def log_score(self) -> float:
         """Of the runs that found the truth; NaN without any."""
-        scores = np.where(self._judged, self.replayed.log_score, np.nan)[self.found]
+        scores = np.where(self._scored, self.replayed.log_score, np.nan)[self.found]
         return float(np.nanmean(scores)) if len(scores) else math.nan
 
     @cached_property
@@ -47,7 +47,7 @@ class Figures:
 
     @cached_property
     def sure_wrong(self) -> float:
-        return float(np.mean(self.replayed.sure_wrong[self._judged]))
+        return float(np.mean(self.replayed.sure_wrong[self._scored]))
 
     @cached_property
     def sure_by_end(self) -> float:
@@ -59,7 +59,7 @@ class Figures:
         return float(np.quantile(first, quantile))
 
     @property
-    def _judged(self) -> NDArray[np.bool_]:
+    def _scored(self) -> NDArray[np.bool_]:
         return np.asarray(np.isfinite(self.replayed.truth))
 
 

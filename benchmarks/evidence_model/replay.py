@@ -95,7 +95,7 @@ class Stack:
         self.into = np.tile(np.arange(places), (steps, runs, 1))
         self.elsewhere = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
         self.distance_m, self.turn_rad = np.zeros((2, steps, runs))
-        self.judged = np.zeros((steps, runs), np.bool_)
+        self.scored = np.zeros((steps, runs), np.bool_)
         self.share = np.zeros((runs, places))
         self.first_fit = np.array([[r.first_fit] for r in records])
         self.elsewhere_fit = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
@@ -105,7 +105,7 @@ class Stack:
             self.fit[:t, run] = np.nanmax(r.fit, axis=1)
             self.into[:t, run, :k], self.elsewhere[:t, run] = r.into, r.elsewhere
             self.distance_m[:t, run], self.turn_rad[:t, run] = r.distance_m, r.turn_rad
-            self.judged[:t, run], self.elsewhere_fit[:t, run] = r.known, r.elsewhere_fit
+            self.scored[:t, run], self.elsewhere_fit[:t, run] = r.known, r.elsewhere_fit
             self.share[run, :k] = r.share
 
     def replayed(self, rules: Rules) -> Replayed:
@@ -128,7 +128,7 @@ class Stack:
             against = rules.counted(worse, self.fit[t][:, None], *moved)
             fresh = np.where(reported, _spread(log_places, rules) - against, -np.inf)
             log_places = np.where(running[:, None], _normalised(fresh), log_places)
-            rows.append(self._row(log_places, log_odds, self.copy[t], self.judged[t], copies))
+            rows.append(self._row(log_places, log_odds, self.copy[t], self.scored[t], copies))
             self._merge(log_places, self.into[t])
         columns = zip(*rows, strict=True)
         return Replayed(*(np.stack(column, axis=1) for column in columns))
@@ -159,7 +159,7 @@ class Stack:
         log_places: Floats,
         log_odds: Floats,
         copy: NDArray[np.int8],
-        judged: NDArray[np.bool_],
+        scored: NDArray[np.bool_],
         copies: int,
     ) -> tuple[NDArray[Any], ...]:
         """One step's columns of `Replayed`."""
@@ -173,12 +173,12 @@ class Stack:
         best = places[np.arange(len(places)), first]
         best_right = right[np.arange(len(places)), first]
         each = [(places * (copy == index)).sum(axis=1) for index in range(copies)]
-        gone = ~judged
+        gone = ~scored
         return (
             np.where(gone, np.nan, truth),
             np.where(gone, np.nan, elsewhere),
             np.where(gone, 0.0, best),
-            best_right & judged,
+            best_right & scored,
             np.where(gone, np.nan, brier),
             np.stack(each, axis=1),
         )

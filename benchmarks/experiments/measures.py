@@ -105,7 +105,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     truth_lowest_once_sure: float | None
     """The lowest reported probability of all right places together, from that update on."""
     log_score: float | None
-    """Mean over all judged updates of the natural logarithm of the reported probability of all
+    """Mean over all scored updates of the natural logarithm of the reported probability of all
     right places together, bounded below by 0.001. 0 is the best."""
     brier: float | None
     """Brier score, mean over the same updates: (1 - p)^2, with p the reported probability of all
@@ -156,7 +156,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Updates from then to the first of 5 in a row with right estimates."""
 
     localized_share: float
-    """Share of all updates with the state `localized`, judged or not."""
+    """Share of all updates with the state `localized`, scored or not."""
     ambiguous_share: float
     """The same of `ambiguous`."""
     lost_share: float
@@ -195,9 +195,9 @@ def measures_of(
         cpu_s: CPU time of the run [s].
     """
     made = common.measures_of([each.facts for each in updates], wall_s=wall_s, cpu_s=cpu_s)
-    judged = [each for each in updates if each.copies]
+    scored = [each for each in updates if each.copies]
     first = next((each.number for each in updates if each.facts.state != "searching"), math.inf)
-    held = [each for each in judged if each.number >= first]
+    held = [each for each in scored if each.number >= first]
     sure, settled = (
         None if step is None else step + 1
         for step in (made.sure_and_right_at_step, made.localized_at_step)
@@ -205,8 +205,8 @@ def measures_of(
     entropies = [entropy_of_copies(each) for each in held]
     seen = seen_at_update
     before_seen = [each for each in held if seen and each.number < seen]
-    after_kidnap = [e for e in judged if kidnapped_at_update and e.number > kidnapped_at_update]
-    kept_from = first_right(judged)
+    after_kidnap = [e for e in scored if kidnapped_at_update and e.number > kidnapped_at_update]
+    kept_from = first_right(scored)
     return RunMeasures(
         updates=made.steps,
         localized=made.localized,
@@ -218,7 +218,7 @@ def measures_of(
         confidently_wrong_share=made.confidently_wrong_fraction,
         tracked_share=made.truth_tracked_fraction,
         kept_share=mean(
-            each.facts.tracked for each in judged if kept_from and each.number >= kept_from
+            each.facts.tracked for each in scored if kept_from and each.number >= kept_from
         ),
         truth_probability=made.truth_probability_mean,
         sure_and_right_at_update=sure,
@@ -227,16 +227,16 @@ def measures_of(
         brier=made.brier_mean,
         elsewhere_probability=made.elsewhere_probability_mean,
         off_map_probability=made.off_map_probability_mean or 0.0,
-        right_share=mean(each.facts.right for each in judged) or 0.0,
-        right_at_50=right_at(judged, 50),
-        right_at_100=right_at(judged, 100),
-        right_within=first_right(judged),
+        right_share=mean(each.facts.right for each in scored) or 0.0,
+        right_at_50=right_at(scored, 50),
+        right_at_100=right_at(scored, 100),
+        right_within=first_right(scored),
         bootstrap_update=held[0].number if held else None,
         copies_found=sum(p is not None for p in held[0].copies) if held else None,
         all_tracked_share=mean(each.all_tracked for each in held),
         entropy_mean=mean(entropies),
         entropy_min=min(entropies, default=None),
-        leader_changes=leader_changes(judged),
+        leader_changes=leader_changes(scored),
         seen_at_update=seen,
         all_tracked_until_seen_share=mean(each.all_tracked for each in before_seen),
         settled_after_seen=max(settled - seen, 0) if seen and settled else None,
@@ -249,7 +249,7 @@ def measures_of(
         lost_share=made.lost_fraction,
         searching_share=made.searching_fraction,
         localized_wrong_share=(
-            mean(e.facts.state == "localized" and not e.facts.right for e in judged) or 0.0
+            mean(e.facts.state == "localized" and not e.facts.right for e in scored) or 0.0
         ),
         short_beam_share=short_beam_share,
         wall_s=made.wall_s,
@@ -273,7 +273,7 @@ def calibration_of(updates: Sequence[Update]) -> Counts:
 
 
 def right_at(updates: Sequence[Update], number: int) -> bool | None:
-    """Return whether the estimate of one update was right; None if it was not judged."""
+    """Return whether the estimate of one update was right; None if it was not scored."""
     return next((each.facts.right for each in updates if each.number == number), None)
 
 

@@ -42,7 +42,7 @@ from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import ParticleCount, Place, TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
-"""Distance [m] and turn [rad] after which 63 % of a scan is new evidence on `nowhere`."""
+"""Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
 ALTERNATIVE = 0.1
 """A cluster with this share of the best one's probability is an alternative."""
 STILL_PROBABLE = 0.05
@@ -56,7 +56,7 @@ LEAST_LOG = -1e6
 
 
 def new_evidence_share(before_from_after: Pose) -> float:
-    """Return the share of a scan, after a motion (3,), that counts as evidence for `nowhere`."""
+    """Return the share of a scan, after a motion (3,), that counts against all clusters."""
     moved_m, turned_rad = way(before_from_after)
     return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
@@ -127,7 +127,7 @@ class ClusterSet(Part):
         return math.exp(self.log_off_map)
 
     @property
-    def nowhere(self) -> float:
+    def outside_clusters(self) -> float:
         """The probability that the robot is elsewhere or off the map."""
         return self.elsewhere + self.off_map
 
@@ -285,7 +285,7 @@ class ClusterSet(Part):
             return odds
         classes = [BeamClasses(*decoy.beam_classes)]
         of_decoy, _ = log_odds_of_here(self.quality, np.ones(1), classes, new_view)
-        log_here = math.log1p(-min(self.nowhere, 1.0 - 1e-12))
+        log_here = math.log1p(-min(self.outside_clusters, 1.0 - 1e-12))
         by_fit, self.quality = log_odds_by_decoy(self.quality, difference, log_here, new_view)
         # Classes count only where they differ from the decoy's.
         return min(max(odds - of_decoy, min(odds, 0.0)), max(odds, 0.0)) + by_fit

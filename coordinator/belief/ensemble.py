@@ -247,8 +247,8 @@ class Ensemble(Part, kw_only=True):
         corners: Corners = (),
     ) -> None:
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
-        nowhere = (self.clusters.log_elsewhere, self.clusters.log_off_map)
-        self.begin |= self.search.begin(first_step, *nowhere, near, corners)
+        outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
+        self.begin |= self.search.begin(first_step, *outside, near, corners)
 
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
@@ -282,7 +282,7 @@ class Ensemble(Part, kw_only=True):
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
-        has_best = best > LEADS * (1.0 - self.clusters.nowhere)
+        has_best = best > LEADS * (1.0 - self.clusters.outside_clusters)
         is_open = has_best and self.clusters.off_map > OPEN
         begin, ended = self.decoy.follow(step, reports, is_open=is_open)
         self.begin |= begin
@@ -424,7 +424,7 @@ class Ensemble(Part, kw_only=True):
             step=step,
             state=self._state(tracked),
             hypotheses=tracked,
-            elsewhere_probability=self.clusters.nowhere,
+            elsewhere_probability=self.clusters.outside_clusters,
             off_map_probability=self.clusters.off_map,
             searching=self.search.runs,
             missing=missing,
@@ -471,7 +471,7 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _lost(self) -> bool:
-        return self.clusters.nowhere > self.settings.belief.lost_probability
+        return self.clusters.outside_clusters > self.settings.belief.lost_probability
 
     @property
     def _is_elsewhere(self) -> bool:

@@ -9,15 +9,15 @@ const NEAR_M = 0.2;
  * @param step with its scan [cm, in the robot's frame] and the laser's position
  * @return the position in the map and the class of each end point
  */
-export function judgedBeams(map, [x, y, heading], { scan, laser }) {
-  const c = Math.cos(heading) / 100, s = Math.sin(heading) / 100, judged = [];
+export function classifiedBeams(map, [x, y, heading], { scan, laser }) {
+  const c = Math.cos(heading) / 100, s = Math.sin(heading) / 100, classified = [];
   const mapOf = (ahead, aside) => [x + c * ahead - s * aside, y + s * ahead + c * aside];
   const from = mapOf(...laser);
   for (let i = 0; i < scan.length; i += 2) {
     const to = mapOf(scan[i], scan[i + 1]);
-    judged.push({ to, kind: kindOf(map, from, to) });
+    classified.push({ to, kind: kindOf(map, from, to) });
   }
-  return { from, judged };
+  return { from, classified };
 }
 
 function kindOf(map, [x0, y0], [x1, y1]) {

@@ -1,5 +1,5 @@
 // Draws the map and everything on it when something has changed, at most once in a frame.
-import { BEAM_COLOURS, judgedBeams } from "./beams.js";
+import { BEAM_COLOURS, classifiedBeams } from "./beams.js";
 import { drawLandmarks, drawSeen } from "./landmarks.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
@@ -251,10 +251,10 @@ export class MapView {
   /** Draw the beams for and against a place. */
   drawBeams(place) {
     const { context } = this, usual = context.globalAlpha;
-    const { from, judged } = judgedBeams(this.map, place.pose, this.step);
+    const { from, classified } = classifiedBeams(this.map, place.pose, this.step);
     this.beams = [0, 0, 0];
     const start = this.screenOf(from);
-    for (const { to, kind } of judged) {
+    for (const { to, kind } of classified) {
       this.beams[kind] += 1;
       const [left, top] = this.screenOf(to);
       context.strokeStyle = context.fillStyle = themed(BEAM_COLOURS[kind]);

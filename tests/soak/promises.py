@@ -145,7 +145,7 @@ class AgeTrue:
 
     def __init__(self, stale_after_s: float) -> None:
         self._stale_after_s = stale_after_s
-        self._judged = self._wrong_fresh = 0
+        self._checked = self._wrong_fresh = 0
         self._worst_s = 0.0
         self._breaks: list[Break] = []
 
@@ -153,7 +153,7 @@ class AgeTrue:
         answer = question.answer
         if answer is None or answer.freshness == "none":
             return
-        self._judged += 1
+        self._checked += 1
         least_s = (question.asked_ns - answer.stamp_ns) / 1e9
         most_s = (question.closed_ns - answer.stamp_ns) / 1e9
         if answer.freshness == "fresh" and least_s > self._stale_after_s + ALLOWANCE_S:
@@ -170,8 +170,8 @@ class AgeTrue:
         return Verdict(
             promise="the pose's age is true",
             target=f"within {ALLOWANCE_S:g} s",
-            measured=f"{wrong} of {self._judged:,} wrong; worst {self._worst_s:.2f} s",
-            kept=self._judged > 0 and not wrong,
+            measured=f"{wrong} of {self._checked:,} wrong; worst {self._worst_s:.2f} s",
+            kept=self._checked > 0 and not wrong,
             breaks=self._breaks[:KEPT_BREAKS],
             figures={"wrong": wrong, "wrong_fresh": self._wrong_fresh, "worst_s": self._worst_s},
         )
@@ -286,18 +286,18 @@ class TruthHeld:
         self._truths[stamp_ns] = map_from_robot, kidnapped
         _forget_oldest(self._truths)
         if (waiting := self._waiting.pop(stamp_ns, None)) is not None:
-            self._judge(*waiting, map_from_robot, kidnapped)
+            self._check(*waiting, map_from_robot, kidnapped)
 
     def on_belief(self, at_ns: int, belief: Belief) -> None:
-        """Take a belief; it is judged as soon as its scan's true pose is known."""
+        """Take a belief; it is checked as soon as its scan's true pose is known."""
         if (truth := self._truths.get(belief.stamp_ns)) is not None:
-            self._judge(at_ns, belief, *truth)
+            self._check(at_ns, belief, *truth)
             return
         self._waiting[belief.stamp_ns] = at_ns, belief
         _forget_oldest(self._waiting)
 
     def verdict(self, now_ns: int) -> Verdict:
-        self._judge_search(now_ns)
+        self._check_search(now_ns)
         p99_m, longest_s = _quantile(sorted(self._errors_m), 0.99), max(self._found_s, default=0.0)
         return Verdict(
             promise="the true places are held, no wrong one is sure",
@@ -315,7 +315,7 @@ class TruthHeld:
             },
         )  # fmt: skip
 
-    def _judge(self, at_ns: int, belief: Belief, truth: PoseTuple, kidnapped: int) -> None:
+    def _check(self, at_ns: int, belief: Belief, truth: PoseTuple, kidnapped: int) -> None:
         places = belief.hypotheses
         if not places:
             return
@@ -327,7 +327,7 @@ class TruthHeld:
         if kidnapped > self._kidnapped:
             self._kidnapped, self._missed_since_ns = kidnapped, at_ns
         if self._missed_since_ns is not None:
-            self._judge_search(at_ns)
+            self._check_search(at_ns)
             if not all(held):
                 return
             self._found_s.append((at_ns - self._missed_since_ns) / 1e9)
@@ -348,7 +348,7 @@ class TruthHeld:
         self._breaks += [Break(at_ns, f"step {belief.step}: {one}") for one in what]
         self._held = held
 
-    def _judge_search(self, now_ns: int) -> None:
+    def _check_search(self, now_ns: int) -> None:
         """Record once that a kidnapped robot was not found in time."""
         since_ns = self._missed_since_ns
         if since_ns is None:

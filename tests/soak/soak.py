@@ -59,7 +59,7 @@ def run_soak(
     Raises:
         NotReadyError: the robot did not find its first places.
         SettingsError: the world needs more clusters.
-        StoppedError: stopped before there was anything to judge.
+        StoppedError: stopped before there was anything to check.
         ClusterMclError: an input cannot be used, or a process failed at its start.
     """
     if options.world == eight_rooms.__name__ and settings.belief.max_clusters < PLACES:

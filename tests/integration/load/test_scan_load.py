@@ -148,5 +148,5 @@ def test_ten_minutes_at_forty_hertz_lose_no_step_and_beliefs_come_before_the_nex
 
 
 def test_some_seconds_at_forty_hertz_under_other_load_lose_no_step(short_folder: str) -> None:
-    """An overloaded bridge makes fewer steps of the scans; the delay of a belief is not judged."""
+    """An overloaded bridge makes fewer steps of the scans; the delay of a belief is not checked."""
     assert delays_under_load(8.0, Path(short_folder), other_load=lambda: other_work(4))

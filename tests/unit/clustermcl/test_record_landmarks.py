@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.record_landmarks import LEAST_SIGHTS, MOST_SIGHTS, LandmarkSurvey
+from clustermcl.record_landmarks import MAX_OBSERVATIONS, MIN_OBSERVATIONS, LandmarkSurvey
 from protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
 from tests.unit.live_view.messages import belief
 
@@ -54,7 +54,7 @@ def test_observations_of_a_robot_that_is_not_localized_do_not_count(state: str) 
 
 def test_landmarks_with_few_or_scattered_observations_are_left_out() -> None:
     few, scattered = LandmarkSurvey(set()), LandmarkSurvey(set())
-    drive(few, LEAST_SIGHTS - 1, noise_m=0.0)
+    drive(few, MIN_OBSERVATIONS - 1, noise_m=0.0)
     drive(scattered, 20, noise_m=3.0)
     assert not list(few.entries())
     assert not list(scattered.entries())
@@ -63,7 +63,7 @@ def test_landmarks_with_few_or_scattered_observations_are_left_out() -> None:
 def test_known_names_impossible_and_too_many_observations_are_dropped() -> None:
     survey = LandmarkSurvey({"exit"})
     survey.on_belief(replace(belief(0, 1), state="localized"))
-    for step in range(2 * MOST_SIGHTS):
+    for step in range(2 * MAX_OBSERVATIONS):
         for mean, name in (((1.0, 0.0), "exit"), ((1e300, 0.0), "far"), ((1.0, 0.0, 0.0), "three")):
             survey.on_observation(seen(step, mean, name))
         survey.on_observation(seen(step, (1.0, 0.0), f"tag {step}"))
@@ -72,5 +72,5 @@ def test_known_names_impossible_and_too_many_observations_are_dropped() -> None:
     for number in range(2 * MAX_LANDMARKS):
         survey.on_observation(seen(S, (1.0, 0.0), f"more {number}"))
         survey.on_odometry(odometry(S, 0.0))
-    assert len(survey._sights) == MAX_LANDMARKS - 1
-    assert not {"exit", "far", "three"} & set(survey._sights)
+    assert len(survey._seen) == MAX_LANDMARKS - 1
+    assert not {"exit", "far", "three"} & set(survey._seen)

@@ -22,7 +22,7 @@ TRUTH: PoseTuple = (10.0, 5.0, 3.0)
 RIGHT, WRONG = (10.5, 5.0, 3.0), (14.0, 5.0, 3.0)
 
 
-def judged(*steps: tuple[State, list[Hypothesis], PoseTuple | None]) -> dict[str, Any]:
+def scored(*steps: tuple[State, list[Hypothesis], PoseTuple | None]) -> dict[str, Any]:
     """One step a second, numbered from 0."""
     facts = [
         facts_of(step, (100 + step) * 10**9, outcome(state, *places), truth)
@@ -38,7 +38,7 @@ def sure_of(pose: PoseTuple) -> tuple[State, list[Hypothesis], PoseTuple | None]
 SURE, LOST = sure_of(RIGHT), sure_of(WRONG)
 FIRST_SEARCH = "searching", [place(1.0, WRONG)], TRUTH
 FORGOTTEN = "searching", list[Hypothesis](), TRUTH
-UNJUDGED = "localized", [place(1.0)], None
+UNSCORED = "localized", [place(1.0)], None
 DOUBTFUL = "ambiguous", [place(0.89, WRONG), place(0.11, RIGHT)], TRUTH
 SPLIT = "ambiguous", [place(0.5, WRONG), place(0.3, RIGHT), place(0.2, TRUTH)], TRUTH
 LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
@@ -53,7 +53,7 @@ LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
     ([LOST] + [SURE] * 3, {"localized": False}),
     ([LOST, sure_of((10.0, 5.9, 3.0))] + [sure_of((10.0, 5.5, 3.0))] * 10,
      {"rmse_m": math.sqrt((0.9**2 + 10 * 0.5**2) / 11)}),
-    ([SURE, sure_of((10.0, 5.2, 3.1)), UNJUDGED],
+    ([SURE, sure_of((10.0, 5.2, 3.1)), UNSCORED],
      {"final_error_m": 0.2, "final_error_rad": 0.1, "steps": 3}),
     ([SURE, DOUBTFUL, LOST, LOST], {"confidently_wrong_fraction": 0.5}),
     ([FIRST_SEARCH] * 3 + [SURE],
@@ -64,10 +64,10 @@ LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
      {"truth_tracked_fraction": 0.5, "truth_probability_mean": 0.25}),
     ([SURE, FORGOTTEN],
      {"truth_tracked_fraction": 0.5, "localized": False, "final_error_m": None}),
-    ([UNJUDGED] * 12,
+    ([UNSCORED] * 12,
      {"localized": False, "confidently_wrong_fraction": None, "truth_probability_mean": None,
       "steps": 12, "localized_fraction": 1.0}),
-    ([UNJUDGED, FORGOTTEN, SURE], {"truth_tracked_fraction": 0.5}),
+    ([UNSCORED, FORGOTTEN, SURE], {"truth_tracked_fraction": 0.5}),
     ([LOST, SURE, LEADS],
      {"sure_and_right_at_step": 1, "truth_probability_lowest_once_sure": 0.6,
       "log_score_mean": (math.log(0.001) + math.log(0.95) + math.log(0.6)) / 3,
@@ -76,15 +76,15 @@ LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
 ], ids=[
     "right over the last ten steps", "one of them wrong", "a wrong step restarts the count",
     "a short run", "a short run with a wrong step", "the rmse from where it stayed right",
-    "the error of the last judged step", "sure at a wrong place", "the first search is not counted",
+    "the error of the last scored step", "sure at a wrong place", "the first search is not counted",
     "only a first search", "any place tracks the truth", "places forgotten later",
     "no reference", "the first place ends the first search", "steps are counted from 0",
 ])  # fmt: skip
-def test_a_run_is_judged_by_its_steps(
+def test_the_scores_of_a_run_follow_from_its_steps(
     steps: list[tuple[State, list[Hypothesis], PoseTuple | None]], expected: dict[str, object]
 ) -> None:
-    verdict = judged(*steps)
-    assert {name: verdict[name] for name in expected} == pytest.approx(expected)
+    scores = scored(*steps)
+    assert {name: scores[name] for name in expected} == pytest.approx(expected)
 
 
 def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:

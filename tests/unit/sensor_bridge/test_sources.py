@@ -29,19 +29,21 @@ def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> O
     return Observation(np.array(mean), covariance, landmark, 0.05, share)
 
 
-def judged(sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE) -> bool:
+def broken_after(
+    sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE
+) -> bool:
     """Whether the source is broken after one more observation."""
     sources.on_observation(belief.step, of, seen, seen.share)
-    sources.judge(belief)
+    sources.on_belief(belief)
     return sources.is_broken(of)
 
 
 def test_two_wrong_observations_mark_a_source_as_broken_and_right_ones_restore_it() -> None:
     sources = Sources(TAGS)
-    assert [judged(sources, sight(WRONG)) for _ in range(3)] == [False, True, True]
+    assert [broken_after(sources, sight(WRONG)) for _ in range(3)] == [False, True, True]
     for _ in range(20):
-        judged(sources, sight(WRONG))
-    mended = [judged(sources, sight(RIGHT)) for _ in range(10)]
+        broken_after(sources, sight(WRONG))
+    mended = [broken_after(sources, sight(RIGHT)) for _ in range(10)]
     assert mended[0]
     assert not mended[-1]
     assert not sources.is_broken(("eye", "other"))
@@ -51,22 +53,22 @@ def test_two_wrong_observations_mark_a_source_as_broken_and_right_ones_restore_i
 def test_sources_of_poses_are_checked_too(mean: tuple[float, ...]) -> None:
     sources, gnss = Sources(()), ("gnss", "")
     for _ in range(10):
-        assert not judged(sources, sight(mean, landmark=""), of=gnss)
+        assert not broken_after(sources, sight(mean, landmark=""), of=gnss)
     away = (30.0, *mean[1:])
-    assert [judged(sources, sight(away, landmark=""), of=gnss) for _ in range(20)][-1]
+    assert [broken_after(sources, sight(away, landmark=""), of=gnss) for _ in range(20)][-1]
 
 
 def test_a_repeated_observation_counts_by_its_new_share() -> None:
     sources = Sources(TAGS)
-    assert not any(judged(sources, sight(WRONG, share=0.02)) for _ in range(50))
+    assert not any(broken_after(sources, sight(WRONG, share=0.02)) for _ in range(50))
 
 
 def test_an_uncertain_belief_does_not_update_sources() -> None:
     sources = Sources(TAGS)
     for belief in (replace(SURE, state="ambiguous"), replace(SURE, hypotheses=())):
-        assert not any(judged(sources, sight(WRONG), belief) for _ in range(5))
+        assert not any(broken_after(sources, sight(WRONG), belief) for _ in range(5))
     sources.on_observation(7, EYE, sight(WRONG), 1.0)
-    sources.judge(SURE)  # of an earlier step
+    sources.on_belief(SURE)  # of an earlier step
     assert not sources.is_broken(EYE)
 
 
@@ -74,13 +76,15 @@ def test_a_belief_without_spread_is_used() -> None:
     """Rounding may give a variance just below zero."""
     flat = replace(SURE, hypotheses=(replace(HERE, covariance=(-1e-18,) * 9),))
     sources = Sources(TAGS)
-    assert [judged(sources, sight(WRONG), flat) for _ in range(2)][-1]
+    assert [broken_after(sources, sight(WRONG), flat) for _ in range(2)][-1]
 
 
 def test_a_flood_of_senders_is_bounded() -> None:
     sources = Sources(TAGS)
     names = [(f"eye{number}", "tag") for number in range(MAX_SOURCES + 5)]
-    broken = [[judged(sources, sight(WRONG), of=name) for _ in range(2)][-1] for name in names]
+    broken = [
+        [broken_after(sources, sight(WRONG), of=name) for _ in range(2)][-1] for name in names
+    ]
     assert broken == [True] * MAX_SOURCES + [False] * 5
     assert len(source_name(("e\n" * 200, "tag"))) < 70
 
@@ -90,7 +94,7 @@ def test_health_shows_what_each_source_contributed_and_whether_it_is_broken() ->
     for step in range(3):
         for mean, of in ((RIGHT, EYE), (WRONG, ("bad", "tag"))):
             sources.on_observation(step, of, sight(mean), 0.5)
-        sources.judge(replace(SURE, step=step))
+        sources.on_belief(replace(SURE, step=step))
     good, bad = sources.health()
     assert (good.name, bad.name) == ("eye tag", "bad tag")
     # Right with 0.95; the rest are half of this name and half of none, within 314 m^2. Tag, sight,
@@ -102,7 +106,7 @@ def test_health_shows_what_each_source_contributed_and_whether_it_is_broken() ->
     assert bad.outlier_rate > 0.5
     assert good.broken_probability < 0.01
     assert bad.broken_probability > 0.6
-    sources.judge(replace(SURE, step=2 + RECENT_STEPS))
+    sources.on_belief(replace(SURE, step=2 + RECENT_STEPS))
     assert [each.recent_nat for each in sources.health()] == [0.0, 0.0]
 
 

@@ -101,7 +101,7 @@ def weighed(off_map: float, fit: float, decoy_fit: float, *, decoy_is_right: boo
         image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fit=decoy_fit)
         image = replace(image, beam_classes=right if decoy_is_right else wrong)
         made.weigh({"c0": here}, new_view=0.3, decoy=image)
-        assert made.nowhere + sum(c.probability for c in made.all()) == pytest.approx(1.0)
+        assert made.outside_clusters + sum(c.probability for c in made.all()) == pytest.approx(1.0)
     return made.off_map
 
 
