@@ -152,7 +152,7 @@ class Jobs(Part):
         return job.worker
 
     def may_move(self, job_id: str) -> bool:
-        """Return whether a job may move between healthy workers: not a search that has reported."""
+        """Return whether a job may leave a healthy worker; a search that has reported may not."""
         job = self.placed[job_id]
         return not isinstance(job.job, SearchJob) or not job.reported
 

@@ -14,8 +14,8 @@ _NO_BEARING_BELOW_M = 0.01
 
 
 def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
-    """Return bearing, drive, turn, and the standard deviations along and across the drive and of
-    the turn."""
+    """Return bearing [rad], drive [m] and turn [rad], and the standard deviations along and across
+    the drive [m] and of the turn [rad]."""
     drive, turn = hypot(motion[0], motion[1]), float(motion[2])
     drive_by_turn = settings.drive_noise_per_turn * turn
     return (
@@ -29,7 +29,7 @@ def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ..
 
 
 def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
-    """Return first turn, drive, second turn, and the standard deviation of each (table 5.6)."""
+    """Return first turn, drive and second turn, and their standard deviations [rad, m, rad]."""
     drive = hypot(motion[0], motion[1])
     turn_1 = atan2(motion[1], motion[0]) if drive >= _NO_BEARING_BELOW_M else 0.0
     turn_2 = wrap_angle(float(motion[2]) - turn_1)

@@ -111,7 +111,7 @@ def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
     """Yield the records of an MCAP file and of its chunks, holding one chunk at a time.
 
     Raises:
-        Exception: of many kinds: from here on the file is cut off or damaged.
+        Exception: an error of the library: from here on the file is cut off or damaged.
     """
     reader = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
     defined: dict[tuple[type, int], int] = {}

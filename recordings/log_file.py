@@ -44,7 +44,7 @@ class OdometryEntry:
 
 @dataclass(frozen=True)
 class LaserEntry:
-    """A scan in a line of a log or in a message of a bag; None: it lacks the value."""
+    """A scan in a line of a log, or in a message of a bag; absent values are None."""
 
     line_number: int
     stamp_ns: int
@@ -79,7 +79,8 @@ class TextLog:
     """Numbered lines of a text file that may be compressed or truncated.
 
     Attributes:
-        broken: after all lines are read: where and why a compressed stream ended early, or None.
+        broken: where and why a compressed stream ended early, known once all lines are read, or
+            None.
     """
 
     def __init__(self, path: Path, error: type[InputFileError] = RecordingError) -> None:

@@ -198,7 +198,7 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
 
 
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
-    """Remove entries with wrong stamps, and all after a step of the clock to the past.
+    """Remove entries with wrong stamps, and all entries after the clock was set back.
 
     A stamp that is out of order with a neighbour is compared with the median of the five stamps
     around it. Stamps in ascending order are kept, however long the gaps.

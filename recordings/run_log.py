@@ -200,7 +200,7 @@ class RunLogReader:
     """Reader of one run log.
 
     Attributes:
-        cut: after all messages are read: why reading ended early; empty: the file is whole.
+        cut: why reading ended early, known once all messages are read; empty: the file is whole.
     """
 
     def __init__(self, path: Path) -> None:

@@ -33,7 +33,7 @@ class MissingScans:
 
 
 class RecentReports:
-    """The last reports of each job, as many as the bridge keeps scans; the newest has particles."""
+    """The reports of each job for the steps that the bridge keeps; the newest has particles."""
 
     def __init__(self) -> None:
         self._of: dict[str, deque[Report]] = {}

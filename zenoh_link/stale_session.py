@@ -25,7 +25,7 @@ class StaleSessionDetector:
         return self._back_ns is not None
 
     def on_event(self, event: object, now_ns: int) -> None:
-        """Take any event of the loop.
+        """Process any event of the loop.
 
         The first `Link(up=True)` is not a return. A token's disappearance proves nothing: Zenoh
         also reports it when the link is lost.

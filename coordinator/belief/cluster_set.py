@@ -541,7 +541,9 @@ class ClusterSet(Part):
     def keep_off_map(
         self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
     ) -> None:
-        """Raise off the map before `admit`, so that candidates have elsewhere's odds against it.
+        """Raise the probability of off the map before `admit` admits candidates.
+
+        The odds between candidates and off the map are then those of elsewhere before the search.
 
         A search also finds places that fit well for a robot that is off the map. So the good fit
         of candidates is no evidence about off the map.
