@@ -354,7 +354,7 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
         problem = "--drive: only a simulated robot can be driven, not a recording"
         raise SettingsError(key="--drive", problem=problem)
     if options.steps is not None:
-        problem = "--steps: only for a simulated robot; a recording has its own end"
+        problem = "--steps: only for a simulated robot; a recording is played to its end"
         raise SettingsError(key="--steps", problem=problem)
     if not settings.bridge.map:
         problem = "--map is missing: a recording needs the map it was made in"

@@ -24,6 +24,7 @@ from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import finished
+from process_runtime.compressed import os_problem
 from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
@@ -376,7 +377,7 @@ def _read_state(path: Path) -> _SavedState:
             raise ValueError(f"larger than {MAX_STATE_BYTES} bytes")
         state = msgspec.msgpack.decode(data, type=_SavedState)
     except OSError as error:
-        raise StateFileError(path, error.strerror or str(error)) from None
+        raise StateFileError(path, os_problem(error)) from None
     except (ValueError, RecursionError) as error:  # msgspec's errors are among them
         raise StateFileError(path, f"not a state: {error}") from None
     odometry = OdometryReading(

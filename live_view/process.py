@@ -46,9 +46,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WORLD",
         help="show the captions of this world (default: none)",
     )
-    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument(
-        "--private-key", type=Path, metavar="FILE", help="PEM: key of the certificate"
+        "--certificate", type=Path, metavar="FILE", help="certificate (PEM), to serve by HTTPS"
+    )
+    parser.add_argument(
+        "--private-key", type=Path, metavar="FILE", help="private key of the certificate (PEM)"
     )
     parser.add_argument(
         "--robot",

@@ -16,6 +16,7 @@ from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
 from live_view.saved_page import saved_run
 from live_view.step_archive import StepArchive
+from process_runtime.compressed import os_problem
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.stop import StopFlag, stop_on_signals
 from protocol.answers import Belief, PoseAnswer
@@ -64,6 +65,8 @@ def view_recording(
         OutputError: the page cannot be written.
     """
     stop = stop_on_signals()
+    if not recording.exists():
+        raise RecordingError(recording, os_problem(FileNotFoundError()))
     if not is_run_log(recording):
         problem = "is not a recorded run: neither clustermcl record nor a coordinator wrote it"
         remedy = f"to localize with it: clustermcl demo --view --recording {recording}"

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from process_runtime.compressed import os_problem
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, SettingInfo
 from protocol.errors import InputFileError, SettingsError
@@ -85,7 +86,7 @@ def content_of(path: Path) -> bytes:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
-        raise InputFileError(path, error.strerror or str(error)) from error
+        raise InputFileError(path, os_problem(error)) from error
     if len(content) > MAX_FILE_BYTES:
         raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no settings file")
     return content

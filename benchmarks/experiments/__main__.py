@@ -88,7 +88,7 @@ def experiments(
     known = {case.name: case for case in all_cases(data)}
     for name in names or ():
         if name not in known:
-            problem = f"no experiment {name!r}; known are {', '.join(known)}"
+            problem = f"no experiment {name!r}; the experiments are {', '.join(known)}"
             raise SettingsError(key="NAME", problem=problem)
     cases = [known[name] for name in names or known]
     if list_only:

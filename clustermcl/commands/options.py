@@ -21,13 +21,16 @@ P = ParamSpec("P")
 Robot = Annotated[
     str | None,
     typer.Option(
-        "--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Name of the robot: robot.name."
+        "--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Name of the robot (robot.name)."
     ),
 ]
 Router = Annotated[
     str | None,
     typer.Option(
-        "--router", metavar="ENDPOINT", envvar=ROUTER_VARIABLE, help="Endpoint: zenoh.router."
+        "--router",
+        metavar="ENDPOINT",
+        envvar=ROUTER_VARIABLE,
+        help="Endpoint of the router (zenoh.router).",
     ),
 ]
 SettingsFile = Annotated[

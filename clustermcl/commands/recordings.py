@@ -61,7 +61,7 @@ def evaluate(
         typer.Option(
             min=1,
             max=MOST_STEPS,
-            help="Steps of a simulated robot, or the maximum; with --starts 60 by default.",
+            help="Largest number of steps; default: 300 if simulated, 60 with --starts.",
         ),
     ] = None,
     kidnap_at: Annotated[

@@ -47,7 +47,7 @@ def demo(
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Number of worker processes.")] = None,
     rate: Annotated[
         float | None,
         typer.Option(min=0.0, help="1: real time, 2: twice as fast, 0: as fast as possible."),
@@ -101,7 +101,9 @@ def up(
     view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
     one_process: Annotated[
         bool,
-        typer.Option("--one-process", help="For the smallest computers; without fault tolerance."),
+        typer.Option(
+            "--one-process", help="Run all parts in one process: less memory, no fault tolerance."
+        ),
     ] = False,
     listen: Listen = None,
     allow_commands: AllowCommands = False,
@@ -161,10 +163,14 @@ def router(
 
 def worker(
     name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
-    count: Annotated[int | None, typer.Option(min=1, help="Processes: worker.count.")] = None,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="Number of processes (worker.count).")
+    ] = None,
     fleet: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Serve the robot of each settings file in it."),
+        typer.Option(
+            metavar="FOLDER", help="Serve the robots of all settings files in this folder."
+        ),
     ] = None,
     robot: Robot = None,
     router: Router = None,
@@ -200,7 +206,7 @@ def serve_view(
         Path | None,
         typer.Argument(
             metavar="[FILE.mcap|FOLDER]",
-            help="A recorded run, of 'record' or of the flight recorder, instead of a live one.",
+            help="A run by 'record' or the flight recorder, instead of a running system.",
         ),
     ] = None,
     map_file: Annotated[
@@ -216,10 +222,11 @@ def serve_view(
     listen: Listen = None,
     allow_commands: AllowCommands = False,
     certificate: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Certificate (PEM), to serve the page by HTTPS."),
     ] = None,
     private_key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="PEM: key of the certificate.")
+        Path | None, typer.Option(metavar="FILE", help="Private key of the certificate (PEM).")
     ] = None,
     robots: Annotated[
         list[str] | None,

@@ -214,11 +214,11 @@ def _by_series(folder: Path) -> list[list[Path]]:
 
 def _nothing_in(folder: Path) -> str:
     if not folder.is_dir():
-        return "there is no such folder"
+        return "no such folder; check the path"
     for below in sorted(folder.iterdir()):
         if below.is_dir() and files_in(below):
-            return f"no flight recording is in it; there is one in {below}"
-    return "no flight recording is in it"
+            return f"it contains no flight recording; {below} does"
+    return "it contains no flight recording"
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:

@@ -20,7 +20,7 @@ class UnknownWorldError(ClusterMclError):
 
     def __init__(self, name: str, *, known: tuple[str, ...]) -> None:
         self.name, self.known = name, known
-        super().__init__(f"no simulated world {name!r}; known are {', '.join(known)}")
+        super().__init__(f"no simulated world {name!r}; the worlds are {', '.join(known)}")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -77,7 +77,7 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: No such file or directory"),
+        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: no such file"),
         (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS expects letters"),
         (
             ["ros2", "--set", "ros2.scan_topic=a//b"],

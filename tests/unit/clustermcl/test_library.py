@@ -232,7 +232,7 @@ def test_an_incompatible_state_is_refused_and_changes_nothing(saved: bytes, tmp_
     mcl = ClusterMCL(world("hall").map, settings=SMALL)
     with pytest.raises(ValueError, match="before the first step"):
         mcl.save(file)
-    with pytest.raises(StateFileError, match="No such file"):
+    with pytest.raises(StateFileError, match="no such file"):
         mcl.load(file)
     file.write_bytes(saved)
     with pytest.raises(StateFileError, match="of map "):

@@ -105,8 +105,8 @@ def test_a_belief_that_differs_has_exit_code_1(
 def test_folders_without_a_recording_are_refused_in_one_line(
     recording: Path, tmp_path: Path
 ) -> None:
-    assert "there is no such folder" in complaint(tmp_path / "nowhere")
-    assert "no flight recording is in it" in complaint(tmp_path)
+    assert "no such folder" in complaint(tmp_path / "nowhere")
+    assert "it contains no flight recording" in complaint(tmp_path)
     inner = tmp_path / "robot"
     recording.rename(inner)
     try:

@@ -44,7 +44,7 @@ def test_the_cross_differs_from_its_turned_self_by_one_cabinet() -> None:
 
 
 def test_an_unknown_world_is_refused_with_all_that_are_known() -> None:
-    with pytest.raises(UnknownWorldError, match=r"'moon'; known are cross, .*hall_symmetric"):
+    with pytest.raises(UnknownWorldError, match=r"'moon'; the worlds are cross, .*hall_symmetric"):
         world("moon")
 
 

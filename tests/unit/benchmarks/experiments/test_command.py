@@ -35,7 +35,7 @@ def test_the_list_names_the_experiments() -> None:
 @pytest.mark.parametrize(
     ("arguments", "kind", "words"),
     [
-        (["crosss"], SettingsError, "known are cross,"),
+        (["crosss"], SettingsError, "the experiments are cross,"),
         (["--algorithm", "magic"], SettingsError, "there is cluster-mcl"),
         (["--set", "belief.max_clusters=no"], SettingsError, "belief.max_clusters"),
         (["--summary"], InputFileError, "cannot be read as a table"),
