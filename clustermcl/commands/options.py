@@ -20,9 +20,7 @@ P = ParamSpec("P")
 
 Robot = Annotated[
     str | None,
-    typer.Option(
-        "--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Name of the robot (robot.name)."
-    ),
+    typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Robot name (robot.name)."),
 ]
 Router = Annotated[
     str | None,
@@ -30,7 +28,7 @@ Router = Annotated[
         "--router",
         metavar="ENDPOINT",
         envvar=ROUTER_VARIABLE,
-        help="Endpoint of the router (zenoh.router).",
+        help="Router endpoint (zenoh.router).",
     ),
 ]
 SettingsFile = Annotated[

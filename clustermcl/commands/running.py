@@ -101,9 +101,7 @@ def up(
     view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
     one_process: Annotated[
         bool,
-        typer.Option(
-            "--one-process", help="Run all parts in one process: less memory, no fault tolerance."
-        ),
+        typer.Option("--one-process", help="Use one process: less memory, no fault tolerance."),
     ] = False,
     listen: Listen = None,
     allow_commands: AllowCommands = False,
@@ -163,14 +161,10 @@ def router(
 
 def worker(
     name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
-    count: Annotated[
-        int | None, typer.Option(min=1, help="Number of processes (worker.count).")
-    ] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="Number of them (worker.count).")] = None,
     fleet: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FOLDER", help="Serve the robots of all settings files in this folder."
-        ),
+        typer.Option(metavar="FOLDER", help="Serve the robots of its settings files."),
     ] = None,
     robot: Robot = None,
     router: Router = None,
@@ -223,7 +217,7 @@ def serve_view(
     allow_commands: AllowCommands = False,
     certificate: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Certificate (PEM), to serve the page by HTTPS."),
+        typer.Option(metavar="FILE", help="Serve HTTPS with this certificate (PEM)."),
     ] = None,
     private_key: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Private key of the certificate (PEM).")
