@@ -210,7 +210,7 @@ def test_no_role_reads_the_routers_own_pages(as_role: OpenAs) -> None:
     assert list(operator.get(f"@/{router}/**", timeout=PATIENCE_S)) == []
 
 
-def test_a_driver_gets_in_with_the_lines_of_the_page(
+def test_a_driver_connects_with_the_commands_of_the_page(
     certificates: Path, secure_endpoint: str, as_role: OpenAs
 ) -> None:
     page = (Path(__file__).parents[3] / "docs" / "security.md").read_text()

@@ -84,7 +84,7 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         evaluation.assert_nothing_runs()
 
 
-def test_ordinary_mcl_and_the_name_of_a_world_are_printed_unchanged(
+def test_algorithm_and_world_are_printed_without_emoji(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""

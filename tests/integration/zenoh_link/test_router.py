@@ -46,7 +46,7 @@ def test_a_router_that_a_client_starts_has_more_threads_than_a_machine_has_links
     wait_until(lambda: receiving() == 16)  # the client has come back: they are started with a link
 
 
-def test_a_port_in_use_is_one_line_and_exit_code_2(start_process: StartProcess) -> None:
+def test_a_port_in_use_prints_one_line_and_exits_with_2(start_process: StartProcess) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         process = start_process(

@@ -176,7 +176,7 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
 
 
 @pytest.mark.usefixtures("router")
-def test_a_child_started_later_does_not_have_our_count_of_threads(
+def test_a_child_started_later_does_not_inherit_the_number_of_threads(
     open_client: OpenClient, start_process: StartProcess
 ) -> None:
     open_client()

@@ -80,7 +80,7 @@ def test_the_file_counts_once_the_bridge_shows_its_last_scan() -> None:
         assert recovery.questions(7, -1, BEGAN_NS + KNOWN_NS) == []
 
 
-def test_the_file_does_not_count_if_the_bridge_numbers_its_steps_anew() -> None:
+def test_the_state_file_is_ignored_if_the_bridge_restarts_its_count_of_steps() -> None:
     recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
     recovery.on_history([replace(scan(3), stamp_ns=scan(3).stamp_ns + 1)])
     assert recovery.checkpoints == []

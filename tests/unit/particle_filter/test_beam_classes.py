@@ -43,7 +43,7 @@ def seen(
         (30.0, BeamClasses(0, 0, 0, 0)),
     ],
 )
-def test_a_beam_ends_on_a_wall_near_it_before_it_or_behind_it(
+def test_a_beam_that_ends_on_near_before_or_behind_a_wall_is_counted_so(
     range_m: float, expected: BeamClasses
 ) -> None:
     assert seen(room(), range_m) == expected

@@ -29,7 +29,7 @@ def test_the_update_is_prior_times_likelihood_normalised(
 
 
 @given(ANY_LOGS, ANY_LOGS, st.sets(st.integers(0, K - 1), max_size=K - 1))
-def test_a_missing_report_keeps_its_probability_and_the_others_share_the_rest(
+def test_a_cluster_without_a_report_keeps_its_probability(
     log_prior: NDArray[np.float64], log_likelihood: NDArray[np.float64], missing: set[int]
 ) -> None:
     prior = belief.normalised_logs(log_prior)

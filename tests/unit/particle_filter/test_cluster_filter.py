@@ -54,7 +54,7 @@ def test_resampled_particles_have_equal_weights() -> None:
         (np.array([0.0, 0.0, -0.2]), 1.0 - math.exp(-0.5)),
     ],
 )
-def test_a_scan_moves_weights_as_far_as_the_robot_has_moved_and_is_evidence_in_full(
+def test_a_scan_changes_weights_by_its_new_share_but_is_full_evidence(
     motion: Pose, share: float
 ) -> None:
     cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))

@@ -22,7 +22,7 @@ def test_weights_and_sample_size_follow_their_formulas_whatever_the_common_offse
 
 
 @given(log_weights=finite, likelihood=st.floats(-1e3, 1e3), exponent=st.floats(0.0, 1.0))
-def test_products_are_summed_and_scaled_to_their_number(
+def test_weights_times_likelihoods_are_scaled_to_sum_to_n(
     log_weights: LogWeights, likelihood: float, exponent: float
 ) -> None:
     count = len(log_weights)

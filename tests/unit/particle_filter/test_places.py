@@ -6,7 +6,7 @@ from particle_filter.places import places_of
 from particle_filter.settings import SearchSettings
 
 
-def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None:
+def test_a_place_has_its_share_of_the_weight_and_a_weighted_sample() -> None:
     here, there = np.array([1.0, 1.0, 0.0]), np.array([4.0, 1.0, 0.0])
     poses = np.concatenate([np.tile(here, (10, 1)), np.tile(there, (30, 1))])
     poses[5:10, 1] += 0.2  # half of those here are a little to the side, and count three times

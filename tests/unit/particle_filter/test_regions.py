@@ -37,7 +37,7 @@ def test_two_corners_are_those_of_a_rectangle_in_any_order() -> None:
         assert inside(corners) == [".....", ".###.", ".###.", "....."]
 
 
-def test_more_corners_are_those_of_a_polygon() -> None:
+def test_more_than_two_corners_define_a_polygon() -> None:
     l_shape = ((0.0, 0.0), (5.0, 0.0), (5.0, 1.0), (2.0, 1.0), (2.0, 4.0), (0.0, 4.0))
     assert inside(l_shape) == ["#####", "##...", "##...", "##..."]
 

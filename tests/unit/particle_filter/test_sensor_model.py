@@ -76,7 +76,7 @@ def test_an_exponent_of_one_counts_every_beam_of_a_scan(beams: int) -> None:
     assert scan_exponent(beams, SensorSettings(scan_likelihood_exponent=1.0)) == 1.0
 
 
-def test_each_name_has_a_class_of_its_own() -> None:
+def test_each_model_name_selects_another_class() -> None:
     assert model_class("likelihood_field") is LikelihoodFieldModel
     assert model_class("beam") is BeamModel
     assert len({model_class(name) for name in NAMES}) == len(NAMES)

@@ -64,7 +64,7 @@ def refusal(folder: Path, sent: Sequence[Sent], **settings: str) -> str:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_gives_the_same_readings(tmp_path: Path, form: str) -> None:
+def test_every_bag_format_gives_the_same_readings(tmp_path: Path, form: str) -> None:
     sent = [MOUNT, *drive()]
     recording = opened(tmp_path, sent, form)
     assert recording.readings == opened(tmp_path / "plain", sent, "mcap bare").readings

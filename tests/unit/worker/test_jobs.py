@@ -142,7 +142,7 @@ def test_each_cluster_reports_particles_at_its_own_steps(model: SensorModel) -> 
     assert reported == {"c0": [3, 6], "c1": [1, 4]}
 
 
-def test_a_cluster_in_two_parts_reports_them_at_its_steps(model: SensorModel) -> None:
+def test_a_split_cluster_reports_its_parts_at_every_second_step(model: SensorModel) -> None:
     settings = FilterSettings(
         cluster=ClusterSettings(particles=200, split_every_steps=2, resample_below_ess=0.001),
         search=SearchSettings(source_radius_m=0.5, source_heading_rad=0.5),

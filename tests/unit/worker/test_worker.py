@@ -249,7 +249,7 @@ def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
     assert reported(handled(fresh, on_model("map", model))) == [("c0", 1), ("c0", 2)]
 
 
-def test_state_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
+def test_a_state_query_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
     handled(fresh, asked(4, track("c0", cloud())))
     nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert handled(fresh, on_state_query(9)) == [Answer(9, nothing)]
@@ -435,7 +435,7 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: Sens
 # --- a coordinator takes over
 
 
-def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(tracking: Worker) -> None:
+def test_a_new_coordinator_gets_jobs_terms_and_later_reports(tracking: Worker) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
     returned = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
     assert handled(tracking, on_checkpoint(checkpoint)) == []

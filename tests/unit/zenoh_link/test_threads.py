@@ -12,13 +12,13 @@ def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
 
 
-def test_zenohs_variable_is_set_while_it_opens_and_not_for_children() -> None:
+def test_the_thread_variable_is_set_only_while_a_session_opens() -> None:
     with receiving_threads(MANY_LINKS):
         assert os.environ[VARIABLE] == MANY_LINKS
     assert VARIABLE not in os.environ
 
 
-def test_zenohs_variable_is_removed_if_the_session_does_not_open() -> None:
+def test_the_thread_variable_is_removed_if_the_session_does_not_open() -> None:
     with pytest.raises(ZeroDivisionError), receiving_threads(ONE_LINK):
         raise ZeroDivisionError
     assert VARIABLE not in os.environ

@@ -115,7 +115,7 @@ def test_a_place_next_to_a_cluster_enters_only_by_its_weight() -> None:
     assert on_trial(found, math.log(0.1)) == pytest.approx({NEARBY: 0.06, FAR: 0.04})
 
 
-def test_a_place_is_near_only_in_place_and_heading() -> None:
+def test_a_place_is_near_only_if_both_position_and_heading_are() -> None:
     turned, aside = (0.0, 0.0, 0.36), (0.51, 0.0, 0.0)
     found = pool((0.3, turned), (0.3, aside), (0.3, (0.3, 0.3, 0.3)))
     assert set(entered(found, 0.0)) == {turned, aside}
