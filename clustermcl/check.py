@@ -139,7 +139,7 @@ def _symmetry(symmetry: Symmetry) -> str:
 
 
 def _group(place: Place) -> Iterator[str]:
-    places = (place.map_from_robot, *place.look_alikes)
+    places = (place.pose, *place.look_alikes)
     for_good = ", wherever the robot drives" if place.distinguishable is False else ""
     yield f"  these {len(places)} places look alike{for_good}:"
     for pose in places[:_MOST_PLACES]:

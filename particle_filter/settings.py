@@ -294,7 +294,9 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             "least weight of a search's places, relative to the belief, at its end", ge=0, le=0.5
         ),
     ] = 0.003
-    grace_steps: Annotated[int, described("minimum lifetime of a new cluster", "steps", ge=0)] = 15
+    minimum_lifetime_steps: Annotated[
+        int, described("minimum lifetime of a new cluster", "steps", ge=0)
+    ] = 15
     merge_every_steps: Annotated[
         int, described("interval at which overlapping clusters are merged", "steps", gt=0)
     ] = 5

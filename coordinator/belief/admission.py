@@ -39,7 +39,7 @@ class Admission:
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
     """Share of the search's probability in places that clusters hold or that enter."""
-    asking: int
+    eligible: int
     """Places that are probable enough to enter, whether there is room or not."""
 
 
@@ -86,18 +86,18 @@ def admission(
         max(earned, rules.candidate_probability, trial) if is_over and not holds_own else earned
     )
     weight = share * np.where(is_tracked, earned, on_trial)
-    asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
-    asking = asking[np.argsort(-weight[asking], kind="stable")]
-    total = math.fsum(weight[asking])
+    eligible = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
+    eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
+    total = math.fsum(weight[eligible])
     got = min(1.0, most / total) if total > 0.0 else 1.0
     entering = [
         index
-        for index, leaving in zip(asking.tolist(), room, strict=False)
+        for index, leaving in zip(eligible.tolist(), room, strict=False)
         if weight[index] * got > leaving
     ]
     explained += math.fsum(pool.share[index] for index in entering)
     weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
-    return Admission(weighed, min(explained, 1.0), len(asking))
+    return Admission(weighed, min(explained, 1.0), len(eligible))
 
 
 def log_weight_of_held(

@@ -246,7 +246,7 @@ class Ensemble(Part, kw_only=True):
         near: Circle | None = None,
         corners: Corners = (),
     ) -> None:
-        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
+        self.clusters.protect_alternatives(first_step + self.settings.belief.minimum_lifetime_steps)
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
@@ -340,10 +340,10 @@ class Ensemble(Part, kw_only=True):
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
-        self._admit(entering, step, first_step, step + settings.belief.grace_steps)
+        self._admit(entering, step, first_step, step + settings.belief.minimum_lifetime_steps)
         if entering and not own:
             self.clusters.apply_floor(step, first_step)
-        return found.asking <= len(room) or len(room) == settings.belief.max_clusters
+        return found.eligible <= len(room) or len(room) == settings.belief.max_clusters
 
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; they share the probability of elsewhere."""
@@ -354,7 +354,9 @@ class Ensemble(Part, kw_only=True):
         if found.entering:
             self.clusters.take_from_elsewhere(found.explained)
             entering: list[Candidate] = [(place, "observed") for place in found.entering]
-            self._admit(entering, step, protected_until=step + self.settings.belief.grace_steps)
+            self._admit(
+                entering, step, protected_until=step + self.settings.belief.minimum_lifetime_steps
+            )
 
     def _admit(
         self,

@@ -26,7 +26,7 @@ def diagonal(position_sigma_m: float, heading_sigma_rad: float) -> Covariance:
     return (place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn)
 
 
-def cloud(
+def gaussian_particles(
     mean: PoseTuple,
     covariance: Covariance,
     rng: np.random.Generator,
@@ -58,7 +58,7 @@ def candidate(
 ) -> Place:
     """Return a candidate place with Gaussian particles, as it was after `step`."""
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
-    sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
+    sample = gaussian_particles(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
     return Place(share=probability, pose=mean, covariance=covariance, sample=sample)
 
 

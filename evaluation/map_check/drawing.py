@@ -47,11 +47,11 @@ def _draw_place(draw: ImageDraw.ImageDraw, view: View, place: Place) -> None:
     count = len(place.look_alikes)
     colour = next(colour for most, colour in COLOURS if count <= most)
     alpha = "70" if count < _MANY else "28"
-    start = view.at(*place.map_from_robot[:2])
+    start = view.at(*place.pose[:2])
     for other in place.look_alikes:
         draw.line((start, view.at(*other[:2])), fill=f"{colour}{alpha}", width=_LINE_PX)
         draw.polygon(_arrow(view, other), outline=colour, width=_LINE_PX)
-    draw.polygon(_arrow(view, place.map_from_robot), fill=colour)
+    draw.polygon(_arrow(view, place.pose), fill=colour)
     if place.distinguishable is False:
         draw.circle(start, 1.5 * _ARROW_PX, outline=colour, width=_LINE_PX)
 

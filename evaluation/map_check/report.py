@@ -76,7 +76,8 @@ def ground_of(grid_map: GridMap) -> Ground:
 class Place(msgspec.Struct, frozen=True, kw_only=True):
     """A pose at which the map was tested, and the poses that look alike."""
 
-    map_from_robot: PoseTuple
+    pose: PoseTuple
+    """In the map: x [m], y [m], heading [rad]."""
     returned_share: float
     """Share of the beams that hit something within the laser's range."""
     look_alikes: tuple[PoseTuple, ...]
@@ -134,7 +135,7 @@ def report_of(
         own, *others = map(pose_tuple, found)
         looked_at.append(
             Place(
-                map_from_robot=own,
+                pose=own,
                 returned_share=view.returned_share,
                 look_alikes=tuple(others),
             )

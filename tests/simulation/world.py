@@ -34,7 +34,7 @@ SETTINGS = FilterSettings(
         elsewhere_poses=20,
         search_every_steps=6,
         candidate_probability=0.05,
-        grace_steps=2,
+        minimum_lifetime_steps=2,
     ),
 )
 COORDINATOR = CoordinatorSettings(

@@ -78,7 +78,7 @@ SETTINGS = FilterSettings(
         places_with_particles=4,
     ),
     belief=BeliefSettings(
-        max_clusters=4, search_every_steps=6, candidate_probability=0.05, grace_steps=2
+        max_clusters=4, search_every_steps=6, candidate_probability=0.05, minimum_lifetime_steps=2
     ),
 )
 EVENT_NS = 1_000_000

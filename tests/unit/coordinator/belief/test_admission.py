@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from coordinator.belief.admission import MOST_LOG, admission, first_places, log_weight_of_held
-from coordinator.belief.given_places import cloud, diagonal
+from coordinator.belief.given_places import diagonal, gaussian_particles
 from coordinator.belief.search_pool import Pool
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
@@ -132,7 +132,7 @@ def test_no_more_probable_cluster_is_replaced_by_a_candidate() -> None:
 def test_the_number_of_candidates_includes_those_without_room() -> None:
     found = pool((0.5, FAR), (0.3, FARTHER), (0.1, HELD[0]), (0.05, LEAST))
     for room in ((), (0.0, 0.9)):
-        assert admission(found, HELD, room, 0.0, SETTINGS, is_over=False).asking == 3
+        assert admission(found, HELD, room, 0.0, SETTINGS, is_over=False).eligible == 3
 
 
 def test_places_that_are_too_improbable_do_not_enter() -> None:
@@ -188,7 +188,9 @@ def test_the_weight_of_the_search_that_found_the_clusters_is_that_of_the_cluster
 def test_particles_of_a_given_pose_have_its_mean_and_covariance() -> None:
     spread = np.array([[0.5, 0.1, 0.0], [0.1, 0.2, 0.03], [0.0, 0.03, 0.04]])
     rng = np.random.default_rng(0)
-    made = cloud((3.0, -2.0, 0.5), covariance_tuple(spread), rng, step=4, odom_from_robot=HELD[0])
+    made = gaussian_particles(
+        (3.0, -2.0, 0.5), covariance_tuple(spread), rng, step=4, odom_from_robot=HELD[0]
+    )
     poses = made.map_from_robot.array()
     sigma = np.sqrt(np.diag(spread))
     # 1,000 points: means to 0.03 deviations, covariances to 0.05; five times that.

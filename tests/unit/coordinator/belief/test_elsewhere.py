@@ -141,7 +141,7 @@ def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
 
 
 def test_a_false_alarm_removes_no_probable_cluster() -> None:
-    made = bootstrapped({NORTH: 0.9, SOUTH: 0.1}, max_clusters=2, grace_steps=5)
+    made = bootstrapped({NORTH: 0.9, SOUTH: 0.1}, max_clusters=2, minimum_lifetime_steps=5)
     bad: list[Report] = [tracked("c0", 1, 1e-9, NORTH), tracked("c1", 1, 1e-9, SOUTH)]
     assert made.advance(1, [elsewhere(1, -1.0), *bad]).state == "lost"
     bad = [tracked("c0", 2, 1e-9, NORTH), tracked("c1", 2, 1e-9, SOUTH)]

@@ -165,7 +165,9 @@ def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() ->
 
 def test_a_candidate_in_its_grace_is_not_replaced() -> None:
     places = {NORTH: 0.98, SOUTH: 0.01, EAST: 0.01}
-    made = bootstrapped(places, search_every_steps=1, grace_steps=50, candidate_probability=0.02)
+    made = bootstrapped(
+        places, search_every_steps=1, minimum_lifetime_steps=50, candidate_probability=0.02
+    )
     tracks: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     for step, x_m in ((1, 0.0), (2, -5.0), (3, 0.0), (4, -9.0), (5, 0.0), (6, -15.0)):
         reports: list[Report] = [tracked(job, step, 0.1, mean) for job, mean in tracks.items()]
@@ -318,7 +320,10 @@ def test_a_search_from_before_a_kidnapping_begins_again(evidence: float, goes_on
 def test_a_search_waits_until_there_is_room_for_its_places() -> None:
     """A full set of places that the robot may well be at is kept for a grace, and no longer."""
     made = bootstrapped(
-        {NORTH: 0.5, SOUTH: 0.5}, max_clusters=2, grace_steps=10, kidnapping_probability=0.001
+        {NORTH: 0.5, SOUTH: 0.5},
+        max_clusters=2,
+        minimum_lifetime_steps=10,
+        kidnapping_probability=0.001,
     )
     assert lifted(made, 1, search=9).begin.keys() == {"s1.0", "s1.1"}
     for step in range(2, 12):
