@@ -110,7 +110,7 @@ def test_folders_without_a_recording_are_refused_in_one_line(
     inner = tmp_path / "robot"
     recording.rename(inner)
     try:
-        assert f"there is one in {inner}" in complaint(tmp_path)
+        assert f"{inner} does" in complaint(tmp_path)
     finally:
         inner.rename(recording)
 
