@@ -4,7 +4,6 @@ from importlib.util import find_spec
 
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
 from protocol.errors import ClusterMclError
 
 _PACKAGES = ("rosbags", "xxhash")
@@ -27,20 +26,16 @@ def main() -> None:
 
 
 def run_ros2_bridge(invocation: Invocation) -> None:
-    serve(invocation.settings, invocation.process, invocation.stop)
-
-
-def serve(settings: Settings, process: str, stop: StopFlag) -> None:
-    """Run the node until `stop` is set.
+    """Run the node until the process is stopped.
 
     Raises:
         Ros2NotInstalledError: the libraries for ROS are not installed.
         ClusterMclError: see `ros2_bridge.bridge.serve_robot`.
     """
-    check_ros2(settings)
+    check_ros2(invocation.settings)
     from ros2_bridge.bridge import serve_robot  # noqa: PLC0415 - needs the extra
 
-    serve_robot(settings, process, stop)
+    serve_robot(invocation.settings, invocation.process, invocation.stop)
 
 
 def check_ros2(settings: Settings) -> None:

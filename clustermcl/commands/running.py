@@ -18,7 +18,6 @@ from clustermcl.commands.options import (
     Router,
     SettingsFile,
     as_assignments,
-    client_command,
     recording_command,
     refuse_without,
     settings_with_nav2,
@@ -136,13 +135,14 @@ def warm_up(settings_file: SettingsFile = None, assignments: Assignments = None)
     run_warm_up(load_settings(settings_file, [*log_settings(), *(assignments or ())]))
 
 
-@client_command
-def ros2(settings: Settings) -> None:
+def ros2(
+    robot: Robot = None,
+    router: Router = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
-    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the package
-    from ros2_bridge.process import serve  # noqa: PLC0415 - see the package
-
-    serve(settings, "ros2_bridge", stop_on_signals())
+    _become("ros2_bridge", [], settings_file, as_assignments(robot, router), assignments)
 
 
 def router(

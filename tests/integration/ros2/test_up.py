@@ -88,6 +88,6 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
 def test_invalid_ros_settings_are_one_line_of_error(words: list[str], problem: str) -> None:
     ended = ran(*words)
     assert ended.returncode == 2
-    assert ended.stderr.startswith("clustermcl: ")
+    assert ended.stderr.startswith(("clustermcl: ", "ros2_bridge: "))
     assert problem in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
