@@ -105,7 +105,7 @@ def event_text(event: JobEvent) -> str:
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
         case Ended(job_id, cause, by, probability):
             what = f"{job_id} {_ENDED[cause]} {' and '.join(by)}".rstrip()
-            return what if event.is_search else f"{what} ({probability:.2g})"
+            return f"search {what}" if event.is_search else f"{what} ({probability:.2g})"
 
 
 def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
@@ -117,7 +117,11 @@ def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
         events, lambda n: (n.step, type(n.event), n.event.cause)
     ):
         alike = [numbered.event for numbered in group]
-        if len(alike) < _ALIKE or alike[0].is_search:
+        if alike[0].is_search:  # one event for each shard
+            searches = dict.fromkeys(event.job_id.partition(".")[0] for event in alike)
+            yield from (f"step {step}: search {search} {_ENDED[cause]}" for search in searches)
+            continue
+        if len(alike) < _ALIKE:
             yield from (f"step {step}: {event_text(event)}" for event in alike)
             continue
         what = (_BEGAN | _ENDED)[cause].replace("was ", "were ", 1)

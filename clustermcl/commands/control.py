@@ -66,7 +66,7 @@ def relocalize(
     where = f"in region {region}" if region else "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
-    _report(settings, f"has no places any more; the search runs {where}")
+    _report(settings, f"drops all places; the search runs {where}")
 
 
 @client_command

@@ -32,7 +32,7 @@ def message_of(*events: JobEvent) -> JobEvents:
         (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was replaced by c7 (1e-05)"),
         (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 split into c4 and c5 (0.5)"),
         (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by a command (0.5)"),
-        (Ended("s1.0", "search over"), "s1.0 is over"),
+        (Ended("s1.0", "search over"), "search s1.0 is over"),
         (Began("c9", "restart", 0.02), "c9 was found by a later search (0.02)"),
     ],
 )
@@ -44,10 +44,12 @@ def test_many_events_of_one_cause_share_a_line() -> None:
     found = [Began(f"c{number}", "first search", 0.5**number) for number in range(1, 6)]
     replaced = [Ended(f"c{number}", "pushed out", ("c9",), 0.01) for number in range(4)]
     few = [Ended("c3", "improbable", (), 1e-5)] * 2
-    assert list(event_texts(message_of(*found, *replaced, *few).events)) == [
+    shards = [Ended(f"s2.{number}", "search over") for number in range(4)]
+    assert list(event_texts(message_of(*found, *replaced, *few, *shards).events)) == [
         "step 3: 5 places were found by the first search (0.5 to 0.031)",
         "step 3: 4 places were replaced by others (0.01 to 0.01)",
         *["step 3: c3 became too improbable (1e-05)"] * 2,
+        "step 3: search s2 is over",
     ]
 
 
