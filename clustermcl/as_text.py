@@ -202,5 +202,5 @@ def _process_lines(process: Health) -> Iterator[str]:
     for source in process.sources:
         yield (
             f"  source {source.name}: {source.recent_nat:.1f} nat in 20 steps, "
-            f"broken with {source.broken_probability:.0%}"
+            f"broken with probability {source.broken_probability:.0%}"
         )

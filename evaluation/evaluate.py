@@ -101,7 +101,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     if options.algorithm not in ALGORITHMS:
-        problem = f"--algorithm {options.algorithm}: there is {' or '.join(ALGORITHMS)}"
+        problem = f"--algorithm {options.algorithm}: choose {' or '.join(ALGORITHMS)}"
         raise SettingsError(key="--algorithm", problem=problem)
     case, seeds = case_of(options)
     if options.output is not None:
@@ -193,7 +193,7 @@ def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
     """
     last = max(steps - steps_each, 0)
     if starts > last + 1:
-        problem = f"--starts {starts}: {steps} steps have {last + 1} starts with {steps_each} each"
+        problem = f"--starts {starts}: {steps} steps allow {last + 1} starts of {steps_each} steps"
         raise SettingsError(key="--starts", problem=problem)
     return tuple(round(index * last / max(starts - 1, 1)) for index in range(starts))
 

@@ -88,7 +88,7 @@ def content_of(path: Path) -> bytes:
     except OSError as error:
         raise InputFileError(path, os_problem(error)) from error
     if len(content) > MAX_FILE_BYTES:
-        raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no settings file")
+        raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: not a settings file")
     return content
 
 

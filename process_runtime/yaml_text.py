@@ -17,4 +17,4 @@ def refuse_aliases(content: bytes, path: Path, error: type[InputFileError]) -> N
     for event in yaml.parse(content, yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             line = event.start_mark.line + 1 if event.start_mark else None
-            raise error(path, "YAML aliases (*) are not read: write it out", line=line)
+            raise error(path, "YAML aliases (*) are not read: write the value out", line=line)

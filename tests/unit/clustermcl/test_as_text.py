@@ -96,7 +96,7 @@ def test_a_status_lists_the_sources_of_observations() -> None:
     )
     bridge = msgspec.structs.replace(STATUS.processes[0], sources=(source,))
     lines = list(status_lines(msgspec.structs.replace(STATUS, processes=(bridge,))))
-    assert lines[-1] == "    source eye exit: 9.4 nat in 20 steps, broken with 4%"
+    assert lines[-1] == "    source eye exit: 9.4 nat in 20 steps, broken with probability 4%"
 
 
 def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:

@@ -91,7 +91,7 @@ def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
     assert start_steps(steps=260, starts=3, steps_each=60) == (0, 100, 200)
     assert start_steps(steps=260, starts=1, steps_each=60) == (0,)
     assert start_steps(steps=40, starts=1, steps_each=60) == (0,)
-    with pytest.raises(SettingsError, match="--starts 3: 61 steps have 2 starts with 60 each"):
+    with pytest.raises(SettingsError, match="--starts 3: 61 steps allow 2 starts of 60 steps"):
         start_steps(steps=61, starts=3, steps_each=60)
 
 
