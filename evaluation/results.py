@@ -24,15 +24,15 @@ def write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
     write_output_file(file, text.getvalue())
 
 
-_SEED = {"seed": ("seed", "d"), "from": ("start_step", "d")}
+_SEED = {"seed": ("seed", "d"), "start": ("start_step", "d")}
 POSES: Columns = {
     **_SEED,
-    "at step": ("localized_at_step", "d"),
-    "s": ("localized_at_s", ".1f"),
-    "error m": ("final_error_m", ".2f"),
-    "rad": ("final_error_rad", ".3f"),
+    "right from": ("localized_at_step", "d"),
+    "after s": ("localized_at_s", ".1f"),
+    "final m": ("final_error_m", ".2f"),
+    "final rad": ("final_error_rad", ".3f"),
     "rmse m": ("rmse_m", ".3f"),
-    "wrong": ("confidently_wrong_fraction", ".3f"),
+    "sure, wrong": ("confidently_wrong_fraction", ".3f"),
     "steps": ("steps", "d"),
     "wall s": ("wall_s", ".1f"),
     "cpu s": ("cpu_s", ".1f"),
@@ -48,12 +48,12 @@ _STATES: Columns = {
 }
 _PROBABILITIES: Columns = {
     **_SEED,
-    "sure at": ("sure_and_right_at_step", "d"),
-    "then never under": ("truth_probability_lowest_once_sure", ".2f"),
+    "sure, right from": ("sure_and_right_at_step", "d"),
+    "lowest since": ("truth_probability_lowest_once_sure", ".2f"),
     "tracked": ("truth_tracked_fraction", ".3f"),
-    "p(truth)": ("truth_probability_mean", ".2f"),
-    "log": ("log_score_mean", ".2f"),
-    "brier": ("brier_mean", ".2f"),
+    "mean": ("truth_probability_mean", ".2f"),
+    "log score": ("log_score_mean", ".2f"),
+    "Brier score": ("brier_mean", ".2f"),
 }
 MORE_TABLES = {
     "probability of the true place": _PROBABILITIES,
