@@ -133,7 +133,7 @@ def _run_to_end(
     """Run all processes to the last belief, and print the result.
 
     Args:
-        options: of the demo.
+        options: options of the demo.
         run: its checked inputs.
         page: address of the page, or None.
         stop: ends the run.

@@ -19,8 +19,8 @@ _STEP_M = 0.2
 def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads | None) -> Poses:
     """Find the straight way that ends farthest from all earlier views.
 
-    It is as wide as the robot with a margin, and ends before the first hit of the scan in it. A
-    direction without a hit is not known to be free.
+    The lane of the way is as wide as the robot and a margin, and ends before the first hit of the
+    scan in it. Without a hit, a lane is not known to be free.
 
     Args:
         laser: the newest scan; hits of all its lasers count.

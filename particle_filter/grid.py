@@ -42,7 +42,7 @@ class Grid:
         They end with the map: a process may serve many robots, each with a map of its own.
 
         Args:
-            key: of the function and its other arguments.
+            key: name of the function, and its other arguments.
             compute: computes the result, which must not refer to this grid.
         """
         result = self._kept.pop(key, None)

@@ -27,7 +27,7 @@ def landmark_evidence(
     Args:
         at: (K, 3) pose of the view in the map, for each place of the robot.
         around: (K, N, 3) poses near these, which may be the right ones.
-        landmarks: of the map.
+        landmarks: landmarks of the map.
         model: sensor model of the map.
 
     Returns:

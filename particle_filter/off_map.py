@@ -128,7 +128,7 @@ def log_odds_of_here(
     """Return the evidence of the beams' classes for the robot being at a tracked place.
 
     Args:
-        quality: before this scan.
+        quality: properties of the map, as estimated before this scan.
         probabilities: (K,) of the places, summing to one.
         classes: K of the scan's beams, each at the best pose of a place.
         new_view: how much of a new view of the building the scan is, from 0 to 1.

@@ -28,7 +28,7 @@ def described(meaning: str, unit: str = "", form: str = "", **bounds: float | st
     Args:
         meaning: the meaning in a few words.
         unit: unit of a number.
-        form: for a text, the allowed form in words.
+        form: allowed form of a text, in words.
         **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length`, as in `msgspec.Meta`.
     """
     return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four

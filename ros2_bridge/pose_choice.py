@@ -41,7 +41,7 @@ class PoseChoice:
         While the robot is not localized, its covariance is that of all places.
 
         Args:
-            belief: after the step.
+            belief: the belief after the step.
             expected: the pose published last, predicted by odometry.
         """
         hypothesis = self._chosen(belief, expected)

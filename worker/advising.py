@@ -41,7 +41,7 @@ def advice(
         model: sensor model of the map in which the belief is.
         settings: settings of the filter.
         sender: name of the process.
-        landmarks: of the map.
+        landmarks: landmarks of the map.
     """
     head = Advice(
         sender=sender,

@@ -76,9 +76,9 @@ def advice_question(
     """Return the question for ways that distinguish the places of a belief.
 
     Args:
-        belief: after the scan.
-        scan: the newest one.
-        views: earlier ones, as in `particle_filter.view_memory`.
+        belief: the belief after the scan.
+        scan: the newest scan.
+        views: the robot's earlier views, as in `particle_filter.view_memory`.
         gate: distance and turn between two steps.
         radius_m: radius of the robot [m].
         sender: name of the process.

@@ -19,7 +19,7 @@ WORLDS = {
 
 
 def world(name: str) -> World:
-    """Return the world of a name.
+    """Return the world with this name.
 
     Raises:
         UnknownWorldError: there is no world of this name.
