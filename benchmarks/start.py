@@ -42,7 +42,7 @@ def first_pose_s(settings: Settings, words: Sequence[str], environment: dict[str
                     print(f"first pose answered: {first_s:.2f} s", flush=True)
                     while not client.pose().probability > 0.0:
                         time.sleep(0.02)
-                    print(f"first place told: {time.monotonic() - start_s:.2f} s", flush=True)
+                    print(f"first place after {time.monotonic() - start_s:.2f} s", flush=True)
                 break
             except ClusterMclError:
                 time.sleep(0.02)
@@ -60,7 +60,7 @@ def first_pose_s(settings: Settings, words: Sequence[str], environment: dict[str
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cold", action="store_true", help="compile and compute everything anew")
+    parser.add_argument("--cold", action="store_true", help="compile and compute everything again")
     parser.add_argument("--world", default="office")
     options = parser.parse_args()
     with socket.socket() as probe:

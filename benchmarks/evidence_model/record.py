@@ -53,7 +53,7 @@ def recorded(
     model = sensor_model(course.map, settings.sensor, default_cache_folder())
     middle, symmetry = middle_of(course.map), case.symmetry
     first, truth = next(course.steps)
-    assert truth is not None, f"{case.name}: nobody knows the truth at step {start_step}"
+    assert truth is not None, f"{case.name}: the true pose is unknown at step {start_step}"
     whole = msgspec.structs.replace(settings.search, shards=1)
     settings = msgspec.structs.replace(settings, search=whole)
     run = _Run(model, settings, seed, scan_beams(first, model), truth, places)

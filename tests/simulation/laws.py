@@ -252,7 +252,7 @@ class Laws:
             age_s - life.unknown_s.get(pose.stamp_ns, life.promptest_s) - TOLERANCE_S
             <= pose.age_s
             <= age_s + TOLERANCE_S,
-            f"the pose's age is true: {pose.age_s:.3f} s told, {age_s:.3f} s it was",
+            f"the pose's age is true: {pose.age_s:.3f} s reported, {age_s:.3f} s in truth",
         )
 
     def unknown_s(self, checkpoint: Checkpoint) -> float:

@@ -146,7 +146,7 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
     cluster = next(iter(tree["ensemble"]["clusters"]["clusters"].values()))
     cluster["covariance"] = [math.nan] * 9
     state = msgspec.msgpack.encode(tree)
-    return msgspec.structs.replace(checkpoint, sender="a stranger", serial=2**50, state=state)
+    return msgspec.structs.replace(checkpoint, sender="an intruder", serial=2**50, state=state)
 
 
 def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() -> None:

@@ -88,11 +88,11 @@ def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tup
 
 @dataclass
 class ForeignSender:
-    """A stranger on the network.
+    """An intruder on the network.
 
     Args:
         session: a client like all others.
-        scans: the bridge's scans up to now, by step; the stranger subscribes to them.
+        scans: the bridge's scans up to now, by step; the intruder subscribes to them.
     """
 
     session: zenoh.Session

@@ -32,7 +32,7 @@ def dropped_by(status: Status, role: str) -> dict[str, int]:
 
 
 class Disturbance:
-    """A stranger from the first step on."""
+    """An intruder from the first step on."""
 
     def __init__(self, settings: Settings, resources: ExitStack) -> None:
         self._settings, self._resources = settings, resources
@@ -105,7 +105,7 @@ EXPECTED = {
     },
     "bridge": {"malformed Kidnap: field", "malformed question for scans"},
 }  # fmt: skip
-"""The causes that the stranger gives, by the role of the process that must have counted them."""
+"""The causes that the intruder produces, by the role of the process that must have counted them."""
 
 
 def uncounted(status: Status) -> dict[str, set[str]]:
