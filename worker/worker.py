@@ -355,6 +355,8 @@ class Worker:
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
         """Use the sensor model that `BuildModel` requested."""
         self._preparing, self._model, self._model_digest = False, model, map_digest
+        if self._map is not None:
+            self._landmarks = self._map.landmarks
         return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:
@@ -369,7 +371,7 @@ class Worker:
         if message.digest != expected:
             error = MapMismatchError(worker=self._name, expected=expected, found=message.digest)
             return self._refuse_waiting(error)
-        self._map, self._landmarks = message, message.landmarks
+        self._map = message
         return self._continue()
 
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:

@@ -8,6 +8,7 @@ from robot_simulator.source import SimulatedSource, simulated_steps
 from tests.integration.system.commands import ran
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of
+from tests.integration.system.test_queries import asked
 from tests.integration.system.test_same_beliefs import STEPS, assert_same
 from tests.integration.worlds import world_of
 
@@ -31,3 +32,11 @@ def test_tags_are_seen_through_all_processes_and_replayed(
     assert 0 < first < STEPS - 10
     assert {belief.state for belief in beliefs[:first]} <= {"searching", "ambiguous"}
     assert beliefs[-1].state == "localized"
+
+
+def test_advice_leads_to_tags_before_one_was_seen(start_stack: StartStack) -> None:
+    stack, settings = start_stack(TAGS, steps=6)
+    assert beliefs_of(stack, settings)[-1].state == "ambiguous"
+    ways = asked(settings, "advise")["ways"]
+    assert ways
+    assert {name for way in ways for name in way["landmarks"]} == {"east", "north"}
