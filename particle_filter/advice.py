@@ -135,7 +135,7 @@ def advised_ways(
         settings: rules of evidence.
 
     Returns:
-        At most `MAX_WAYS`, most information per metre first; none if no way within reach has
+        At most `MAX_WAYS`, the best for its length first; none if no way within reach has
         `LEAST_INFORMATION`. And (S, 3) the view points: x, y in the robot's frame [m], and the
         expected information of a new view there [nat], the most of all looked at headings.
     """
@@ -391,11 +391,21 @@ def _sight(views: _Views, view: View, shares: NDArray[np.float64]) -> Sight:
 
 
 def _best(ways: list[Way], question: Question, shares: NDArray[np.float64]) -> list[Way]:
-    """Return the best ways, each ending 2 m or more from those before it."""
-    most = -float(shares @ np.log(question.probabilities / question.probabilities.sum()))
+    """Return the best ways, each ending 2 m or more from those before it.
+
+    Best is the largest sum of two shares for the length: the information of what is missing, and
+    the probability of being sure. By the first alone, a robot that is nearly sure is sent to where
+    it would learn most if it were wrong.
+    """
+    prior = question.probabilities / question.probabilities.sum()
+    most = max(-float(shares @ np.log(prior)), 1e-9)
     least = min(LEAST_INFORMATION, LEAST_SHARE * most)
     ways = [way for way in ways if way.information >= least]
-    ways.sort(key=lambda way: -way.information / (way.effort_m + _BEGINNING_M))
+    ways.sort(
+        key=lambda way: (
+            -(way.information / most + way.sure_probability) / (way.effort_m + _BEGINNING_M)
+        )
+    )
     chosen: list[Way] = []
     for way in ways:
         ends = (math.dist(way.end, other.end) for other in chosen)

@@ -91,7 +91,7 @@ class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
     places: tuple[PoseTuple, ...] = ()
     """Pose of each of these in the map at that step."""
     ways: tuple[Way, ...] = ()
-    """Most information per metre first."""
+    """The best for its length first, by information and probability of being localized."""
     spots: tuple[tuple[Finite, Finite, NotNegative], ...] = ()
     """View points on ways that are free at all places: x [m] ahead, y [m] to the left, and the
     expected information of a new view there [nat]."""
