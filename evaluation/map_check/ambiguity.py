@@ -23,7 +23,8 @@ _BEAMS = 360
 _LEAST_INFORMATION = 0.1
 """Of one view [nat]; less is an error of the poses or of the map's cells."""
 _NEAR = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 7)] * 3), axis=-1).reshape(-1, 3)
-_NEAR = _NEAR * (0.05, 0.05, 0.02)
+_NEAR = _NEAR[np.square(_NEAR).sum(axis=1).argsort(kind="stable")] * (0.05, 0.05, 0.02)
+"""Of poses that fit equally well, the nearest one is taken."""
 _KNOWN = np.diag([0.05, 0.05, 0.01]) ** 2
 
 
