@@ -33,7 +33,10 @@ MIN_OBSERVATIONS = 5
 """A landmark that was observed at fewer steps is not written."""
 MAX_OBSERVATIONS = 200
 MOST_SCATTER_M = 1.0
-"""A name whose observations scatter more stands for several landmarks, or a moving one [m]."""
+"""Observations farther from the median of their name are false [m]."""
+LEAST_RIGHT = 0.7
+"""A name with a smaller share of right observations stands for several landmarks, or a moving one.
+"""
 LEAST_SIGMA_M = 0.02
 """Least standard deviation: errors of map and mount do not average out [m]."""
 _MOST_WAITING = 64
@@ -147,15 +150,19 @@ class LandmarkSurvey:
         """Yield the found landmarks as entries of a landmarks file."""
         for name, seen in sorted(self._seen.items()):
             positions, covariances = map(np.array, zip(*seen, strict=True))
-            scatter_m = float(np.sqrt(positions.var(axis=0).max()))
-            if len(seen) < MIN_OBSERVATIONS or scatter_m > MOST_SCATTER_M:
-                what = f"{len(seen)} observations, which scatter by {scatter_m:.2f} m"
+            off_m = np.hypot(*(positions - np.median(positions, axis=0)).T)
+            right = off_m <= MOST_SCATTER_M
+            count, of = int(np.count_nonzero(right)), len(seen)
+            if count < max(MIN_OBSERVATIONS, LEAST_RIGHT * of):
+                what = f"{count} of {of} observations are within {MOST_SCATTER_M} m of the median"
                 _log.warning("landmark %s is left out: %s", name, what)
                 continue
+            positions, covariances = positions[right], covariances[right]
+            scatter_m = float(np.sqrt(positions.var(axis=0).max()))
             weights = np.linalg.inv(covariances)
             covariance = np.linalg.inv(weights.sum(axis=0))
             x, y = covariance @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
             sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-            sigma = max(float(sigma), scatter_m / np.sqrt(len(seen)), LEAST_SIGMA_M)
+            sigma = max(float(sigma), scatter_m / np.sqrt(count), LEAST_SIGMA_M)
             at = {key: round(float(value), 3) for key, value in (("x", x), ("y", y))}
             yield {"id": name, **at, "sigma": round(float(sigma), 3)}

@@ -45,6 +45,17 @@ def test_observations_of_a_localized_robot_are_averaged() -> None:
     assert 0.02 <= entry["sigma"] < 0.3
 
 
+def test_sights_with_a_wrong_name_do_not_count() -> None:
+    survey = LandmarkSurvey(set())
+    drive(survey, 20, noise_m=0.1)
+    sights = survey._seen["tag"]
+    sights += [(np.array([9.0, 9.0]), 0.01 * np.eye(2))] * 6
+    (entry,) = survey.entries()
+    assert math.dist((entry["x"], entry["y"]), TAG) < 0.1
+    sights += sights[-1:] * 6
+    assert not list(survey.entries())
+
+
 @pytest.mark.parametrize("state", ["ambiguous", "searching", "lost"])
 def test_observations_of_a_robot_that_is_not_localized_do_not_count(state: str) -> None:
     survey = LandmarkSurvey(set())
