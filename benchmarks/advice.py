@@ -17,6 +17,7 @@ import typer
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
@@ -25,7 +26,6 @@ from protocol.advice import Advice, Way
 from protocol.answers import Belief
 from protocol.message import PoseTuple
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World, world_from_map
 
 RIGHT_M, RIGHT_RAD = 1.0, 0.5

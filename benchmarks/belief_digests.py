@@ -15,6 +15,7 @@ from pathlib import Path
 
 from benchmarks.experiments.case import AfterStep, Case, RecordedRobot, SimulatedRobot
 from benchmarks.experiments.task import Run, Task
+from benchmarks.wean import WeanRobot
 from coordinator.belief.outcome import Outcome
 from process_runtime.settings import Settings
 from worker.map_model import default_cache_folder
@@ -27,7 +28,7 @@ def cases(data: Path) -> list[Case]:
     return [
         _case("cross", SimulatedRobot(world="cross"), updates=300),
         _case("office, kidnapped", kidnapped, updates=300),
-        _case("Wean 1", _recorded(wean / "robotdata1.log.xz", wean / "map.yaml")),
+        _case("Wean 1", WeanRobot(recording=wean / "robotdata1.log.xz", map=wean / "map.yaml")),
         _case("Intel", _recorded(intel / "log.clf.gz", intel / "map.yaml")),
     ]
 

@@ -17,6 +17,7 @@ from multiprocessing import get_context
 import msgspec
 import numpy as np
 
+from benchmarks.worlds import world
 from particle_filter import cluster_filter
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.poses import between
@@ -25,7 +26,6 @@ from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker
 from worker.jobs import scan_beams
 from worker.map_model import sensor_model

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 import typer
 
+from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
 from clustermcl.localizer import Belief
 from particle_filter.grid import Grid
@@ -26,7 +27,6 @@ from protocol.steps import Landmark
 from robot_simulator.observing import Camera, Gnss
 from robot_simulator.sensors import Lidar, LidarModel
 from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.world import World
 

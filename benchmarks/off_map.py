@@ -31,6 +31,7 @@ from benchmarks.experiments.case import Case, RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from benchmarks.people import CrowdSimulation
 from benchmarks.same_views import Answer, answer_of
+from benchmarks.worlds import world
 from coordinator.belief.outcome import Outcome
 from evaluation.course import TrueStep, course_of
 from evaluation.in_process import InProcess
@@ -48,7 +49,6 @@ from recordings.map_file import load_map
 from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World
 from worker.jobs import scan_beams
 from worker.map_model import default_cache_folder, sensor_model

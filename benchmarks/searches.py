@@ -24,6 +24,7 @@ from typing import Any
 
 from benchmarks import cbgl
 from benchmarks.experiments.observability import turned_copies
+from benchmarks.worlds import world as named_world
 from coordinator.belief.search_pool import SearchPool
 from evaluation.in_process import InProcess
 from evaluation.map_check.symmetries import middle_of
@@ -37,7 +38,6 @@ from protocol.steps import Scan
 from protocol.work import Assignment, SearchJob, SearchReport
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world as named_world
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.world import World
 from worker.jobs import running

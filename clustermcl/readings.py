@@ -116,7 +116,7 @@ def read_recording(
 ) -> Iterator[Reading]:
     """Return all readings of a recording in the order of time.
 
-    The recording is a ROS bag, a CARMEN or Wean Hall log, a file of `clustermcl record`, or has a
+    The recording is a ROS bag, a CARMEN log, a file of `clustermcl record`, or has a
     format with an installed or registered reader (see `register`). Malformed lines are skipped,
     with a warning in the log.
 

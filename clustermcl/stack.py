@@ -1,9 +1,6 @@
 """Starts, supervises and stops all processes of one robot on this machine."""
 
-import fcntl
-import logging
 import os
-import shutil
 import signal
 import tempfile
 import time
@@ -23,11 +20,6 @@ from protocol.errors import ClusterMclError
 from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
-_FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
-_NEWBORN_S = 10.0
-"""Age below which a folder may not have its lock yet [s]."""
-
-_log = logging.getLogger(__name__)
 
 
 class ProcessEndedError(ClusterMclError):
@@ -129,36 +121,13 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Create a folder for sockets and logs, which is removed at the end of the ``with`` block.
-
-    After a SIGKILL the folder remains, but the kernel releases its lock. The next process that
-    calls this function then removes the folder.
-    """
+    """Create a folder for sockets and logs, which is removed at the end of the ``with`` block."""
     # The operating system limits the length of a socket's path; the router's is the longest.
     base = Path(tempfile.gettempdir())
     room = SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
-    _remove_orphans(folder)
-    with (
-        tempfile.TemporaryDirectory(prefix=_FOLDER_PREFIX, dir=folder) as path,
-        (Path(path) / _LOCK).open("w") as lock,
-    ):
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    with tempfile.TemporaryDirectory(prefix="clustermcl-", dir=folder) as path:
         yield Path(path)
-
-
-def _remove_orphans(base: Path) -> None:
-    """Remove this user's folders whose lock is free: their processes were killed."""
-    for folder in base.glob(f"{_FOLDER_PREFIX}*"):
-        try:
-            about = folder.lstat()
-            if about.st_uid != os.getuid() or time.time() - about.st_mtime < _NEWBORN_S:
-                continue
-            with (folder / _LOCK).open() as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder)
-        except OSError:  # locked, not readable, or just being removed by another process
-            continue
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:

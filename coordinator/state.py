@@ -404,7 +404,7 @@ class CoordinatorState(Part):
     def _rebuilt(self, state: CheckpointState, job_id: str) -> TrackJob:
         """Draw a cluster from its Gaussian: its particles were lost with its worker."""
         applied = state.collector.applied
-        assert applied is not None  # checked by `ensemble_problem`
+        assert applied is not None  # no cluster is tracked before the first step
         tracked = (*state.ensemble.clusters.all(), *state.ensemble.decoy.places)
         cluster = next(c for c in tracked if c.job_id == job_id)
         scan = mirrored(applied) if cluster.mirrored else applied

@@ -32,8 +32,24 @@ _log = logging.getLogger(__name__)
 
 class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sha256: bytes
-    checkpoint: bytes
-    """The encoded message, as it is published."""
+    content: bytes = msgspec.field(name="checkpoint")
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return the content of a file that `without_checksum` reads."""
+    return msgspec.msgpack.encode(_File(sha256=hashlib.sha256(content).digest(), content=content))
+
+
+def without_checksum(data: bytes) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    kept = msgspec.msgpack.decode(data, type=_File)  # its errors are ValueErrors
+    if hashlib.sha256(kept.content).digest() != kept.sha256:
+        raise ValueError("its checksum is wrong")
+    return kept.content
 
 
 def file_of(folder: Path, robot: str) -> Path:
@@ -57,10 +73,7 @@ def read(folder: Path, robot: str) -> Checkpoint | None:
 def _checkpoint_in(data: bytes) -> Checkpoint:
     if len(data) > MAX_FILE_BYTES:
         raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
-    kept = msgspec.msgpack.decode(data, type=_File)  # its errors are ValueErrors
-    if hashlib.sha256(kept.checkpoint).digest() != kept.sha256:
-        raise ValueError("its checksum is wrong")
-    checkpoint = decode(kept.checkpoint, Checkpoint)
+    checkpoint = decode(without_checksum(data), Checkpoint)
     check_term(checkpoint, time.time_ns())
     state_in(checkpoint)
     return checkpoint
@@ -81,12 +94,10 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     folder.mkdir(parents=True, exist_ok=True)
     target = file_of(folder, robot)
     part = target.with_suffix(".part")  # one name: what a killed process left is written over
-    message = encode(checkpoint)
-    data = _File(sha256=hashlib.sha256(message).digest(), checkpoint=message)
     try:
         number = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with os.fdopen(number, "wb") as file:
-            file.write(msgspec.msgpack.encode(data))
+            file.write(with_checksum(encode(checkpoint)))
             file.flush()
             if sync:
                 os.fsync(number)

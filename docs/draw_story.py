@@ -7,8 +7,8 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
+from benchmarks.experiments.baselines import ALGORITHMS
 from coordinator.belief.outcome import belief_after
-from evaluation.run import ALGORITHMS
 from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture
 from live_view.frames import step_frame

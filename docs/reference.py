@@ -45,9 +45,8 @@ def settings_page() -> str:
             section = of
             lines += ["", f"## {section}" if section else "", ""]
             lines += ["| setting | default | accepted | meaning |", "| --- | --- | --- | --- |"]
-        unit = f" [{info.unit}]" if info.unit else ""
         default = f'"{info.default}"' if isinstance(info.default, str) else str(info.default)
-        cells = (f"`{name}`", f"`{default}`", info.expected, f"{info.meaning}{unit}")
+        cells = (f"`{name}`", f"`{default}`", info.expected, info.meaning)
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
     return "\n".join(lines) + "\n"
 

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -13,9 +13,9 @@ from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
-from protocol.steps import Scan, mirrored
+from protocol.steps import Scan
 from recordings.map_file import load_map
-from recordings.recording import open_recording
+from recordings.recording import Recording, open_recording
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import simulated_world
@@ -45,6 +45,9 @@ class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     reference: Path | None = None
     """File with the ground truth; None: the ground truth is unknown, so no step is scored."""
 
+    def opened(self, settings: BridgeSettings) -> Recording:
+        return open_recording(self.recording, settings)
+
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
     """A robot and the length of a run."""
@@ -52,9 +55,6 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     robot: SimulatedRobot | RecordedRobot
     updates: int | None = None
     """Largest number of steps; None: to the end of the recording."""
-    mirrored: bool = False
-    """Whether to mirror all scans and motions: the robot is then not on the map, and no step is
-    scored."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,6 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
         ClusterMclError: a file cannot be used, or the world does not exist; a recording may
             raise it at its first step.
     """
-    course = _course_of(case, seed, settings, start_step)
-    if not case.mirrored:
-        return course
-    return replace(course, steps=((mirrored(scan), None) for scan, _ in course.steps))
-
-
-def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int) -> Course:
     match case.robot:
         case SimulatedRobot() as robot:
             simulation = robot.simulation(seed)
@@ -96,7 +89,7 @@ def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
-            scans = steps_of(open_recording(robot.recording, settings), settings, grid_map.digest)
+            scans = steps_of(robot.opened(settings), settings, grid_map.digest)
             true_steps = _with_truth(scans, reference, start_step, case.updates)
             return Course(grid_map, str(robot.map), true_steps, _cannot_kidnap)
 

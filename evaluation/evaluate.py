@@ -23,7 +23,7 @@ from evaluation.course import Case, RecordedRobot, SimulatedRobot
 from evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from evaluation.references import written_trajectory
 from evaluation.results import MORE_TABLES, POSES, Columns, Result, table_rows, write_results
-from evaluation.run import ALGORITHMS, Run, in_parallel
+from evaluation.run import Run, in_parallel
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
@@ -46,15 +46,12 @@ class EvaluateOptions:
     recording: str
     map_file: str | None = None
     reference: Path | None = None
-    algorithm: str = "cluster-mcl"
     seeds: int = 1
     starts: int | None = None
     """Number of runs: of a recording, from start steps spread evenly; of a simulated robot, with
     different seeds."""
     steps: int | None = None
     kidnap_at: int | None = None
-    mirrored: bool = False
-    """Whether to mirror all scans and motions: the robot is then not on the map."""
     jobs: int | None = None
     as_json: bool = False
     """Print JSON instead of tables."""
@@ -100,9 +97,6 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         ClusterMclError: an input cannot be used, or a run failed.
         StoppedError: interrupted.
     """
-    if options.algorithm not in ALGORITHMS:
-        problem = f"--algorithm {options.algorithm}: choose {' or '.join(ALGORITHMS)}"
-        raise SettingsError(key="--algorithm", problem=problem)
     case, seeds = case_of(options)
     if options.output is not None:
         if options.output.suffix.lower() != ".csv":
@@ -111,9 +105,8 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         check_output_file(options.output)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
-    follow = ALGORITHMS[options.algorithm]
     runs = [
-        Run(case=case, follow=follow, seed=seed, settings=settings)
+        Run(case=case, seed=seed, settings=settings)
         for seed in range(settings.seed, settings.seed + seeds)
     ]
     steps = _steps_count(runs[0])  # raises input errors before any process is started
@@ -132,9 +125,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         for run, measures in zip(runs, finished, strict=True)
     ]
     common = {
-        "algorithm": options.algorithm,
         "recording": options.recording,
-        "mirrored": options.mirrored,
         "map": options.map_file,
     }
     if options.output is not None:
@@ -158,9 +149,7 @@ def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
 
 
 def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
-    of = f"{options.algorithm} on {options.recording}"
-    if options.mirrored:
-        return f"{of}, mirrored: a robot that is not on the map"
+    of = options.recording
     if all(run["log_score_mean"] is None for run in runs):
         return f"{of}: errors unknown without true poses (--reference)"
     return f"{of}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
@@ -181,7 +170,7 @@ def case_of(options: EvaluateOptions) -> tuple[Case, int]:
     if options.starts is not None:
         default = DEFAULT_STEPS_OF_A_START
     seeds = options.starts if simulated and options.starts is not None else options.seeds
-    case = Case(robot=robot, updates=options.steps or default, mirrored=options.mirrored)
+    case = Case(robot=robot, updates=options.steps or default)
     return case, seeds
 
 

@@ -11,15 +11,12 @@ import numpy as np
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
-from coordinator.checkpoint import ensemble_problem, jobs_problem
-from coordinator.jobs import Jobs, PlacedJob
 from coordinator.part import successor_of
 from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, filter_with
 from protocol.steps import Scan
-from protocol.validity import first_problem, problem_of
 from protocol.work import Assignment, Job, Report, SearchJob
 from worker.jobs import RunningJob, Tracking, running
 
@@ -42,16 +39,6 @@ class InProcessState(msgspec.Struct, frozen=True):
     """Scans since the running search began; a resumed search takes them again."""
     applied: Scan
     """The scan of the last step."""
-
-    @property
-    def problem(self) -> str | None:
-        """The reason why this state is impossible; None if it is valid."""
-        jobs = Jobs({job.job_id: PlacedJob(job.job, job.epoch) for job in self.jobs})
-        return (
-            first_problem(map(problem_of, (*self.searched, self.applied)))
-            or ensemble_problem(self.ensemble, self.applied)
-            or jobs_problem(jobs, self.ensemble, self.applied)
-        )
 
 
 class InProcess:
@@ -142,11 +129,8 @@ class InProcess:
         made = cls(model, settings)
         made.ensemble = successor_of(state.ensemble)
         made.ensemble.use(settings)
-        problem = state.problem
-        if not problem and {job.job_id for job in state.jobs} != set(made.ensemble.expected):
-            problem = "its jobs are not those of its belief"
-        if problem:
-            raise ValueError(problem)
+        if {job.job_id for job in state.jobs} != set(made.ensemble.expected):
+            raise ValueError("its jobs are not those of its belief")
         made._searched, made.applied = list(state.searched), state.applied
         made._use(filter_with(settings, state.applied.settings))
         for assignment in state.jobs:

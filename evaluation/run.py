@@ -7,14 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 import msgspec
 
 from coordinator.belief.outcome import Outcome
-from evaluation import in_process, mcl
+from evaluation import in_process
 from evaluation.course import Case, Course, course_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
@@ -28,12 +27,6 @@ from protocol.steps import Scan
 from worker.map_model import default_cache_folder, sensor_model
 
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
-ALGORITHMS: dict[str, Outcomes] = {
-    "cluster-mcl": in_process.outcomes,
-    "mcl": mcl.outcomes,
-    "amcl": partial(mcl.outcomes, gains=mcl.AMCL_GAINS),
-}
-"""Cluster-MCL, ordinary MCL, and augmented MCL (as AMCL)."""
 
 EstimatedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
 """A scan, the belief after it, and the true pose; None where the truth is unknown."""
@@ -49,10 +42,10 @@ class Run:
     """One run of an algorithm; it can be sent to another process."""
 
     case: Case
-    follow: Outcomes
     seed: int
     """Seed of the filter, in place of that of the settings, and of a simulated robot."""
     settings: Settings
+    follow: Outcomes = in_process.outcomes
     start_step: int = 0
     """First step used of a recording, as if the robot had been switched on there."""
 

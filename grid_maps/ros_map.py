@@ -111,7 +111,7 @@ def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, i
         loader = yaml.SafeLoader(content)
         node = loader.get_single_node()
         if not isinstance(node, yaml.MappingNode):
-            problem = "not a map: neither a map_server YAML file nor in the wean.dat format"
+            problem = "not a map: no map_server YAML file"
             raise MapFileError(path, problem)
         lines = {str(key.value): key.start_mark.line + 1 for key, _ in node.value}
         return loader.construct_mapping(node, deep=True), lines

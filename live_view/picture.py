@@ -6,17 +6,7 @@ from typing import Any
 
 import msgspec
 
-from live_view.frames import (
-    Frame,
-    cloud_frame,
-    events_frame,
-    history_row,
-    map_frame,
-    pose_frame,
-    scan_frame,
-    status_frame,
-    step_frame,
-)
+from live_view import frames
 from live_view.step_archive import ArchiveEntry, StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
@@ -47,7 +37,7 @@ class Picture:
         archive: archive for past steps; None: a new archive of the default size.
     """
 
-    def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
+    def __init__(self, system: frames.Frame, archive: StepArchive | None = None) -> None:
         self._frames: dict[str, Any] = {"system": {**system, "link": "no router"}}
         self._changed = {"system"}
         self._archive = archive or StepArchive()
@@ -82,7 +72,7 @@ class Picture:
     def past(self, step: int) -> dict[str, Any]:
         """Return the frames of a past step by topic, as far as they are archived."""
         events = [event for event in self._events.values() if event.step <= step]
-        return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
+        return {**self._archive.at(step), "events": frames.events_frame(events[-SHOWN_EVENTS:])}
 
     @property
     def archived(self) -> list[ArchiveEntry]:
@@ -106,14 +96,14 @@ class Picture:
                 self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
-        self._set("map", map_frame(message))
+        self._set("map", frames.map_frame(message))
 
     def on_scan(self, scan: Scan) -> None:
         """Store a scan for its belief, or show it if its belief arrived first."""
         self.wanted_map = scan.map_digest
         _keep(self._scans, scan.step, scan)
         if shown := self._shown_at(scan.step):
-            self._set_step({**shown, **scan_frame(scan)})
+            self._set_step({**shown, **frames.scan_frame(scan)})
 
     def on_truth(self, truth: TruePose) -> None:
         """Store the true pose at a step for its belief, or show it if its belief arrived first."""
@@ -127,7 +117,7 @@ class Picture:
             self.on_particles(report.cluster, report.snapshot)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        frame = cloud_frame(cluster, particles)
+        frame = frames.cloud_frame(cluster, particles)
         self._set(f"cloud {cluster}", frame)
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
@@ -144,16 +134,16 @@ class Picture:
         slots = self._slots.assign(place.cluster for place in belief.hypotheses)
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
         self._drop_clouds_but(slots)
-        self._set_step(step_frame(belief, slots, scan, truth))
+        self._set_step(frames.step_frame(belief, slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Show the robot's present pose; ignore an answer of an earlier coordinator."""
         if answer.term >= self._term:
-            frame = pose_frame(answer)
+            frame = frames.pose_frame(answer)
             self._set("pose", frame)
             self._archive.add(self._last_step, "pose", frame)
 
-    def on_status(self, status: Status, latency: Frame | None = None) -> None:
+    def on_status(self, status: Status, latency: frames.Frame | None = None) -> None:
         """Show the status of a running system.
 
         Args:
@@ -162,7 +152,7 @@ class Picture:
         """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        frame = {**status_frame(status), "latency": latency}
+        frame = {**frames.status_frame(status), "latency": latency}
         self._set("status", frame)
         self._archive.add(self._last_step, "status", frame)
 
@@ -180,7 +170,7 @@ class Picture:
         if new:
             numbers = sorted(self._events | new)[-MAX_EVENTS:]
             self._events = {number: (self._events | new)[number] for number in numbers}
-            self._set("events", events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
+            self._set("events", frames.events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:
@@ -192,17 +182,17 @@ class Picture:
         self._set("events", [])
         self._changed.add("history")
 
-    def _shown_at(self, step: int) -> Frame | None:
+    def _shown_at(self, step: int) -> frames.Frame | None:
         """Return the frame of the shown step if it has this number, else None."""
-        shown: Frame | None = self._frames.get("step")
+        shown: frames.Frame | None = self._frames.get("step")
         return shown if shown is not None and shown["step"] == step else None
 
-    def _set_step(self, frame: Frame) -> None:
+    def _set_step(self, frame: frames.Frame) -> None:
         """Show a step, in place of its earlier frame if it has one."""
         step = frame["step"]
         if self._rows and self._rows[-1][0] == step:
             self._rows.pop()
-        self._rows.append((step, msgspec.Raw(msgspec.json.encode(history_row(frame)))))
+        self._rows.append((step, msgspec.Raw(msgspec.json.encode(frames.history_row(frame)))))
         self._archive.add(step, "step", frame)
         self._set("step", frame)
 

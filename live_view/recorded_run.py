@@ -23,20 +23,9 @@ from protocol.answers import Belief, PoseAnswer
 from protocol.errors import RecordingError
 from protocol.job_events import JobEvents
 from protocol.steps import MapMessage, Scan
+from recordings import run_log
 from recordings.foxglove import LaserFields
 from recordings.map_file import load_map
-from recordings.run_log import (
-    BELIEF,
-    GRID,
-    JOB_EVENTS,
-    SCAN,
-    LogMessage,
-    RunLogReader,
-    decoded,
-    is_run_log,
-    log_files,
-    map_in,
-)
 from zenoh_link.inbox import Inbox
 
 KEPT_STEPS = 100_000
@@ -67,7 +56,7 @@ def view_recording(
     stop = stop_on_signals()
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
-    if not is_run_log(recording):
+    if not run_log.is_run_log(recording):
         problem = "is not a recorded run: neither clustermcl record nor a coordinator wrote it"
         remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
         raise RecordingError(recording, f"{problem}; {remedy}")
@@ -109,7 +98,7 @@ class RecordedRun:
         if grid_map is not None:
             self._show_map(grid_map)
         self._lasers: list[LaserFields] = []
-        self._pieces = self._read(log_files(path))
+        self._pieces = self._read(run_log.log_files(path))
 
     def run(self, stop: StopFlag) -> None:
         """Read the recording in small pieces, and answer browsers, until `stop` is set.
@@ -147,22 +136,22 @@ class RecordedRun:
 
     def _read(self, files: list[Path]) -> Iterator[None]:
         for path in files:
-            log = RunLogReader(path)
+            log = run_log.RunLogReader(path)
             for message in log.messages():
                 self._on_message(message, path)
                 yield
             if log.cut:
                 _log.warning("%s is cut off or damaged: %s", path, log.cut)
 
-    def _on_message(self, message: LogMessage, path: Path) -> None:
-        if message.topic == BELIEF:
-            self._on_belief(decoded(message, Belief, path))
-        elif message.topic == JOB_EVENTS:
-            self.picture.on_events(decoded(message, JobEvents, path))
-        elif message.topic.startswith(SCAN):
-            self._lasers.append(decoded(message, LaserFields, path))
-        elif message.topic == GRID and not self._is_map_given:
-            grid_map = map_in(message, path)
+    def _on_message(self, message: run_log.LogMessage, path: Path) -> None:
+        if message.topic == run_log.BELIEF:
+            self._on_belief(run_log.decoded(message, Belief, path))
+        elif message.topic == run_log.JOB_EVENTS:
+            self.picture.on_events(run_log.decoded(message, JobEvents, path))
+        elif message.topic.startswith(run_log.SCAN):
+            self._lasers.append(run_log.decoded(message, LaserFields, path))
+        elif message.topic == run_log.GRID and not self._is_map_given:
+            grid_map = run_log.map_in(message, path)
             if grid_map.digest != self._map_digest:
                 self._map_digest = grid_map.digest
                 self._show_map(to_message(grid_map, "recording"))

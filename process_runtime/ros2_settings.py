@@ -3,8 +3,9 @@
 from typing import Annotated, Literal, TypeAlias
 
 import msgspec
+from msgspec import Meta
 
-from particle_filter.settings import described
+from particle_filter.settings import NotNegative, Positive
 
 Publish: TypeAlias = Literal["held", "best", "localized"]
 """Which place is published as the pose while there are several; see `ros2_bridge.pose_choice`."""
@@ -14,98 +15,78 @@ TypeHashes: TypeAlias = Literal["auto", "rihs01", "humble"]
 class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Replacement of AMCL on a robot whose ROS 2 uses rmw_zenoh."""
 
-    enabled: Annotated[bool, described("`clustermcl up` also starts the bridge to ROS 2")] = False
-    router: Annotated[
-        str, described("endpoint of the robot's rmw_zenohd; empty: the same as zenoh.router")
-    ] = ""
-    domain_id: Annotated[int, described("ROS_DOMAIN_ID of the robot", ge=0, le=232)] = 0
-    namespace: Annotated[
-        str, described("namespace of the node, such as /robot1; empty: the root")
-    ] = ""
-    node_name: Annotated[str, described("name of the node; nav2 expects amcl")] = "amcl"
-    type_hashes: Annotated[
-        TypeHashes,
-        described("type hashes of the robot's ROS release; auto: those of the nodes found"),
-    ] = "auto"
-    autostart: Annotated[bool, described("become active without nav2's lifecycle manager")] = False
-    use_sim_time: Annotated[bool, described("take the time from /clock")] = False
-    scan_topic: Annotated[str, described("laser scans; several topics are separated by commas")] = (
-        "scan"
-    )
-    pointcloud_topic: Annotated[
-        str, described("point clouds; a slice of them is one more laser; empty: none")
-    ] = ""
-    min_height_m: Annotated[
-        float, described("lower edge of that slice above the base frame", "m")
-    ] = 0.1
-    max_height_m: Annotated[float, described("upper edge of that slice", "m")] = 1.0
-    pose_topics: Annotated[
-        str, described("poses in the map by other sensors, separated by commas; empty: none")
-    ] = ""
-    gnss_topics: Annotated[
-        str, described("satellite fixes, separated by commas; they need a datum")
-    ] = ""
-    datum: Annotated[
-        str,
-        described(
-            "latitude and longitude of the map's origin, and direction of its x axis, counter-"
-            "clockwise from east, separated by commas",
-            "deg",
-        ),
-    ] = ""
-    tag_topics: Annotated[
-        str, described("detected AprilTags, whose poses are in tf, separated by commas")
-    ] = ""
-    detection_topics: Annotated[
-        str, described("detected landmarks in three dimensions, separated by commas")
-    ] = ""
-    sight_sigma_per_m: Annotated[
-        float,
-        described(
-            "standard deviation of a detection without covariance, for each metre to it", gt=0
-        ),
-    ] = 0.05
-    map_topic: Annotated[str, described("the map, latched")] = "map"
-    tf_topic: Annotated[
-        str, described("transforms; nav2's launch files remap /tf to tf in the namespace")
-    ] = "/tf"
-    tf_static_topic: Annotated[str, described("static transforms")] = "/tf_static"
-    global_frame: Annotated[str, described("tf's frame of the map")] = "map"
-    odom_frame: Annotated[str, described("tf's frame of odometry")] = "odom"
-    base_frame: Annotated[str, described("tf's frame of the robot")] = "base_footprint"
-    transform_tolerance_s: Annotated[
-        float,
-        described(
-            "map to odom is stamped this much after its scan; scans wait this long for tf",
-            "s",
-            ge=0,
-        ),
-    ] = 1.0
-    tf_broadcast: Annotated[bool, described("send map to odom; else another node does")] = True
-    publish: Annotated[
-        Publish,
-        described(
-            "pose while several places are possible: held (the last localized place, until another "
-            "is localized or it ends), best (most probable, may jump), localized (no pose)"
-        ),
-    ] = "held"
-    laser_min_range_m: Annotated[
-        float, described("nearer beams count as no return; negative: the scan's range_min", "m")
-    ] = -1.0
-    laser_max_range_m: Annotated[
-        float,
-        described("farther beams count as no return; 0 or negative: the scan's range_max", "m"),
-    ] = -1.0
-    first_map_only: Annotated[bool, described("ignore all maps after the first")] = False
-    set_initial_pose: Annotated[
-        bool, described("start at the initial pose below at each activation")
-    ] = False
-    initial_x_m: Annotated[float, described("initial pose in the map", "m")] = 0.0
-    initial_y_m: Annotated[float, described("initial pose in the map", "m")] = 0.0
-    initial_heading_rad: Annotated[float, described("initial pose in the map", "rad")] = 0.0
-    always_reset_initial_pose: Annotated[
-        bool, described("search the whole map after each reset instead of continuing")
-    ] = False
+    enabled: bool = False
+    """`clustermcl up` also starts the bridge to ROS 2."""
+    router: str = ""
+    """Endpoint of the robot's rmw_zenohd; empty: the same as zenoh.router."""
+    domain_id: Annotated[int, Meta(ge=0, le=232)] = 0
+    """ROS_DOMAIN_ID of the robot."""
+    namespace: str = ""
+    """Namespace of the node, such as /robot1; empty: the root."""
+    node_name: str = "amcl"
+    """Name of the node; nav2 expects amcl."""
+    type_hashes: TypeHashes = "auto"
+    """Type hashes of the robot's ROS release; auto: those of the nodes found."""
+    autostart: bool = False
+    """Become active without nav2's lifecycle manager."""
+    use_sim_time: bool = False
+    """Take the time from /clock."""
+    scan_topic: str = "scan"
+    """Laser scans; several topics are separated by commas."""
+    pointcloud_topic: str = ""
+    """Point clouds; a slice of them is one more laser; empty: none."""
+    min_height_m: float = 0.1
+    """Lower edge of that slice above the base frame [m]."""
+    max_height_m: float = 1.0
+    """Upper edge of that slice [m]."""
+    pose_topics: str = ""
+    """Poses in the map by other sensors, separated by commas; empty: none."""
+    gnss_topics: str = ""
+    """Satellite fixes, separated by commas; they need a datum."""
+    datum: str = ""
+    """Latitude and longitude of the map's origin, and direction of its x axis, counter-clockwise
+    from east, separated by commas [deg]."""
+    tag_topics: str = ""
+    """Detected AprilTags, whose poses are in tf, separated by commas."""
+    detection_topics: str = ""
+    """Detected landmarks in three dimensions, separated by commas."""
+    sight_sigma_per_m: Positive = 0.05
+    """Standard deviation of a detection without covariance, for each metre to it."""
+    map_topic: str = "map"
+    """The map, latched."""
+    tf_topic: str = "/tf"
+    """Transforms; nav2's launch files remap /tf to tf in the namespace."""
+    tf_static_topic: str = "/tf_static"
+    """Static transforms."""
+    global_frame: str = "map"
+    """Tf's frame of the map."""
+    odom_frame: str = "odom"
+    """Tf's frame of odometry."""
+    base_frame: str = "base_footprint"
+    """Tf's frame of the robot."""
+    transform_tolerance_s: NotNegative = 1.0
+    """Map to odom is stamped this much after its scan; scans wait this long for tf [s]."""
+    tf_broadcast: bool = True
+    """Send map to odom; else another node does."""
+    publish: Publish = "held"
+    """Pose while several places are possible: held (the last localized place, until another is
+    localized or it ends), best (most probable, may jump), localized (no pose)."""
+    laser_min_range_m: float = -1.0
+    """Nearer beams count as no return; negative: the scan's range_min [m]."""
+    laser_max_range_m: float = -1.0
+    """Farther beams count as no return; 0 or negative: the scan's range_max [m]."""
+    first_map_only: bool = False
+    """Ignore all maps after the first."""
+    set_initial_pose: bool = False
+    """Start at the initial pose below at each activation."""
+    initial_x_m: float = 0.0
+    """Initial pose in the map [m]."""
+    initial_y_m: float = 0.0
+    """Initial pose in the map [m]."""
+    initial_heading_rad: float = 0.0
+    """Initial pose in the map [rad]."""
+    always_reset_initial_pose: bool = False
+    """Search the whole map after each reset instead of continuing."""
 
     def __post_init__(self) -> None:
         # ROS 1 put a slash before frame names; tf2 has none.

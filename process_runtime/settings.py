@@ -3,8 +3,15 @@
 from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
 
-from particle_filter.settings import FilterSettings, described
+from particle_filter.settings import (
+    FilterSettings,
+    NotNegative,
+    NotNegativeInt,
+    Positive,
+    PositiveInt,
+)
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.names import LONGEST_NAME, NAME_PATTERN
 
@@ -15,183 +22,124 @@ ROBOT_VARIABLE, ROUTER_VARIABLE = "CLUSTERMCL_ROBOT", "CLUSTERMCL_ROUTER"
 class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Settings of the robot that the processes serve."""
 
-    name: Annotated[
-        str,
-        described(
-            "robot's name; separates the keys of several robots on one router",
-            pattern=NAME_PATTERN,
-            max_length=LONGEST_NAME,
-        ),
-    ] = "robot"
-    radius_m: Annotated[
-        float, described("radius of the footprint that the page draws; 0: none", "m", ge=0, le=10)
-    ] = 0.0
+    name: Annotated[str, Meta(pattern=NAME_PATTERN, max_length=LONGEST_NAME)] = "robot"
+    """Robot's name; separates the keys of several robots on one router."""
+    radius_m: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """Radius of the footprint that the page draws; 0: none [m]."""
 
 
 class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Settings of the connections: every process is a client of one router."""
 
-    router: Annotated[
-        str, described("endpoint of the router: where it listens and where clients connect")
-    ] = "tcp/127.0.0.1:7447"
-    start_router: Annotated[
-        bool,
-        described("`clustermcl up` starts that router; false: one is running, such as rmw_zenohd"),
-    ] = True
-    connect_timeout_s: Annotated[
-        float, described("time-out of a command for connecting to the router", "s", gt=0)
-    ] = 2.0
-    query_timeout_s: Annotated[float, described("time-out of a query", "s", gt=0)] = 1.0
-    tls_ca_certificate: Annotated[
-        str, described("for tls/: file of the authority that signed the certificates")
-    ] = ""
-    tls_certificate: Annotated[
-        str, described("for tls/: file of this process's own certificate")
-    ] = ""
-    tls_private_key: Annotated[str, described("for tls/: file of the key of that certificate")] = ""
+    router: str = "tcp/127.0.0.1:7447"
+    """Endpoint of the router: where it listens and where clients connect."""
+    start_router: bool = True
+    """`clustermcl up` starts that router; false: one is running, such as rmw_zenohd."""
+    connect_timeout_s: Positive = 2.0
+    """Time-out of a command for connecting to the router [s]."""
+    query_timeout_s: Positive = 1.0
+    """Time-out of a query [s]."""
+    tls_ca_certificate: str = ""
+    """For tls/: file of the authority that signed the certificates."""
+    tls_certificate: str = ""
+    """For tls/: file of this process's own certificate."""
+    tls_private_key: str = ""
+    """For tls/: file of the key of that certificate."""
 
 
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Map, source of readings, and when a scan becomes a step."""
 
-    map: Annotated[
-        str,
-        described(
-            "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh, or empty with "
-            "ros2.enabled: the map that the robot publishes"
-        ),
-    ] = ""
-    source: Annotated[
-        str,
-        described("a recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)"),
-    ] = "zenoh"
-    rate: Annotated[
-        float,
-        described(
-            "speed of a recording: 1 real time, 2 twice as fast, 0 lockstep with the workers", ge=0
-        ),
-    ] = 1.0
-    gate_distance_m: Annotated[
-        float, described("a scan becomes a step after driving this distance", "m", ge=0)
-    ] = 0.2
-    gate_turn_rad: Annotated[float, described("or after turning by this angle", "rad", ge=0)] = 0.2
-    laser_x_m: Annotated[
-        float, described("laser ahead of the robot's centre, if the source has no mount", "m")
-    ] = 0.0
-    laser_y_m: Annotated[
-        float, described("laser left of the robot's centre, if the source has no mount", "m")
-    ] = 0.0
-    laser_heading_rad: Annotated[
-        float, described("laser's heading, if the source has no mount", "rad")
-    ] = 0.0
-    scan_topic: Annotated[str, described("laser's topic in a ROS bag; empty: the only one")] = ""
-    odom_topic: Annotated[
-        str, described("odometry's topic in a ROS bag; empty: tf, if the bag has it")
-    ] = ""
-    odom_frame: Annotated[str, described("tf frame of odometry in a ROS bag; empty: odom")] = ""
-    base_frame: Annotated[
-        str, described("tf frame of the robot in a ROS bag; empty: the child of odometry's")
-    ] = ""
+    map: str = ""
+    """Map file: map_server YAML, may be .gz or .xz; zenoh, or empty with ros2.enabled: the map that
+    the robot publishes."""
+    source: str = "zenoh"
+    """A recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)."""
+    rate: NotNegative = 1.0
+    """Speed of a recording: 1 real time, 2 twice as fast, 0 lockstep with the workers."""
+    gate_distance_m: NotNegative = 0.2
+    """A scan becomes a step after driving this distance [m]."""
+    gate_turn_rad: NotNegative = 0.2
+    """Or after turning by this angle [rad]."""
+    laser_x_m: float = 0.0
+    """Laser ahead of the robot's centre, if the source has no mount [m]."""
+    laser_y_m: float = 0.0
+    """Laser left of the robot's centre, if the source has no mount [m]."""
+    laser_heading_rad: float = 0.0
+    """Laser's heading, if the source has no mount [rad]."""
+    scan_topic: str = ""
+    """Laser's topic in a ROS bag; empty: the only one."""
+    odom_topic: str = ""
+    """Odometry's topic in a ROS bag; empty: tf, if the bag has it."""
+    odom_frame: str = ""
+    """Frame of odometry in a ROS bag's tf; empty: odom."""
+    base_frame: str = ""
+    """Frame of the robot in a ROS bag's tf; empty: the child of odometry's."""
 
 
 class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Deadlines, fail-over and stored state of the coordinator."""
 
-    step_deadline_s: Annotated[
-        float, described("longest time from a scan to applying its step", "s", gt=0)
-    ] = 0.5
-    lockstep_deadline_s: Annotated[
-        float, described("the same in lockstep with the workers", "s", gt=0)
-    ] = 20.0
-    search_deadline_s: Annotated[
-        float,
-        described(
-            "time after its scan that a step with reports from all clusters waits for a search; "
-            "a later result counts with the next step",
-            "s",
-            ge=0,
-        ),
-    ] = 0.0
-    stale_after_s: Annotated[
-        float, described("a pose whose newest data is older is stale", "s", gt=0)
-    ] = 1.0
-    dead_reckoning_after_gates: Annotated[
-        float,
-        described(
-            "freshness is dead_reckoning after driving this many gates without a weighed scan",
-            "gates",
-            gt=1,
-        ),
-    ] = 5.0
-    snapshot_every_steps: Annotated[
-        int, described("interval of a worker's state snapshots", "steps", gt=0)
-    ] = 10
-    standby: Annotated[
-        bool, described("wait while the robot has a coordinator, and take over when it fails")
-    ] = False
-    take_over_after_s: Annotated[
-        float, described("time without a sign of life after which a coordinator is dead", "s", gt=0)
-    ] = 2.0
-    state_folder: Annotated[
-        str,
-        described(
-            "folder for the state, with which a restarted coordinator continues; empty: the user's "
-            "state folder; off: none"
-        ),
-    ] = ""
-    last_pose_probability: Annotated[
-        float,
-        described("probability of the last place after the first search; 0: none", ge=0, le=0.5),
-    ] = 0.1
-    keep_pose_on_new_map: Annotated[
-        bool,
-        described(
-            "a new map shows the same place: start in it from the poses in the old one; false: "
-            "search the whole new map"
-        ),
-    ] = False
+    step_deadline_s: Positive = 0.5
+    """Longest time from a scan to applying its step [s]."""
+    lockstep_deadline_s: Positive = 20.0
+    """The same in lockstep with the workers [s]."""
+    search_deadline_s: NotNegative = 0.0
+    """Time after its scan that a step with reports from all clusters waits for a search; a later
+    result counts with the next step [s]."""
+    stale_after_s: Positive = 1.0
+    """A pose whose newest data is older is stale [s]."""
+    dead_reckoning_after_gates: Annotated[float, Meta(gt=1)] = 5.0
+    """Freshness is dead_reckoning after driving this many gates without a weighed scan [gates]."""
+    snapshot_every_steps: PositiveInt = 10
+    """Interval of a worker's state snapshots [steps]."""
+    standby: bool = False
+    """Wait while the robot has a coordinator, and take over when it fails."""
+    take_over_after_s: Positive = 2.0
+    """Time without a sign of life after which a coordinator is dead [s]."""
+    state_folder: str = ""
+    """Folder for the state, with which a restarted coordinator continues; empty: the user's state
+    folder; off: none."""
+    last_pose_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.1
+    """Probability of the last place after the first search; 0: none."""
+    keep_pose_on_new_map: bool = False
+    """A new map shows the same place: start in it from the poses in the old one; false: search the
+    whole new map."""
 
 
 class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Worker processes of this machine."""
 
-    count: Annotated[
-        int,
-        described("worker processes; 0: as many as have work, from 2 to one for each core", ge=0),
-    ] = 0
-    cache_folder: Annotated[
-        str, described("folder for likelihood fields; empty: the user's cache folder")
-    ] = ""
+    count: NotNegativeInt = 0
+    """Worker processes; 0: as many as have work, from 2 to one for each core."""
+    cache_folder: str = ""
+    """Folder for likelihood fields; empty: the user's cache folder."""
 
 
 class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The log on standard error."""
 
-    level: Annotated[
-        Literal["debug", "info", "warning", "error"], described("least severe message shown")
-    ] = "info"
+    level: Literal["debug", "info", "warning", "error"] = "info"
+    """Least severe message shown."""
 
 
 class RecorderSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The flight recorder of the coordinator, for `clustermcl replay`."""
 
-    folder: Annotated[
-        str,
-        described(
-            "folder for the coordinator's input, one subfolder per robot; empty: none, but with "
-            "`clustermcl up` the user's state folder; off: none"
-        ),
-    ] = ""
-    max_mb: Annotated[
-        float, described("size of a robot's recording; the oldest files are deleted", "MB", ge=1)
-    ] = 50.0
+    folder: str = ""
+    """Folder for the coordinator's input, one subfolder per robot; empty: none, but with
+    `clustermcl up` the user's state folder; off: none."""
+    max_mb: Annotated[float, Meta(ge=1)] = 50.0
+    """Size of a robot's recording; the oldest files are deleted [MB]."""
 
 
 class MetricsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Prometheus metrics, served by the coordinator."""
 
-    port: Annotated[int, described("port of /metrics; 0: not served", ge=0, le=65535)] = 0
-    host: Annotated[str, described("address of this machine to listen on")] = "127.0.0.1"
+    port: Annotated[int, Meta(ge=0, le=65535)] = 0
+    """Port of /metrics; 0: not served."""
+    host: str = "127.0.0.1"
+    """Address of this machine to listen on."""
 
 
 class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=True):

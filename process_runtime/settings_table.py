@@ -1,15 +1,20 @@
 """Table of all settings by dotted name: type, bounds, default, unit, meaning; and as TOML."""
 
+import ast
+import inspect
 import json
 import textwrap
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Literal, get_args, get_origin
+from typing import Annotated, Literal, get_args, get_origin
 
 import msgspec
 
+from particle_filter.settings import FilterSettings
 from process_runtime.settings import Settings
 from protocol.names import name_rule
 
@@ -23,14 +28,17 @@ class SettingInfo:
     name: str
     """``section.key``, or ``key`` alone at the top."""
     section: type[msgspec.Struct]
-    """The structure that has it."""
+    """The structure that declares it."""
     kind: type
     """bool, int, float or str."""
     expected: str
     """Type and bounds in words."""
     default: bool | int | float | str
-    unit: str
-    meaning: str
+
+    @property
+    def meaning(self) -> str:
+        """The text below the setting in its section, with the unit in brackets."""
+        return _texts(self.section)[self.name.rpartition(".")[2]]
 
 
 EVERYDAY = frozenset({
@@ -66,8 +74,7 @@ def settings_as_toml(settings: Settings, names: Container[str] | None = None) ->
         if names is not None and info.name not in names and is_default:
             continue
         section, _, key = info.name.rpartition(".")
-        unit = f" [{info.unit}]" if info.unit else ""
-        comment = f"{info.meaning}{unit}; {info.expected}; default {_toml(info.default)}"
+        comment = f"{info.meaning}; {info.expected}; default {_toml(info.default)}"
         lines = sections.setdefault(section, [])
         lines += textwrap.wrap(comment, 96, initial_indent="# ", subsequent_indent="#   ")
         lines.append(f"{key} = {_toml(value_of(settings, info.name))}")
@@ -85,13 +92,25 @@ def value_of(settings: Settings, name: str) -> bool | int | float | str:
     return value
 
 
+@cache
+def _texts(section: type) -> dict[str, str]:
+    """Return the text below each field of a class."""
+    (tree,) = ast.parse(inspect.getsource(section)).body
+    assert isinstance(tree, ast.ClassDef)
+    return {
+        ast.unparse(field.target): " ".join(ast.literal_eval(text.value).split()).rstrip(".")
+        for field, text in pairwise(tree.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
+
+
 def _table() -> Iterator[SettingInfo]:
     """Yield top-level settings first: in TOML they must precede the first section."""
     fields = msgspec.structs.fields(Settings)
     sections = [field for field in fields if isinstance(field.default, msgspec.Struct)]
     for field in fields:
         if field not in sections:
-            yield _info(field.name, field, Settings)
+            yield _info(field.name, field, FilterSettings)
     for section in sections:
         for field in msgspec.structs.fields(section.type):
             yield _info(f"{section.name}.{field.name}", field, section.type)
@@ -100,7 +119,8 @@ def _table() -> Iterator[SettingInfo]:
 def _info(
     name: str, field: msgspec.structs.FieldInfo, section: type[msgspec.Struct]
 ) -> SettingInfo:
-    plain, meta = get_args(field.type)
+    is_bounded = get_origin(field.type) is Annotated
+    plain, meta = get_args(field.type) if is_bounded else (field.type, msgspec.Meta())
     choices = get_args(plain) if get_origin(plain) is Literal else ()
     kind = str if choices else plain
     bounds = [
@@ -113,12 +133,10 @@ def _info(
         section=section,
         kind=kind,
         expected=" or ".join(map(_toml, choices))
-        or meta.extra["form"]
+        or (meta.extra and meta.extra["form"])
         or (meta.pattern and name_rule())
         or f"{_KINDS[kind]} {' and '.join(bounds)}".rstrip(),
         default=field.default,
-        unit=meta.extra["unit"],
-        meaning=meta.description,
     )
 
 

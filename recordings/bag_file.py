@@ -10,18 +10,11 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
-from io import BufferedIOBase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-from process_runtime.compressed import (
-    BROKEN_STREAM_ERRORS,
-    broken_stream_problem,
-    open_decompressed,
-    os_problem,
-)
+from process_runtime.compressed import os_problem
 from protocol.errors import InputFileError
-from recordings.bag_chunks import bound_library, check_overlaps, check_unpacked, recover_mcap
 from recordings.log_file import SkippedLine
 
 if TYPE_CHECKING:
@@ -59,7 +52,7 @@ class BagMessage:
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is a bag by its first bytes after unpacking, or a rosbag2 folder."""
+    """Return whether a path is a bag by its first bytes, or a rosbag2 folder."""
     if path.is_dir():
         return (path / _METADATA).is_file() or bool(_storage_files(path))
     return _suffix_of(path) is not None
@@ -69,7 +62,7 @@ class BagFile:
     """An open bag.
 
     Args:
-        path: a file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
+        path: a file, or the folder of a rosbag2.
         error: type of the exception for a bag that cannot be read.
 
     Attributes:
@@ -84,7 +77,6 @@ class BagFile:
     def __init__(self, path: Path, error: type[InputFileError]) -> None:
         self._path, self._error = path, error
         self.left_out: list[SkippedLine] = []
-        self._cut: str | None = None
         with ExitStack() as stack:
             self._reader = self._opened(stack)
             self._closing = stack.pop_all()
@@ -121,8 +113,6 @@ class BagFile:
             try:
                 connection, time_ns, content = next(stream)
             except StopIteration:
-                if self._cut:
-                    self.left_out.append(SkippedLine(number, self._cut))
                 return
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
                 problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
@@ -142,50 +132,26 @@ class BagFile:
         except ImportError as missing:
             problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
             raise self._error(self._path, problem) from missing
-        bound_library()
         try:
             path = self._as_library_wants(stack)
             ros1 = path.suffix == ".bag"
             store = definitions(ros1=ros1)
             self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
-
-            def entered(file: Path) -> rosbag1.Reader | rosbag2.Reader:
-                if ros1:
-                    return stack.enter_context(rosbag1.Reader(file))
-                return stack.enter_context(rosbag2.Reader(file))
-
-            try:
-                reader = entered(path)
-            except Exception as broken:
-                reader = entered(self._recovered(path, broken, stack))
-                if not any(one.msgcount for one in reader.connections):
-                    raise
-            if isinstance(reader, rosbag2.Reader):
-                for storage in getattr(reader.storage, "storages", [reader.storage]):
-                    check_overlaps(getattr(storage, "chunks", ()))  # only MCAP has chunks
-            return reader
+            if ros1:
+                return stack.enter_context(rosbag1.Reader(path))
+            return stack.enter_context(rosbag2.Reader(path))
         except InputFileError:
             raise
         except OSError as failed:
             raise self._error(self._path, os_problem(failed)) from failed
         except Exception as broken:
             problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
-            remedy = "if it is cut off or damaged, copy it again or repair it: a ROS 1 bag with"
-            remedy += " 'rosbag reindex', one of sqlite with 'sqlite3 FILE .recover'"
+            remedy = "if it is cut off or damaged, copy it again or repair it by 'rosbag reindex' "
+            remedy += "(ROS 1), 'mcap recover', or 'sqlite3 FILE .recover'"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
 
-    def _recovered(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
-        """Copy the readable part of a damaged MCAP file; for other formats raise `broken`."""
-        files = _storage_files(path) if path.is_dir() else [path]
-        recovered = _new_folder(stack) / "recovered.mcap"
-        if len(files) != 1 or files[0].suffix != recovered.suffix:
-            raise broken
-        recover_mcap(files[0], recovered)
-        self._cut = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
-        return recovered
-
     def _as_library_wants(self, stack: ExitStack) -> Path:
-        """Return a rosbag2 folder, or an unpacked file with the suffix of its format."""
+        """Return a rosbag2 folder, or a file with the suffix of its format."""
         path = self._path
         if path.is_dir():
             if (path / _METADATA).is_file():
@@ -196,23 +162,14 @@ class BagFile:
                 raise self._error(path, problem)
             path = files[0]
         suffix = _suffix_of(path)
-        if path.suffix == suffix and not _is_packed(path):
-            return path
-        unpacked = _new_folder(stack) / "bag"
-        self._unpack(path, unpacked)
-        suffix = _suffix_of(unpacked)
         if suffix is None:
-            raise self._error(self._path, "its unpacked content is not a ROS bag")
-        return unpacked.rename(unpacked.with_suffix(suffix))
-
-    def _unpack(self, path: Path, unpacked: Path) -> None:
-        with open_decompressed(path) as source, unpacked.open("wb") as target:
-            try:
-                while piece := cast(BufferedIOBase, source).read1(2**20):
-                    target.write(piece)
-                    check_unpacked(target.tell())
-            except BROKEN_STREAM_ERRORS as broken:
-                self._cut = f"from here on {broken_stream_problem(broken)}"
+            raise self._error(path, "its content is not a ROS bag")
+        if path.suffix == suffix:
+            return path
+        folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
+        link = Path(stack.enter_context(folder)) / f"bag{suffix}"
+        link.symlink_to(path.absolute())
+        return link
 
     def _check_encoding(self, connection: "Connection") -> None:
         encoding = getattr(connection.ext, "serialization_format", "cdr")
@@ -236,11 +193,6 @@ def definitions(*, ros1: bool) -> "Typestore":
     return store
 
 
-def _new_folder(stack: ExitStack) -> Path:
-    folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
-    return Path(stack.enter_context(folder))
-
-
 def _type_of(connection: "Connection") -> str:
     return _RENAMED.get(connection.msgtype, connection.msgtype)
 
@@ -251,17 +203,12 @@ def _storage_files(folder: Path) -> list[Path]:
     )
 
 
-def _is_packed(path: Path) -> bool:
-    with path.open("rb") as plain, open_decompressed(path) as unpacked:
-        return plain.read(_MAGIC_BYTES) != unpacked.read(_MAGIC_BYTES)
-
-
 def _suffix_of(path: Path) -> str | None:
-    """Return the suffix for a file by its first bytes after unpacking; None: not a bag."""
+    """Return the suffix for a file by its first bytes; None: not a bag."""
     try:
-        with open_decompressed(path) as stream:
-            start = stream.read(_MAGIC_BYTES)
-    except (OSError, *BROKEN_STREAM_ERRORS):
+        with path.open("rb") as file:
+            start = file.read(_MAGIC_BYTES)
+    except OSError:
         return None
     return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
 

@@ -1,23 +1,15 @@
-"""Reads lines of text recordings; defines parsers, and the entries into which they parse lines."""
+"""Reads lines of text recordings; defines the entries into which these are parsed."""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from process_runtime.compressed import (
-    BROKEN_STREAM_ERRORS,
-    MAX_FILE_BYTES,
-    broken_stream_problem,
-    open_decompressed,
-    os_problem,
-    too_long_problem,
-)
+from process_runtime import compressed
 from protocol.errors import InputFileError, RecordingError
 from protocol.message import MAX_POSE_M, PoseTuple
 
@@ -61,20 +53,6 @@ class LaserEntry:
 Entry = OdometryEntry | LaserEntry
 
 
-class LogParser(Protocol):
-    """Parser of one text format."""
-
-    def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        """Parse one line; return None if it holds no reading.
-
-        Raises:
-            ValueError: the line is truncated or of another format.
-        """
-
-    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Correct and return the entries, after all lines are known."""
-
-
 class TextLog:
     """Numbered lines of a text file that may be compressed or truncated.
 
@@ -93,18 +71,18 @@ class TextLog:
         Raises:
             InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
         """
-        number, left = 0, MAX_FILE_BYTES
+        number, left = 0, compressed.MAX_FILE_BYTES
         try:
-            with open_decompressed(self._path) as stream:
+            with compressed.open_decompressed(self._path) as stream:
                 while line := stream.readline(_MAX_LINE_BYTES):
                     number, left = number + 1, left - len(line)
                     if left < 0:
-                        raise self._error(self._path, too_long_problem(), line=number)
+                        raise self._error(self._path, compressed.too_long_problem(), line=number)
                     yield number, line.decode("utf-8", errors="replace")
-        except BROKEN_STREAM_ERRORS as broken:
-            self.broken = SkippedLine(number + 1, broken_stream_problem(broken))
+        except compressed.BROKEN_STREAM_ERRORS as broken:
+            self.broken = SkippedLine(number + 1, compressed.broken_stream_problem(broken))
         except OSError as failed:
-            raise self._error(self._path, os_problem(failed)) from failed
+            raise self._error(self._path, compressed.os_problem(failed)) from failed
 
 
 def stamp_ns_of(text: str) -> int:
@@ -129,20 +107,19 @@ def numbers_of(words: Sequence[str]) -> list[float]:
     return numbers
 
 
-def ranges_of(words: Sequence[str], m_per_unit: float = 1.0) -> NDArray[np.float32]:
+def ranges_of(words: Sequence[str]) -> NDArray[np.float32]:
     """Return (B,) ranges [m]; a range that is not finite means no return."""
     with np.errstate(over="ignore"):  # 1e300 m becomes infinite
-        return (np.array(numbers_of(words)) * m_per_unit).astype(np.float32)
+        return np.array(numbers_of(words)).astype(np.float32)
 
 
-def pose_of(words: Sequence[str], m_per_unit: float = 1.0) -> PoseTuple:
+def pose_of(words: Sequence[str]) -> PoseTuple:
     """Return a pose from three words: x, y and heading [rad].
 
     Raises:
         ValueError: there are not three words, one is not a number, or one is out of range.
     """
     x, y, heading = numbers_of(words)
-    x, y = x * m_per_unit, y * m_per_unit
     if not (abs(x) < MAX_POSE_M and abs(y) < MAX_POSE_M and math.isfinite(heading)):
         raise ValueError(f"({' '.join(words)}) is not a pose")
     return x, y, math.remainder(heading, math.tau)

@@ -1,4 +1,4 @@
-"""Loads maps: from ROS map_server YAML, wean.dat, run logs and ROS bags."""
+"""Loads maps: from ROS map_server YAML, run logs and ROS bags."""
 
 from collections import deque
 from pathlib import Path
@@ -7,7 +7,6 @@ import numpy as np
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import grid_map_of
-from grid_maps.wean_map import is_wean_map, parse_wean_map
 from particle_filter.arrays import OCCUPIED
 from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError, RecordingError
@@ -22,7 +21,7 @@ def load_map(path: Path | str) -> GridMap:
     """Read a map; its format is recognised by its content, also if packed by gzip or xz.
 
     Args:
-        path: a map_server YAML file, a wean.dat file, a run log, or a ROS bag with a map;
+        path: a map_server YAML file, a run log, or a ROS bag with a map;
             ``BAG#TOPIC`` selects one of several maps of a bag.
 
     Raises:
@@ -38,9 +37,7 @@ def load_map(path: Path | str) -> GridMap:
         return _load_bag_map(path, topic)
     content = read_decompressed(path, MapFileError)
     if not content.strip():
-        raise MapFileError(path, "empty; expected a map_server YAML file or wean.dat")
-    if is_wean_map(content):
-        return parse_wean_map(content, path)
+        raise MapFileError(path, "empty; expected a map_server YAML file")
     # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
     from grid_maps.ros_map import load_ros_map  # noqa: PLC0415 - see above
 

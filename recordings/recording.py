@@ -15,15 +15,14 @@ from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Reading
 from recordings.bag_file import is_bag
+from recordings.carmen_log import CarmenParser, is_carmen_line
 from recordings.log_file import (
     Entry,
     LaserEntry,
-    LogParser,
     OdometryEntry,
     SkippedLine,
     TextLog,
 )
-from recordings.log_formats import CarmenParser, WeanParser, is_carmen_line, is_wean_line
 from recordings.run_log import is_run_log, playback
 
 SHORTEST_MARKER_M = 8.0
@@ -73,12 +72,12 @@ class OwnReading(Protocol):
 
 
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a run log, a ROS bag, a Wean Hall or CARMEN log, or a format of an installed reader.
+    """Read a run log, a ROS bag, a CARMEN log, or a format of an installed reader.
 
     The format is recognised by the content.
 
     Args:
-        path: the file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
+        path: the file, a text perhaps packed by gzip or xz, or the folder of a rosbag2.
         settings: the laser's mount, for a recording without it; topics and frames, for a bag
             with several.
 
@@ -132,44 +131,33 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     """Return the entries of a text recording in the order of its lines, and the skipped lines."""
-    log, parser = TextLog(path), None
+    log, parser, is_known = TextLog(path), CarmenParser(), False
     entries: list[Entry] = []
     skipped: list[SkippedLine] = []
     for number, line in log.lines():
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
-        parser = parser or _parser_for(words)
+        is_known = is_known or is_carmen_line(words)
         try:
-            entry = parser.parse(number, words) if parser else _unknown_line(words)
+            entry = parser.parse(number, words)
         except ValueError as problem:
             skipped.append(SkippedLine(number, str(problem)))
-            if parser is None and len(skipped) >= _FORMAT_LINES:
+            if not is_known and len(skipped) >= _FORMAT_LINES:
                 break
         else:
             entries += [entry] if entry else []
-    if parser is None:
+    if not is_known:
         raise RecordingError(path, _not_recognised(bool(skipped), log.broken))
     return parser.finished(entries), skipped + ([log.broken] if log.broken else [])
-
-
-def _parser_for(words: Sequence[str]) -> LogParser | None:
-    """Return a parser for the format of a line; None: the format is unknown."""
-    if is_carmen_line(words):
-        return CarmenParser()
-    return WeanParser() if is_wean_line(words) else None
-
-
-def _unknown_line(words: Sequence[str]) -> Entry | None:
-    raise ValueError(f"unknown kind of line {words[0]!r:.20}")
 
 
 def _not_recognised(any_line: bool, broken: SkippedLine | None) -> str:
     if broken:
         return broken.problem
     if not any_line:
-        return "empty; expected a Wean Hall or CARMEN log"
-    return "not a recording: no line of a Wean Hall log (O, L) or a CARMEN log (ODOM, FLASER ...)"
+        return "empty; expected a CARMEN log"
+    return "not a recording: no line of a CARMEN log (ODOM, FLASER ...)"
 
 
 def _no_scan(entries: Sequence[Entry], skipped: Sequence[SkippedLine]) -> str:

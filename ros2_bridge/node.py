@@ -12,20 +12,10 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
+from ros2_bridge import wire
 from ros2_bridge.message_types import LOG, encode, new, type_hash
 from ros2_bridge.messages_out import header
 from ros2_bridge.topics import Topic, service_qos
-from ros2_bridge.wire import (
-    Endpoint,
-    EndpointKind,
-    NodeName,
-    Qos,
-    attachment,
-    data_key,
-    dds_type,
-    endpoint_id,
-    parsed_attachment,
-)
 from zenoh_link.inbox import Inbox
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
@@ -57,11 +47,11 @@ class Called:
     def respond(self, response: bytes) -> None:
         """Send the response; ROS has no error replies, so a refusal is a response too."""
         with self.query:
-            sequence, _, caller = parsed_attachment(_attached(self.query))
+            sequence, _, caller = wire.parsed_attachment(_attached(self.query))
             self.query.reply(
                 self.query.key_expr,
                 response,
-                attachment=attachment(sequence, time.time_ns(), caller),
+                attachment=wire.attachment(sequence, time.time_ns(), caller),
             )
 
     def drop(self) -> None:
@@ -74,7 +64,7 @@ class RosPublisher:
     """Publishes the messages of one topic; thread-safe."""
 
     def __init__(self, session: zenoh.Session, key: str, token: str, topic: Topic) -> None:
-        self._type, self._id = topic.ros_type, endpoint_id(token)
+        self._type, self._id = topic.ros_type, wire.endpoint_id(token)
         self._sequence = itertools.count(1)
         self._one_at_a_time = threading.Lock()
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
@@ -99,7 +89,7 @@ class RosPublisher:
         """Publish a message, or its CDR bytes."""
         data = message if isinstance(message, bytes) else encode(message, self._type)
         with self._one_at_a_time:
-            attached = attachment(next(self._sequence), time.time_ns(), self._id)
+            attached = wire.attachment(next(self._sequence), time.time_ns(), self._id)
             self._publisher.put(data, attachment=attached)
 
 
@@ -112,7 +102,7 @@ class RosNode:
         humble: the robot's release is ROS 2 Humble, whose keys have no hashes.
     """
 
-    def __init__(self, session: zenoh.Session, name: NodeName, *, humble: bool) -> None:
+    def __init__(self, session: zenoh.Session, name: wire.NodeName, *, humble: bool) -> None:
         self._session, self._name, self._humble = session, name, humble
         self._id = str(session.info.zid())
         self._numbers = itertools.count(_NODE_NUMBER + 1)
@@ -121,7 +111,9 @@ class RosNode:
         self._announce(name.token(self._id, _NODE_NUMBER))
 
     def publisher(self, topic: Topic) -> RosPublisher:
-        key, token = self._endpoint(EndpointKind.PUBLISHER, topic.name, topic.ros_type, topic.qos)
+        key, token = self._endpoint(
+            wire.EndpointKind.PUBLISHER, topic.name, topic.ros_type, topic.qos
+        )
         publisher = RosPublisher(self._session, key, token, topic)
         self._announce(token)
         return publisher
@@ -141,15 +133,15 @@ class RosNode:
                 return
             problem = ""
             try:
-                parsed_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
+                wire.parsed_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
             except ValueError as error:
                 problem = str(error)
             inbox.put_newest(topic.name, FromRos(topic, sample.payload.to_bytes(), problem))
 
-        kind = EndpointKind.SUBSCRIBER
+        kind = wire.EndpointKind.SUBSCRIBER
         _, token = self._endpoint(kind, topic.name, topic.ros_type, topic.qos)
         name, origin = self._name.topic(topic.name), zenoh.Locality.ANY
-        key = data_key(self._name.domain_id, name, dds_type(topic.ros_type), "*")
+        key = wire.data_key(self._name.domain_id, name, wire.dds_type(topic.ros_type), "*")
         if topic.qos.latched:
             recovery = ext.RecoveryConfig(heartbeat=True, periodic_queries=None)
             self._kept.append(
@@ -178,7 +170,7 @@ class RosNode:
             if query.payload is not None and len(query.payload) <= MAX_MESSAGE_BYTES:
                 payload = query.payload.to_bytes()
             try:
-                parsed_attachment(_attached(query))
+                wire.parsed_attachment(_attached(query))
             except ValueError as error:
                 problem = str(error)
             called = Called(service, payload, query, problem)
@@ -186,17 +178,19 @@ class RosNode:
                 called.drop()
 
         qos = service_qos(ros_type)
-        key, token = self._endpoint(EndpointKind.SERVICE, service, ros_type, qos)
+        key, token = self._endpoint(wire.EndpointKind.SERVICE, service, ros_type, qos)
         self._session.declare_queryable(key, on_query, complete=True)
         self._announce(token)
 
-    def _endpoint(self, kind: EndpointKind, topic: str, ros_type: str, qos: Qos) -> tuple[str, str]:
+    def _endpoint(
+        self, kind: wire.EndpointKind, topic: str, ros_type: str, qos: wire.Qos
+    ) -> tuple[str, str]:
         """Return key and token of a new endpoint of this node."""
         name = self._name.topic(topic)
-        type_name, hashed = dds_type(ros_type), type_hash(ros_type, humble=self._humble)
-        endpoint = Endpoint(kind, name, type_name, hashed, qos)
+        type_name, hashed = wire.dds_type(ros_type), type_hash(ros_type, humble=self._humble)
+        endpoint = wire.Endpoint(kind, name, type_name, hashed, qos)
         token = self._name.endpoint_token(self._id, _NODE_NUMBER, next(self._numbers), endpoint)
-        return data_key(self._name.domain_id, name, type_name, hashed), token
+        return wire.data_key(self._name.domain_id, name, type_name, hashed), token
 
     def _announce(self, token: str) -> None:
         self._kept.append(self._session.liveliness().declare_token(token))

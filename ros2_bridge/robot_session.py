@@ -11,15 +11,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import AlreadyRunningError, SettingsError
-from ros2_bridge.wire import (
-    GRAPH,
-    HUMBLE_HASH,
-    NodeName,
-    hash_in_token,
-    is_name,
-    is_namespace,
-    node_in_token,
-)
+from ros2_bridge import wire
 from zenoh_link.session import MANY_LINKS, open_session, receiving_threads
 from zenoh_link.wire import alive
 
@@ -34,7 +26,7 @@ _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _log = logging.getLogger(__name__)
 
 
-def node_name(settings: Ros2Settings) -> NodeName:
+def node_name(settings: Ros2Settings) -> wire.NodeName:
     """Return the name of the node that the settings describe.
 
     Raises:
@@ -50,16 +42,16 @@ def node_name(settings: Ros2Settings) -> NodeName:
         **{key: (getattr(settings, key) or "none").split(",") for key in OBSERVED},
     }
     wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]
-    wrong += [] if is_name(settings.node_name) else ["node_name"]
-    wrong += [] if is_namespace(namespace) else ["namespace"]
+    wrong += [] if wire.is_name(settings.node_name) else ["node_name"]
+    wrong += [] if wire.is_namespace(namespace) else ["namespace"]
     for key in wrong:
         value = getattr(settings, key)
         problem = f"ros2.{key} = {value!r}: ROS expects letters, digits and _ between slashes"
         raise SettingsError(key=f"ros2.{key}", problem=problem)
-    return NodeName(settings.domain_id, namespace, settings.node_name)
+    return wire.NodeName(settings.domain_id, namespace, settings.node_name)
 
 
-def look_at_graph(settings: Settings, name: NodeName, stop: StopFlag) -> bool:
+def look_at_graph(settings: Settings, name: wire.NodeName, stop: StopFlag) -> bool:
     """Refuse a second node; return whether the robot's release is ROS 2 Humble.
 
     A client sees all tokens at once; a peer sees them once it is linked to every other peer.
@@ -115,10 +107,10 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
         return settings.type_hashes == "humble"
     logged = False
     while True:
-        tokens = alive(session, f"{GRAPH}/{settings.domain_id}/**", _ASK_S)
-        hashes = [found for token in tokens if (found := hash_in_token(token))]
+        tokens = alive(session, f"{wire.GRAPH}/{settings.domain_id}/**", _ASK_S)
+        hashes = [found for token in tokens if (found := wire.hash_in_token(token))]
         if hashes:
-            return hashes[0] == HUMBLE_HASH
+            return hashes[0] == wire.HUMBLE_HASH
         if not logged:
             logged = True
             domain = f"ROS domain {settings.domain_id}"
@@ -128,12 +120,14 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
 
 
 def _refuse_second_node(
-    session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
+    session: zenoh.Session, name: wire.NodeName, endpoint: str, stop: StopFlag
 ) -> None:
     """Check that no node with this name runs: both would publish map -> odom."""
     full_name = name.topic(name.name)
     left = round(_GONE_WITHIN_S / _LOOK_EVERY_S)
-    while full_name in map(node_in_token, alive(session, f"{GRAPH}/{name.domain_id}/**", _ASK_S)):
+    while full_name in map(
+        wire.node_in_token, alive(session, f"{wire.GRAPH}/{name.domain_id}/**", _ASK_S)
+    ):
         if not left:
             raise AlreadyRunningError(
                 what=f"a node {full_name}",

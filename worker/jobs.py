@@ -28,22 +28,11 @@ from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices, WorkMeter, finished
 from particle_filter.uniform_poses import UniformPoses
+from protocol import work
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import LaserBeams, Scan, mirrored
-from protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    ElsewhereReport,
-    Particles,
-    Place,
-    Report,
-    SearchJob,
-    SearchReport,
-    TrackJob,
-    TrackReport,
-)
 
 
 class RunningJob(ABC):
@@ -59,7 +48,7 @@ class RunningJob(ABC):
 
     def __init__(
         self,
-        assignment: Assignment,
+        assignment: work.Assignment,
         model: SensorModel,
         settings: FilterSettings,
         sender: str,
@@ -69,14 +58,14 @@ class RunningJob(ABC):
         self._model, self._settings, self._sender = model, settings, sender
 
     @abstractmethod
-    def advance(self, scan: Scan) -> Report:
+    def advance(self, scan: Scan) -> work.Report:
         """Apply the scan of a later step, and return the report; steps may be skipped."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
         """Use another model and other settings from the next scan on."""
         self._model, self._settings = model, settings
 
-    def handed_on(self) -> Assignment:
+    def handed_on(self) -> work.Assignment:
         """Return the job in a form from which another worker continues with the same numbers."""
         return self.assignment
 
@@ -96,7 +85,7 @@ class RunningJob(ABC):
 
 
 def running(
-    assignment: Assignment,
+    assignment: work.Assignment,
     model: SensorModel,
     settings: FilterSettings,
     *,
@@ -112,11 +101,11 @@ def running(
         ValueError: the job's particles have an invalid shape.
     """
     match assignment.job:
-        case TrackJob() as job:
+        case work.TrackJob() as job:
             return Tracking(assignment, job, model, settings, sender, snapshot_every_steps)
-        case SearchJob() as job:
+        case work.SearchJob() as job:
             return Searching(assignment, job, model, settings, sender)
-        case ElsewhereJob() as job:
+        case work.ElsewhereJob() as job:
             return Elsewhere(assignment, job, model, settings, sender)
 
 
@@ -125,8 +114,8 @@ class Tracking(RunningJob):
 
     def __init__(
         self,
-        assignment: Assignment,
-        job: TrackJob,
+        assignment: work.Assignment,
+        job: work.TrackJob,
         model: SensorModel,
         settings: FilterSettings,
         sender: str,
@@ -153,7 +142,7 @@ class Tracking(RunningJob):
         self.size = particles, job.particles_from
         """Number of particles, and the first step that may resample to it."""
 
-    def advance(self, scan: Scan) -> TrackReport:
+    def advance(self, scan: Scan) -> work.TrackReport:
         """Move and weigh the particles; report the cluster's evidence."""
         scan = mirror_image(scan) if self._mirrored else scan
         rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
@@ -177,7 +166,7 @@ class Tracking(RunningJob):
         mean, covariance = self._particle_set.gaussian()
         best = result.best
         classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
-        return TrackReport(
+        return work.TrackReport(
             **self._head(scan.step),
             log_weight_sum=result.log_weight_sum,
             particles=len(self._particle_set.log_weights),
@@ -201,11 +190,11 @@ class Tracking(RunningJob):
         self._particle_set = ParticleSet(poses, log_weights)
         return total - math.log(len(poses))
 
-    def handed_on(self) -> Assignment:
+    def handed_on(self) -> work.Assignment:
         if self._is_new:
             return self.assignment
         particles, first_step = self.size
-        job = TrackJob(
+        job = work.TrackJob(
             cluster=self._cluster,
             start=self._particles(),
             exact=True,
@@ -215,21 +204,21 @@ class Tracking(RunningJob):
         )
         return replace(self.assignment, job=job)
 
-    def _snapshot(self, scan: Scan) -> Particles | None:
+    def _snapshot(self, scan: Scan) -> work.Particles | None:
         """Return the particles at every n-th step, else None; clusters take turns."""
         if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
             return None
         return self._particles()
 
-    def _particles(self) -> Particles:
-        return Particles(
+    def _particles(self) -> work.Particles:
+        return work.Particles(
             step=self.step,
             odom_from_robot=pose_tuple(self._odom_from_robot),
             map_from_robot=ArrayBlob.of(self._particle_set.map_from_robot, "float64"),
             log_weights=ArrayBlob.of(self._particle_set.log_weights, "float64"),
         )
 
-    def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
+    def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[work.Place, ...]:
         """Return the places into which the cluster has split.
 
         Empty if it has not split; checked only at every `split_every_steps`-th step.
@@ -247,8 +236,8 @@ class Searching(RunningJob):
 
     def __init__(
         self,
-        assignment: Assignment,
-        job: SearchJob,
+        assignment: work.Assignment,
+        job: work.SearchJob,
         model: SensorModel,
         settings: FilterSettings,
         sender: str,
@@ -258,11 +247,11 @@ class Searching(RunningJob):
         self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
         self._odom_from_robot: Pose | None = None
 
-    def advance(self, scan: Scan) -> SearchReport:
+    def advance(self, scan: Scan) -> work.SearchReport:
         """Move and weigh the hypotheses; report the places that are possible."""
         return finished(self.slices(scan))
 
-    def slices(self, scan: Scan) -> Slices[SearchReport]:
+    def slices(self, scan: Scan) -> Slices[work.SearchReport]:
         """Like `advance`, in slices; the first slice sets `step`."""
         self._search.use(self._model, self._settings)
         scan = mirror_image(scan) if self._job.mirrored else scan
@@ -272,7 +261,7 @@ class Searching(RunningJob):
         per_beam = yield from self._search.advance(before, after, beams, rng, _observed(scan))
         yield
         found = yield from self._search.places(self._search_rng(scan.step, 2))
-        return SearchReport(
+        return work.SearchReport(
             **self._head(scan.step),
             log_evidence=self._search.log_evidence,
             particles=max(self._search.poses, 1),
@@ -293,8 +282,8 @@ class Elsewhere(RunningJob):
 
     def __init__(
         self,
-        assignment: Assignment,
-        job: ElsewhereJob,
+        assignment: work.Assignment,
+        job: work.ElsewhereJob,
         model: SensorModel,
         settings: FilterSettings,
         sender: str,
@@ -302,7 +291,7 @@ class Elsewhere(RunningJob):
         super().__init__(assignment, model, settings, sender, job.first_step - 1)
         self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
-    def advance(self, scan: Scan) -> ElsewhereReport:
+    def advance(self, scan: Scan) -> work.ElsewhereReport:
         """Report the log of the average likelihood over the poses, corrected as for a cluster.
 
         Observations add the places that they allow.
@@ -318,7 +307,7 @@ class Elsewhere(RunningJob):
         correction = self._model.correction(poses, result.particles.weights, beams)
         log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
         log_observed, found = self._observed(scan, beams, log_likelihood, rng)
-        return ElsewhereReport(
+        return work.ElsewhereReport(
             **self._head(scan.step),
             log_likelihood=log_likelihood,
             log_observed=log_observed,
@@ -353,8 +342,8 @@ class Elsewhere(RunningJob):
         found = finished(places.found_places(after, labels, rules, least, rng))
         return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
 
-    def handed_on(self) -> Assignment:
-        return replace(self.assignment, job=ElsewhereJob(first_step=self.step + 1))
+    def handed_on(self) -> work.Assignment:
+        return replace(self.assignment, job=work.ElsewhereJob(first_step=self.step + 1))
 
 
 _latest: list[tuple[Scan, SensorModel, Beams]] = []
@@ -435,13 +424,13 @@ def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) 
     )
 
 
-def _place(place: places.FoundPlace, scan: Scan) -> Place:
+def _place(place: places.FoundPlace, scan: Scan) -> work.Place:
     sample = place.sample
-    return Place(
+    return work.Place(
         share=place.share,
         pose=pose_tuple(place.mean),
         covariance=covariance_tuple(place.covariance),
-        sample=Particles(
+        sample=work.Particles(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
             map_from_robot=ArrayBlob.of(sample, "float32"),

@@ -20,24 +20,11 @@ from process_runtime.stop import StopFlag
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, UnreachableError
 from protocol.message import Message
+from zenoh_link import wire
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.stale_session import STALE, StaleSessionDetector
-from zenoh_link.wire import (
-    Asked,
-    Link,
-    Publisher,
-    Received,
-    Token,
-    Unread,
-    ask_later,
-    is_alive,
-    serve,
-    subscribe,
-    watch,
-    watch_link,
-)
 
 LOOK_S = 1.0
 """Time-out of opening another session, and of looking for peers through it [s]."""
@@ -101,14 +88,14 @@ class Node:
         self._stale = StaleSessionDetector()
         self._declarations: list[Callable[[zenoh.Session], object]] = []
         self._tokens: list[zenoh.LivelinessToken] = []
-        self._on_received: dict[str, Callable[[Received], object]] = {}
-        self._on_asked: dict[str, Callable[[Asked], object]] = {}
-        self._on_token: Callable[[Token], object] = self.on_other
-        self._on_link: Callable[[Link], object] = self.on_other
-        self._health_publisher: Publisher | None = None
+        self._on_received: dict[str, Callable[[wire.Received], object]] = {}
+        self._on_asked: dict[str, Callable[[wire.Asked], object]] = {}
+        self._on_token: Callable[[wire.Token], object] = self.on_other
+        self._on_link: Callable[[wire.Link], object] = self.on_other
+        self._health_publisher: wire.Publisher | None = None
         self._unanswered: deque[Callable[[], None]] = deque()
         if session is None:  # the links of a shared one are those of its clients
-            self.declare(lambda session: watch_link(session, self.inbox))
+            self.declare(lambda session: wire.watch_link(session, self.inbox))
 
     def open(self, wait_s: float | None = None) -> zenoh.Session:
         """Connect to the router and declare everything.
@@ -156,7 +143,7 @@ class Node:
         self,
         key: str,
         message: type[M],
-        handler: Callable[[M, Received], object],
+        handler: Callable[[M, wire.Received], object],
         *,
         kind: str,
         kept: int,
@@ -174,36 +161,36 @@ class Node:
             own: also receive what this process publishes.
         """
 
-        def on_received(received: Received) -> None:
+        def on_received(received: wire.Received) -> None:
             handler(decode(received.payload, message), received)
 
         self.inbox.keep(kind, kept)
         self._on_received[kind] = on_received
-        self.declare(lambda session: subscribe(session, key, self.inbox, kind, own=own))
+        self.declare(lambda session: wire.subscribe(session, key, self.inbox, kind, own=own))
 
-    def poll(self, key: str, kind: str, kept: int) -> Unread:
+    def poll(self, key: str, kind: str, kept: int) -> wire.Unread:
         """Keep the newest messages on `key` without waking the loop."""
-        unread = Unread(key, self.inbox, kind, kept)
+        unread = wire.Unread(key, self.inbox, kind, kept)
         self.declare(unread.declare)
         return unread
 
-    def drain(self, unread: Unread, handler: Callable[[bytes], object]) -> None:
+    def drain(self, unread: wire.Unread, handler: Callable[[bytes], object]) -> None:
         """Call `handler` with each payload that was received since the last call."""
         for payload in unread.drain():
             self._stale.on_event(payload, time.monotonic_ns())
             self.attempt(handler, payload)
 
-    def serve(self, key: str, handler: Callable[[Asked], object]) -> None:
+    def serve(self, key: str, handler: Callable[[wire.Asked], object]) -> None:
         """Call `handler` with each query on `key`; it answers, or raises before it answers."""
         self._on_asked[key] = handler
-        self.declare(lambda session: serve(session, key, self.inbox))
+        self.declare(lambda session: wire.serve(session, key, self.inbox))
 
-    def watch(self, key: str, handler: Callable[[Token], object]) -> None:
+    def watch(self, key: str, handler: Callable[[wire.Token], object]) -> None:
         """Call `handler` when a liveliness token on `key` appears or disappears."""
         self._on_token = handler
-        self.declare(lambda session: watch(session, key, self.inbox))
+        self.declare(lambda session: wire.watch(session, key, self.inbox))
 
-    def watch_link(self, handler: Callable[[Link], object]) -> None:
+    def watch_link(self, handler: Callable[[wire.Link], object]) -> None:
         """Call `handler` when the link to the router comes up or is lost."""
         self._on_link = handler
 
@@ -211,9 +198,9 @@ class Node:
         """Declare a liveliness token, which ends with the session."""
         self.declare(lambda session: self._tokens.append(session.liveliness().declare_token(key)))
 
-    def publisher(self, key: str, *, may_wait: bool = False) -> Publisher:
+    def publisher(self, key: str, *, may_wait: bool = False) -> wire.Publisher:
         """Return a publisher; `may_wait` as for `Publisher`."""
-        publisher = Publisher(None, key, may_wait=may_wait)
+        publisher = wire.Publisher(None, key, may_wait=may_wait)
         self.declare(publisher.declare)
         return publisher
 
@@ -252,14 +239,14 @@ class Node:
             if self._session is None:
                 failed("")
                 return
-            ask_later(
+            wire.ask_later(
                 self._session, selector, answered, failed, timeout_s=timeout_s, message=message
             )
 
-        def answered(received: Received) -> None:
+        def answered(received: wire.Received) -> None:
             self.inbox.put_own(Call(partial(take, received), from_peer=True))
 
-        def take(received: Received) -> None:
+        def take(received: wire.Received) -> None:
             try:
                 decoded = decode(received.payload, answer)
             except MalformedMessageError as error:
@@ -317,24 +304,24 @@ class Node:
         try:
             handler(event)
         except MalformedMessageError as error:
-            if isinstance(event, Asked):
+            if isinstance(event, wire.Asked):
                 event.refuse(str(error))
             self.causes.warn(_log, error.cause, error, time.monotonic())
 
     def _handle(self, event: object) -> None:
         is_call = isinstance(event, Call) and event.from_peer
-        if is_call or isinstance(event, Received | Asked | Token | Link):
+        if is_call or isinstance(event, wire.Received | wire.Asked | wire.Token | wire.Link):
             self._stale.on_event(event, time.monotonic_ns())
         match event:
             case None:
                 pass
-            case Received(kind=kind):
+            case wire.Received(kind=kind):
                 self._on_received[kind](event)
-            case Asked(key=key):
+            case wire.Asked(key=key):
                 self._on_asked[key](event)
-            case Token():
+            case wire.Token():
                 self._on_token(event)
-            case Link():
+            case wire.Link():
                 self._on_link(event)
             case Call():
                 event.act()
@@ -353,7 +340,7 @@ class Node:
             return False
         with ExitStack() as opening, suppress(UnreachableError):
             session = opening.enter_context(self._opening(LOOK_S))
-            if is_alive(session, self.peers, LOOK_S):
+            if wire.is_alive(session, self.peers, LOOK_S):
                 _log.warning(STALE)
                 self._use(session, opening.pop_all())
                 return True

@@ -11,12 +11,12 @@ from functools import partial
 import numpy as np
 from msgspec.structs import replace as changed
 
+from benchmarks.experiments import mcl
 from benchmarks.experiments.case import Algorithm
+from benchmarks.experiments.mcl import OrdinaryMCL, RecoveryGains, kept_particles
 from coordinator.belief.outcome import Outcome
-from evaluation import mcl
+from evaluation import in_process
 from evaluation.in_process import InProcess
-from evaluation.mcl import OrdinaryMCL, RecoveryGains, kept_particles
-from evaluation.run import ALGORITHMS as PRODUCT_ALGORITHMS
 from evaluation.run import Outcomes
 from particle_filter.arrays import LogWeights, Poses
 from particle_filter.cluster_filter import ParticleSet
@@ -185,11 +185,11 @@ def visible_outcomes(
 
 
 ALGORITHMS: dict[Algorithm, Outcomes] = {
-    "cluster-mcl": PRODUCT_ALGORITHMS["cluster-mcl"],
+    "cluster-mcl": in_process.outcomes,
     "paper-letter": letter_outcomes,
-    "mcl": PRODUCT_ALGORITHMS["mcl"],
+    "mcl": mcl.outcomes,
     "mcl-visibility": visible_outcomes,
-    "amcl": PRODUCT_ALGORITHMS["amcl"],
+    "amcl": partial(mcl.outcomes, gains=mcl.AMCL_GAINS),
     "amcl-visibility": partial(visible_outcomes, gains=mcl.AMCL_GAINS),
     "amcl-tuned": partial(visible_outcomes, gains=TUNED_GAINS),
     "amcl-kld": partial(visible_outcomes, gains=mcl.AMCL_GAINS, filter_class=KldSampling),

@@ -4,8 +4,8 @@ from typing import Literal
 
 import msgspec
 
-from benchmarks.outdated_halls import world
 from benchmarks.people import CrowdSimulation
+from benchmarks.worlds import world
 from evaluation import course
 from evaluation.course import RecordedRobot
 from protocol.errors import SettingsError

@@ -14,6 +14,7 @@ from benchmarks.experiments.case import (
     Role,
     SimulatedRobot,
 )
+from benchmarks.wean import WeanRobot
 
 DATA_VARIABLE = "CLUSTERMCL_DATA"
 """Environment variable with the folder of recordings."""
@@ -184,7 +185,7 @@ def _recorded(folder: Path) -> Iterator[Case]:
         reference = wean / f"robotdata{number}.reference.tum"
         log = _packed(wean / f"robotdata{number}.log")
         if log and reference.is_file():
-            robot = RecordedRobot(recording=log, map=wean / "map.yaml", reference=reference)
+            robot = WeanRobot(recording=log, map=wean / "map.yaml", reference=reference)
             title = f"Wean Hall, recording {number}"
             yield Case(name=f"wean-{number}", title=title, robot=robot, role="training", seeds=20)
     for each in sorted(path for path in folder.iterdir() if path.is_dir()):

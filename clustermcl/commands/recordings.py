@@ -6,16 +6,7 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import (
-    AsJson,
-    Assignments,
-    Output,
-    RecordFile,
-    SettingsFile,
-    client_command,
-    recording_command,
-    settings_with_nav2,
-)
+from clustermcl.commands import options as common
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
@@ -27,7 +18,7 @@ MOST_STEPS = 100_000
 """Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 
 
-@recording_command
+@common.recording_command
 def evaluate(
     settings: Settings,
     recording: Annotated[
@@ -39,9 +30,6 @@ def evaluate(
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
     ] = None,
-    algorithm: Annotated[
-        str, typer.Option(metavar="NAME", help="cluster-mcl, mcl (ordinary) or amcl (augmented).")
-    ] = "cluster-mcl",
     seeds: Annotated[
         int,
         typer.Option(
@@ -67,19 +55,13 @@ def evaluate(
     kidnap_at: Annotated[
         int | None, typer.Option(min=0, help="Kidnap the simulated robot after this step.")
     ] = None,
-    mirrored: Annotated[
-        bool,
-        typer.Option(
-            "--mirrored", help="Mirror scans and motion, for a robot that is not on the map."
-        ),
-    ] = False,
     jobs: Annotated[
         int | None,
         typer.Option(min=1, max=MOST_JOBS, help="Parallel runs; by default one per core."),
     ] = None,
-    as_json: AsJson = False,
-    output: Output = None,
-    record_file: RecordFile = None,
+    as_json: common.AsJson = False,
+    output: common.Output = None,
+    record_file: common.RecordFile = None,
     tum: Annotated[
         Path | None,
         typer.Option(metavar="FILE.tum", help="Write the estimated trajectory of one run."),
@@ -95,12 +77,10 @@ def evaluate(
         recording=recording,
         map_file=map_file,
         reference=reference,
-        algorithm=algorithm,
         seeds=seeds,
         starts=starts,
         steps=steps,
         kidnap_at=kidnap_at,
-        mirrored=mirrored,
         jobs=jobs,
         as_json=as_json,
         output=output,
@@ -110,7 +90,7 @@ def evaluate(
     run_evaluate(options, settings)
 
 
-@recording_command
+@common.recording_command
 def check(
     settings: Settings,
     map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
@@ -125,7 +105,7 @@ def check(
         Path | None,
         typer.Option("--report", metavar="FILE.png", help="Draw the report on the map."),
     ] = None,
-    as_json: AsJson = False,
+    as_json: common.AsJson = False,
 ) -> None:
     """Check whether a map is suitable, and which places look alike.
 
@@ -144,7 +124,7 @@ def check(
     )
 
 
-@client_command
+@common.client_command
 def record(
     settings: Settings,
     file: Annotated[
@@ -158,7 +138,7 @@ def record(
     standard_output().write(f"{file}: {steps} steps\n")
 
 
-@client_command
+@common.client_command
 def record_landmarks(
     settings: Settings,
     file: Annotated[
@@ -184,7 +164,7 @@ def replay(
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Refuse a run on another map.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: common.AsJson = False,
 ) -> None:
     """Recompute a flight recording, and print what happened.
 
@@ -205,8 +185,8 @@ def settings(
     show_all: Annotated[
         bool, typer.Option("--all", help="Also print constants of the filter and the service.")
     ] = False,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Print the settings with default, unit and meaning, as TOML.
 
@@ -218,7 +198,7 @@ def settings(
         settings_as_toml,
     )
 
-    chosen, notes = settings_with_nav2(from_nav2, settings_file, assignments or ())
+    chosen, notes = common.settings_with_nav2(from_nav2, settings_file, assignments or ())
     output = standard_output()
     output.writelines(f"# {line}\n" for line in notes)
     if not show_all:

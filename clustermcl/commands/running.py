@@ -7,21 +7,7 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import (
-    HERE,
-    AllowCommands,
-    AsJson,
-    Assignments,
-    Listen,
-    RecordFile,
-    Robot,
-    Router,
-    SettingsFile,
-    as_assignments,
-    recording_command,
-    refuse_without,
-    settings_with_nav2,
-)
+from clustermcl.commands import options as common
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
 from process_runtime.settings_file import load_settings, with_setting
@@ -29,7 +15,7 @@ from process_runtime.supervisor import python_module
 from protocol.errors import SettingsError
 
 
-@recording_command
+@common.recording_command
 def demo(
     settings: Settings,
     recording: Annotated[
@@ -63,15 +49,15 @@ def demo(
         bool,
         typer.Option("--advised", help="A robot that drives advised ways, and one that wanders."),
     ] = False,
-    listen: Listen = None,
-    record_file: RecordFile = None,
-    as_json: AsJson = False,
+    listen: common.Listen = None,
+    record_file: common.RecordFile = None,
+    as_json: common.AsJson = False,
 ) -> None:
     """Localize a simulated robot or a recording.
 
     All processes run on this machine, and end with the command.
     """
-    refuse_without("--view", view, drive=drive, listen=listen)
+    common.refuse_without("--view", view, drive=drive, listen=listen)
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the package
 
     for name, value in (("worker.count", workers), ("seed", seed)):
@@ -83,7 +69,7 @@ def demo(
         reference=reference,
         rate=rate,
         steps=steps,
-        view_at=(listen or HERE) if view else None,
+        view_at=(listen or common.HERE) if view else None,
         record=record_file,
         by_hand=drive,
         advised=advised,
@@ -102,29 +88,31 @@ def up(
         bool,
         typer.Option("--one-process", help="Use one process: less memory, no fault tolerance."),
     ] = False,
-    listen: Listen = None,
-    allow_commands: AllowCommands = False,
-    robot: Robot = None,
-    router: Router = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    listen: common.Listen = None,
+    allow_commands: common.AllowCommands = False,
+    robot: common.Robot = None,
+    router: common.Router = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Localize a robot: run all processes on this machine until Ctrl-C."""
-    refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
+    common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
-        refuse_without("several processes", None, view=view, nav2_params=nav2_params)
-        settings = as_assignments(robot, router)
+        common.refuse_without("several processes", None, view=view, nav2_params=nav2_params)
+        settings = common.as_assignments(robot, router)
         _become("clustermcl.one_process", [], settings_file, settings, assignments)
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
-    given = [*log_settings(), *as_assignments(robot, router), *(assignments or ())]
-    chosen, notes = settings_with_nav2(nav2_params, settings_file, given)
+    given = [*log_settings(), *common.as_assignments(robot, router), *(assignments or ())]
+    chosen, notes = common.settings_with_nav2(nav2_params, settings_file, given)
     for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
-    run_up(chosen, view_at=(listen or HERE) if view else None, allow_commands=allow_commands)
+    run_up(chosen, view_at=(listen or common.HERE) if view else None, allow_commands=allow_commands)
 
 
-def warm_up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def warm_up(
+    settings_file: common.SettingsFile = None, assignments: common.Assignments = None
+) -> None:
     """Prepare this machine, so that later starts take seconds.
 
     Compiles the filter's kernels, and computes the likelihood field of bridge.map. Both are kept
@@ -136,13 +124,13 @@ def warm_up(settings_file: SettingsFile = None, assignments: Assignments = None)
 
 
 def ros2(
-    robot: Robot = None,
-    router: Router = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    robot: common.Robot = None,
+    router: common.Router = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
-    _become("ros2_bridge", [], settings_file, as_assignments(robot, router), assignments)
+    _become("ros2_bridge", [], settings_file, common.as_assignments(robot, router), assignments)
 
 
 def router(
@@ -150,13 +138,15 @@ def router(
         Path | None,
         typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used unchanged."),
     ] = None,
-    router: Router = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    router: common.Router = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Run only the router, for several robots."""
     given = [] if config is None else ["--config", str(config)]
-    _become("zenoh_link.router", given, settings_file, as_assignments(None, router), assignments)
+    _become(
+        "zenoh_link.router", given, settings_file, common.as_assignments(None, router), assignments
+    )
 
 
 def worker(
@@ -166,10 +156,10 @@ def worker(
         Path | None,
         typer.Option(metavar="FOLDER", help="Serve the robots of its settings files."),
     ] = None,
-    robot: Robot = None,
-    router: Router = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    robot: common.Robot = None,
+    router: common.Router = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Run more workers, on this machine or another one, for a robot or a fleet."""
     if fleet is not None and robot is not None:
@@ -177,7 +167,7 @@ def worker(
         raise SettingsError(key="--fleet", problem=problem)
     given = ["--name", name, *([] if count is None else ["--count", str(count)])]
     given += [] if fleet is None else ["--fleet", str(fleet)]
-    _become("worker", given, settings_file, as_assignments(robot, router), assignments)
+    _become("worker", given, settings_file, common.as_assignments(robot, router), assignments)
 
 
 def _become(
@@ -213,8 +203,8 @@ def serve_view(
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
-    listen: Listen = None,
-    allow_commands: AllowCommands = False,
+    listen: common.Listen = None,
+    allow_commands: common.AllowCommands = False,
     certificate: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Serve HTTPS with this certificate (PEM)."),
@@ -231,29 +221,33 @@ def serve_view(
             help="Overrides robot.name; may be repeated.",
         ),
     ] = None,
-    router: Router = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
+    router: common.Router = None,
+    settings_file: common.SettingsFile = None,
+    assignments: common.Assignments = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
-    refuse_without("a recording", recording, map=map_file, save=save_file)
+    common.refuse_without("a recording", recording, map=map_file, save=save_file)
     if recording is not None and robots:
         problem = "--robot: a recording is of one robot; leave it out"
         raise SettingsError(key="--robot", problem=problem)
     if recording is None:
         flags = {"--allow-commands": allow_commands, "--open": open_browser}
-        words = ["--listen", listen or HERE, *(flag for flag, given in flags.items() if given)]
+        words = [
+            "--listen",
+            listen or common.HERE,
+            *(flag for flag, given in flags.items() if given),
+        ]
         files = {"--certificate": certificate, "--private-key": private_key}
         words += [word for name, file in files.items() if file for word in (name, str(file))]
         words += [word for robot in robots or () for word in ("--robot", robot)]
-        _become("live_view", words, settings_file, as_assignments(None, router), assignments)
+        _become("live_view", words, settings_file, common.as_assignments(None, router), assignments)
         return
     from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
     from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
     from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
     page = PageOptions(
-        address=parsed_address(listen or HERE),
+        address=parsed_address(listen or common.HERE),
         open_browser=open_browser,
         certificate=certificate,
         private_key=private_key,

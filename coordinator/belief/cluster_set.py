@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
@@ -14,51 +14,23 @@ from numpy.typing import NDArray
 from coordinator.part import FEW, Count, LogProbability, Part
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.evidence_model import (
-    UsualFit,
-    contenders,
-    evidence_weight,
-    residual,
-    scan_exponent,
-    short_beam_gain,
-    tempered,
-    through_beam_loss,
-    way,
-)
+from particle_filter.evidence_model import UsualFit
 from particle_filter.motion_noise import composed_covariance, motion_covariance
-from particle_filter.off_map import (
-    BeamClasses,
-    MapQuality,
-    log_odds_by_decoy,
-    log_odds_of_here,
-    probability_right,
-)
+from particle_filter.off_map import MapQuality
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
-from protocol.work import ParticleCount, Place, TrackReport
+from protocol.work import ParticleCount, Place
 
-NEWS_M, NEWS_RAD = 0.1, 0.2
-"""Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
 ALTERNATIVE = 0.1
 """A cluster with this share of the best one's probability is an alternative."""
 STILL_PROBABLE = 0.05
 """Least probability of an alternative after candidates entered: the alarm may have been false."""
-PERHAPS_LIFTED = 0.2
-"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
-RETURNS = 2.0
-"""Rate at which a robot off the map returns, relative to the rate at which robots are lifted."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
-
-
-def new_evidence_share(before_from_after: Pose) -> float:
-    """Return the share of a scan, after a motion (3,), that counts against all clusters."""
-    moved_m, turned_rad = way(before_from_after)
-    return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
 
 class Cluster(msgspec.Struct, frozen=True):
@@ -149,239 +121,6 @@ class ClusterSet(Part):
         """Return the clusters, most probable first."""
         return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
-    def weigh(
-        self,
-        reports: Mapping[str, TrackReport],
-        log_likelihood_elsewhere: float = math.nan,
-        *,
-        observed_elsewhere: float = 0.0,
-        new_view: float = 1.0,
-        news: float = 1.0,
-        decoy: TrackReport | None = None,
-        awaits_decoy: bool = False,
-    ) -> float:
-        """Apply kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
-
-        There are two updates in turn: which cluster is right, and whether any is. A scan that fits
-        no cluster is weak evidence for the first question, and strong for the second.
-
-        Args:
-            reports: reports by job id; reports of ended clusters are ignored.
-            log_likelihood_elsewhere: log of the scan's average likelihood over the whole map;
-                NaN: unknown.
-            observed_elsewhere: log average likelihood ratio of the step's observations over the
-                whole map.
-            new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
-            news: share of the scan that is new evidence of the robot being at any cluster
-                (`new_evidence_share`).
-            decoy: report of a job that tracks the mirrored scans; None: there is none.
-            awaits_decoy: the first decoy is being searched for; classes do not count until then.
-
-        Returns:
-            Log of the scan's likelihood, averaged over the belief before the scan; a hypothesis
-            outside this belief is compared with it.
-        """
-        elsewhere = log_likelihood_elsewhere
-        if not self.clusters:
-            return observed_elsewhere + (0.0 if math.isnan(elsewhere) else elsewhere)
-        reports = {job: reports[job] for job in self.job_ids if job in reports}
-        evidence = np.full(len(self.clusters), np.nan)
-        for index, cluster in enumerate(self.clusters.values()):
-            report = reports.get(cluster.job_id)
-            if report is not None:
-                evidence[index] = report.log_weight_sum - math.log(report.particles)
-                self.clusters[cluster.cluster] = replace(
-                    cluster,
-                    pose=report.pose,
-                    covariance=report.covariance,
-                    effective_sample_size=report.effective_sample_size,
-                    confirmed=cluster.confirmed or self._is_confirmed(evidence[index], elsewhere),
-                )
-        if not reports:
-            return 0.0  # nothing but evidence moves probabilities
-        log_here, log_there, log_off = self._kidnapped(news)
-        among = belief.normalised_logs(self._log_probabilities()[:-2])
-        reported = ~np.isnan(evidence)
-        log_mass = np.logaddexp.reduce(among[reported])
-        log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
-        contends = contenders(np.where(reported, among, -np.inf))
-        share = self._evidence_weight(reports, contends, new_view)
-        log_ratios = tempered(evidence, contends, share, self.rules.evidence_noise)
-        among = belief.updated(among, log_ratios)
-        among = belief.mixed(among, self.rules.transition_probability * news)
-        cut_short, through = self._explained(among, reports)
-        log_scan += cut_short
-        self._follow_fit(log_scan - through, float(among.max()) + log_here, news)
-        odds = self._log_odds_of_here(among, reports, new_view)
-        if decoy is not None:
-            odds = self._compared_with_decoy(odds, among, reports, decoy, new_view)
-        elif awaits_decoy:
-            odds = 0.0
-        if not math.isnan(elsewhere):
-            fits_better = elsewhere - log_scan
-            # People stand before the laser: where what is left of the beams fits, nothing is odd.
-            log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
-            log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
-        if self.fit.has_fallen:
-            log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
-        here = np.append(among + log_here, (log_there, log_off))
-        weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
-        seen = self._observed(reports, observed_elsewhere)
-        self._set(belief.normalised_logs(weighed + seen))
-        if seen.any():
-            log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
-        # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
-        return log_scan + min(float(np.logaddexp.reduce(weighed) - np.logaddexp.reduce(here)), 0.0)
-
-    def _observed(
-        self, reports: Mapping[str, TrackReport], elsewhere: float
-    ) -> NDArray[np.float64]:
-        """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.
-
-        A cluster without a report gets the best evidence of any: a loss must not end it.
-        """
-        observed = {job_id: report.log_observed for job_id, report in reports.items()}
-        best = max(observed.values())
-        return np.array([*(observed.get(job_id, best) for job_id in self.job_ids), elsewhere, 0.0])
-
-    def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
-        if self.rules.kidnapping_probability == 0.0:  # elsewhere is not weighed
-            return True
-        return bool(log_here > log_elsewhere)
-
-    def _log_odds_of_here(
-        self, among: NDArray[np.float64], reports: Mapping[str, TrackReport], new_view: float
-    ) -> float:
-        """Return by how much beam classes raise the log odds of the clusters; update `quality`."""
-        if 0.0 in (self.rules.kidnapping_probability, self.rules.off_map_probability):
-            return 0.0
-        ordered = [reports.get(job_id) for job_id in self.job_ids]
-        seeing = [i for i, report in enumerate(ordered) if report and any(report.beam_classes)]
-        if not seeing:
-            return 0.0
-        with_classes = [report for report in ordered if report and any(report.beam_classes)]
-        odds, self.quality = log_odds_of_here(
-            self.quality,
-            np.exp(belief.normalised_logs(among[seeing])),
-            [BeamClasses(*report.beam_classes) for report in with_classes],
-            new_view,
-        )
-        return odds
-
-    def _compared_with_decoy(
-        self,
-        odds: float,
-        among: NDArray[np.float64],
-        reports: Mapping[str, TrackReport],
-        decoy: TrackReport,
-        new_view: float,
-    ) -> float:
-        """Return the evidence for the clusters, given the report of a decoy."""
-        best = reports.get(self.job_ids[int(np.argmax(among))])
-        difference = (
-            best.log_likelihood_per_beam - decoy.log_likelihood_per_beam if best else math.nan
-        )
-        if math.isnan(difference) or not any(decoy.beam_classes):
-            return odds
-        classes = [BeamClasses(*decoy.beam_classes)]
-        of_decoy, _ = log_odds_of_here(self.quality, np.ones(1), classes, new_view)
-        log_here = math.log1p(-min(self.outside_clusters, 1.0 - 1e-12))
-        by_fit, self.quality = log_odds_by_decoy(self.quality, difference, log_here, new_view)
-        # Classes count only where they differ from the decoy's.
-        return min(max(odds - of_decoy, min(odds, 0.0)), max(odds, 0.0)) + by_fit
-
-    def _follow_fit(self, log_scan: float, log_best: float, news: float) -> None:
-        """Learn how well scans fit while the robot is localized."""
-        rules = self.rules
-        if rules.kidnapping_probability == 0.0:
-            return
-        if self.fit.has_fallen or log_best >= math.log(rules.localized_probability):
-            self.fit = self.fit.after(log_scan, news)
-        else:
-            self.fit = replace(self.fit, shortfall=0.0)
-
-    def _explained(
-        self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]
-    ) -> tuple[float, float]:
-        """Return the correction of a scan's log-likelihood at the clusters by beam classes [nat].
-
-        It is 0 if beam classes are not used; the update is then exactly Bayes' rule.
-
-        Returns:
-            The gain of beams before obstacles, which people explain; and the loss of beams through
-            obstacles, if nothing explained them.
-        """
-        if self.rules.off_map_probability == 0.0:
-            return 0.0, 0.0
-        ordered = map(reports.get, self.job_ids)
-        counts = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
-        exponents = [scan_exponent(beams, self.sensor) for beams in counts.sum(axis=1).tolist()]
-        _, _, through, other = (np.exp(among) * exponents @ counts).tolist()
-        return (
-            other * short_beam_gain(self.quality.short, self.sensor),
-            through * through_beam_loss(self.sensor),
-        )
-
-    def _kidnapped(self, news: float) -> tuple[float, float, float]:
-        """Return log probabilities of all clusters together, of elsewhere, and of off the map.
-
-        The robot may have been lifted or brought back to the map since the last scan.
-        """
-        hazard = self.rules.kidnapping_probability * news
-        log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-2]))
-        if hazard == 0.0:
-            return log_here, self.log_elsewhere, self.log_off_map
-        off, back = self.rules.off_map_probability, min(RETURNS * hazard, 1.0)
-        lifted = log_here + _log(hazard)
-        log_there = np.logaddexp.reduce(
-            [self.log_elsewhere, lifted + _log(1.0 - off), self.log_off_map + _log(back)]
-        )
-        log_off = np.logaddexp(self.log_off_map + _log(1.0 - back), lifted + _log(off))
-        return log_here + math.log1p(-hazard), float(log_there), float(log_off)
-
-    def _is_anywhere(self) -> None:
-        """Give all probability to elsewhere and off the map."""
-        is_ever_lost = self.rules.kidnapping_probability > 0.0
-        off = self.rules.off_map_probability if is_ever_lost else 0.0
-        self.log_elsewhere, self.log_off_map = _log(1.0 - off), _log(off)
-
-    def _evidence_weight(
-        self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_], new_view: float
-    ) -> NDArray[np.float64]:
-        """Return (K,) weights of the evidence between each cluster and the contenders.
-
-        A weight follows from the best fit among the cluster and the contenders, because an
-        improbable cluster may explain the scan best.
-        """
-        fit = self._fit_without_short_beams([reports.get(job_id) for job_id in self.job_ids])
-        fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
-        residuals = [residual(best, self.sensor) for best in fit.tolist()]
-        if self.rules.off_map_probability > 0.0:
-            # Errors of a crude map favour a wrong place as often as the true one.
-            new_view /= 1.0 + self.quality.crude
-        return np.array([evidence_weight(new_view, each, self.rules) for each in residuals])
-
-    def _fit_without_short_beams(
-        self, reports: Sequence[TrackReport | None]
-    ) -> NDArray[np.float64]:
-        """Return (K,) fits of the best particles without loss for the usual short beams [nat/beam].
-
-        NaN: there is no report.
-        """
-        fit = np.array([each.log_likelihood_per_beam if each else math.nan for each in reports])
-        classes = {
-            index: BeamClasses(*each.beam_classes)
-            for index, each in enumerate(reports)
-            if each and any(each.beam_classes)
-        }
-        if self.rules.off_map_probability == 0.0 or not classes:
-            return fit
-        seen = list(classes.values())
-        short = np.array([min(each.other / sum(each), self.quality.short) for each in seen])
-        right = probability_right(self.quality, seen)
-        fit[list(classes)] += short * right * through_beam_loss(self.sensor)
-        return fit
-
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
     ) -> None:
@@ -429,16 +168,13 @@ class ClusterSet(Part):
         """Add candidates; if there are too many clusters, end the least probable ones.
 
         Args:
-            candidates: candidates with weights relative to the belief; all probabilities are
-                normalised afterwards.
+            candidates: with weights relative to the belief; all are normalised afterwards.
             step: the step after which they are tracked.
-            first_step: first step of the search that found them; its earlier finds are not
-                protected.
+            first_step: of the search that has found them; its earlier finds are not protected.
             protected_until: the step before which they may not be replaced.
 
         Returns:
-            The new clusters, in the order of the candidates, and the events of clusters that began
-            and ended.
+            The new clusters, in the order of the candidates, and who began and who ended.
         """
         leaving = self._make_room(len(candidates), step, first_step)
         first = self.next_cluster
@@ -541,23 +277,21 @@ class ClusterSet(Part):
     def keep_off_map(
         self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
     ) -> None:
-        """Raise the probability of off the map before `admit` admits candidates.
-
-        The odds between candidates and off the map are then those of elsewhere before the search.
+        """Raise off the map before `admit`, so that candidates have elsewhere's odds against it.
 
         A search also finds places that fit well for a robot that is off the map. So the good fit
         of candidates is no evidence about off the map.
 
         Args:
-            candidates: candidates with weights relative to the belief.
+            candidates: with weights relative to the belief.
             log_elsewhere: log of the probability of elsewhere when their search began.
             log_off_map: log of the probability of off the map at that time.
         """
         weight = math.fsum(place.share for place, _ in candidates)
         most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)
         kept = min(
-            _log(weight) + log_off_map - log_elsewhere,
-            _log(most / (1.0 - most)) + _log(1.0 - self.off_map + weight),
+            log_of(weight) + log_off_map - log_elsewhere,
+            log_of(most / (1.0 - most)) + log_of(1.0 - self.off_map + weight),
         )
         self.log_off_map = max(self.log_off_map, kept)
 
@@ -580,6 +314,12 @@ class ClusterSet(Part):
             )
             self.clusters[part.cluster] = aged
         return admitted, [_ended(whole, "split", *admitted), *events]
+
+    def _is_anywhere(self) -> None:
+        """Give all probability to elsewhere and off the map."""
+        is_ever_lost = self.rules.kidnapping_probability > 0.0
+        off = self.rules.off_map_probability if is_ever_lost else 0.0
+        self.log_elsewhere, self.log_off_map = log_of(1.0 - off), log_of(off)
 
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
@@ -609,7 +349,7 @@ class ClusterSet(Part):
             del self.clusters[cluster.cluster]
         return [_ended(cluster, cause, *by) for cluster in leaving]
 
-    def _log_probabilities(self) -> belief.LogProbabilities:
+    def log_probabilities(self) -> belief.LogProbabilities:
         """Return (K + 2,) log probabilities of the clusters, of elsewhere, and of off the map."""
         clusters = (cluster.log_probability for cluster in self.all())
         return np.array([*clusters, self.log_elsewhere, self.log_off_map])
@@ -617,16 +357,16 @@ class ClusterSet(Part):
     def _normalise(self) -> None:
         if self.clusters and self.rules.kidnapping_probability == 0.0:
             self.log_elsewhere = self.log_off_map = -math.inf
-        self._set(belief.normalised_logs(self._log_probabilities()))
+        self.set_log_probabilities(belief.normalised_logs(self.log_probabilities()))
 
-    def _set(self, log_probabilities: NDArray[np.float64]) -> None:
+    def set_log_probabilities(self, log_probabilities: NDArray[np.float64]) -> None:
         *clusters, self.log_elsewhere, self.log_off_map = log_probabilities.tolist()
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
             self.clusters[cluster.cluster] = finite
 
 
-def _log(probability: float) -> float:
+def log_of(probability: float) -> float:
     return math.log(probability) if probability > 0.0 else -math.inf
 
 

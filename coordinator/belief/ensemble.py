@@ -13,13 +13,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.cluster_set import (
-    PERHAPS_LIFTED,
-    Candidate,
-    Cluster,
-    ClusterSet,
-    new_evidence_share,
-)
+from coordinator.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
+from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.belief.given_places import PriorPose, with_prior_pose
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
@@ -142,7 +137,8 @@ class Ensemble(Part, kw_only=True):
         news = 1.0
         if before_from_after is not None and observed is None:
             news = new_evidence_share(before_from_after)
-        log_likelihood = self.clusters.weigh(
+        log_likelihood = weigh(
+            self.clusters,
             tracks,
             elsewhere.log_likelihood if elsewhere else math.nan,
             observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,

@@ -15,15 +15,7 @@ import numpy as np
 from coordinator.coordinator import Coordinator
 from coordinator.events import Event, HistoryArrived, ScanArrived
 from coordinator.instructions import Instruction, PublishBelief, PublishEvents
-from coordinator.recorder.records import (
-    Happened,
-    Head,
-    RecordedEvent,
-    freeze,
-    happened,
-    happened_to,
-    without_bulk,
-)
+from coordinator.recorder import records
 from coordinator.recorder.ring import EVENTS, Ring
 from grid_maps.grid_map import GridMap
 from process_runtime.output_files import OutputError
@@ -40,7 +32,9 @@ MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 LOST = "event not recorded"
 
-_Entry: TypeAlias = Head | RecordedEvent | Json | list[PublishBelief | PublishEvents]
+_Entry: TypeAlias = (
+    records.Head | records.RecordedEvent | Json | list[PublishBelief | PublishEvents]
+)
 
 _log = logging.getLogger(__name__)
 
@@ -68,7 +62,7 @@ class FlightRecorder:
         self._asked, self._failed = True, False
         self._wall_from_now_ns, self._at_ns = 0, 0
         self._map: Json | None = None
-        self._batch: list[RecordedEvent] = []
+        self._batch: list[records.RecordedEvent] = []
 
     @property
     def lost(self) -> dict[str, int]:
@@ -116,19 +110,19 @@ class FlightRecorder:
         if self._recording and len(self._queue) >= MAX_QUEUED:
             self._recording, self._begin_file = False, True
         if self._recording:
-            self._queue.append(RecordedEvent(now_ns, event))
+            self._queue.append(records.RecordedEvent(now_ns, event))
         else:
             self._dropped += 1
 
-    def _head(self, now_ns: int) -> Head:
-        return Head(
+    def _head(self, now_ns: int) -> records.Head:
+        return records.Head(
             version=self._coordinator.version,
             made_with=f"Python {platform.python_version()}, numpy {np.__version__}, "
             f"{sys.platform} {platform.machine()}",
             now_ns=now_ns,
             wall_ns=time.time_ns(),
             first_event=self._events,
-            snapshot=freeze(self._coordinator),
+            snapshot=records.freeze(self._coordinator),
         )
 
     # --- in its own thread
@@ -145,9 +139,9 @@ class FlightRecorder:
         ring = self._ring
         assert ring is not None  # otherwise there is no thread
         for entry in [self._queue.popleft() for _ in range(len(self._queue))]:
-            if isinstance(entry, Head):
+            if isinstance(entry, records.Head):
                 self._guarded(self._flush, ring)
-            self._unflushed += isinstance(entry, RecordedEvent)
+            self._unflushed += isinstance(entry, records.RecordedEvent)
             self._guarded(self._write, ring, entry)
         self._guarded(self._flush, ring)
         due = ring.is_full if ring.log else time.monotonic() >= self._retry_s
@@ -182,19 +176,19 @@ class FlightRecorder:
 
     def _write(self, ring: Ring, entry: _Entry) -> None:
         match entry:
-            case Head():
+            case records.Head():
                 self._begin(ring, entry)
             case dict():
                 self._map = entry
                 if ring.log is not None:
                     ring.log.write(GRID, entry, self._at_ns)
-            case RecordedEvent() if ring.log is not None:
+            case records.RecordedEvent() if ring.log is not None:
                 self._at_ns = self._wall_from_now_ns + entry.now_ns
                 self._write_event(ring.log, entry)
             case list() if ring.log is not None:
                 self._write_decisions(ring.log, entry)
 
-    def _begin(self, ring: Ring, head: Head) -> None:
+    def _begin(self, ring: Ring, head: records.Head) -> None:
         self._asked = False
         log = ring.begin(head)
         self._failed = False
@@ -202,15 +196,15 @@ class FlightRecorder:
         if self._map is not None:
             log.write(GRID, self._map, self._at_ns)
 
-    def _write_event(self, log: RunLog, recorded: RecordedEvent) -> None:
-        self._batch.append(without_bulk(recorded))
+    def _write_event(self, log: RunLog, recorded: records.RecordedEvent) -> None:
+        self._batch.append(records.without_bulk(recorded))
         match recorded.event:
             case ScanArrived(scan):
                 log.on_scan(scan, self._at_ns)
             case HistoryArrived(scans):
                 for scan in scans:
                     log.on_scan(scan, self._at_ns)
-        self._write_lines(log, happened(recorded.event))
+        self._write_lines(log, records.happened(recorded.event))
 
     def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | PublishEvents]) -> None:
         for decision in decisions:
@@ -220,8 +214,8 @@ class FlightRecorder:
                     log.on_belief(belief, self._at_ns)
                 case PublishEvents(events):
                     log.write(JOB_EVENTS, events, self._at_ns)
-        self._write_lines(log, happened_to(decisions))
+        self._write_lines(log, records.happened_to(decisions))
 
-    def _write_lines(self, log: RunLog, lines: Iterable[Happened]) -> None:
+    def _write_lines(self, log: RunLog, lines: Iterable[records.Happened]) -> None:
         for line in lines:
             log.write(LINES, log_line(f"{line.kind}: {line.about}", self._at_ns), self._at_ns)

@@ -14,17 +14,9 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from coordinator import events
 from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
-from coordinator.events import (
-    CommandArrived,
-    Event,
-    LinkChanged,
-    OrderAnswered,
-    WorkerJoined,
-    WorkerLeft,
-    WorkerReturned,
-)
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
@@ -60,7 +52,7 @@ class RecordedEvent(msgspec.Struct, frozen=True, array_like=True):
     """An event and its time, written before the coordinator processes the event."""
 
     now_ns: int
-    event: Event
+    event: events.Event
 
 
 @dataclass(frozen=True)
@@ -71,20 +63,20 @@ class Happened:
     about: str
 
 
-def happened(event: Event) -> Iterator[Happened]:
+def happened(event: events.Event) -> Iterator[Happened]:
     """Yield the text of an event, if `clustermcl replay` prints it."""
     match event:
-        case WorkerJoined(worker):
+        case events.WorkerJoined(worker):
             yield Happened("worker joined", worker)
-        case WorkerLeft(worker):
+        case events.WorkerLeft(worker):
             yield Happened("worker left", worker)
-        case WorkerReturned(worker):
+        case events.WorkerReturned(worker):
             yield Happened("worker is back", worker)
-        case LinkChanged(up):
+        case events.LinkChanged(up):
             yield Happened("link is back" if up else "link lost", "to the router")
-        case OrderAnswered(worker, answer) if answer.problem:
+        case events.OrderAnswered(worker, answer) if answer.problem:
             yield Happened("order refused", f"by {worker}: {answer.problem}")
-        case CommandArrived(command):
+        case events.CommandArrived(command):
             yield Happened("command", repr(command))
 
 

@@ -6,16 +6,13 @@ from process_runtime.sources import Simulated
 from recordings.map_file import load_map_with_obstacles
 from robot_simulator.worlds.halls import hall, hall_symmetric, yard
 from robot_simulator.worlds.office import office
-from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags, gates, rectangle
+from robot_simulator.worlds.rooms import cross, cross_feature, cross_tags
 from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
 
 WORLDS = {
     draw.__name__: draw
-    for draw in (
-        cross, cross_feature, cross_tags, rectangle, gates, office, hall, hall_symmetric,
-        yard,
-    )
-}  # fmt: skip
+    for draw in (cross, cross_feature, cross_tags, office, hall, hall_symmetric, yard)
+}
 
 
 def world(name: str) -> World:

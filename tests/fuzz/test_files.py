@@ -24,7 +24,6 @@ from protocol.errors import (
     ReferenceFileError,
     SettingsError,
 )
-from recordings import log_file
 from recordings.map_file import load_map
 from recordings.recording import open_recording
 from sensor_bridge.recorded import steps_of
@@ -35,8 +34,6 @@ from tests.unit.recordings.logs import (
     odom,
     raw_laser,
     robot_laser,
-    wean_odometry,
-    wean_scan,
 )
 
 NUMBERS = st.sampled_from(
@@ -72,13 +69,10 @@ carmen_logs = lines(
     st.builds(robot_laser, stamps, ranges, poses, poses),
     junk_lines,
 )
-wean_logs = lines(
-    st.builds(wean_odometry, stamps, poses), st.builds(wean_scan, stamps, centimetres), junk_lines
-)
 
 
 @cases(0.06)
-@given(packed(damaged(carmen_logs | wean_logs)))
+@given(packed(damaged(carmen_logs)))
 def test_a_recording_becomes_steps_or_is_refused(folder: Path, content: bytes) -> None:
     path = folder / "recording.log"
     path.write_bytes(content)
@@ -95,25 +89,6 @@ def test_a_reference_is_read_or_refused(folder: Path, content: bytes) -> None:
     path.write_bytes(content)
     with contextlib.suppress(ReferenceFileError):
         load_reference(path).pose_at(0)
-
-
-wean_maps = st.builds(
-    lambda cell, sides, rows: "\n".join(
-        [f"robot_specifications->resolution {cell}", f"global_map[0]: {' '.join(sides)}", *rows]
-    ).encode(),
-    NUMBERS,
-    st.lists(NUMBERS, min_size=1, max_size=3),
-    st.lists(st.lists(st.sampled_from(["1", "-1", "0.5"]) | NUMBERS).map(" ".join), max_size=4),
-)
-
-
-@cases(0.03)
-@given(packed(damaged(wean_maps)))
-def test_a_wean_map_is_read_or_refused(folder: Path, content: bytes) -> None:
-    path = folder / "wean.dat"
-    path.write_bytes(content)
-    with contextlib.suppress(MapFileError):
-        load_map(path)
 
 
 def image(mode: str, kind: str, side: int) -> bytes:
@@ -189,7 +164,6 @@ def gzip_bomb(line: bytes, times: int) -> bytes:
 def small_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit of 8 MiB, so that the test is short; the code is the same for all limits."""
     monkeypatch.setattr(compressed, "MAX_FILE_BYTES", 2**23)
-    monkeypatch.setattr(log_file, "MAX_FILE_BYTES", 2**23)
 
 
 @pytest.mark.parametrize("pack", [lambda data: data, gzip.compress, lzma.compress])

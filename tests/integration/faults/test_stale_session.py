@@ -143,7 +143,7 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
         looked.append(time.monotonic())
         return has_leader
 
-    monkeypatch.setattr("zenoh_link.node.is_alive", sees_leader)
+    monkeypatch.setattr("zenoh_link.wire.is_alive", sees_leader)
     router, stop = start_router(), StopFlag()
     node = Node("c", "coordinator", Settings(zenoh=zenoh_settings), stop, peers=None)
 

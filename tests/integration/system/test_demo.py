@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection
 
+from benchmarks.wean import as_carmen
 from tests.integration.free_port import free_port
 from tests.integration.live_view.page import opened
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, ran, typed
@@ -99,10 +100,11 @@ def test_a_simulated_robot_in_a_users_map_is_found(
     assert 7.0 < answer["pose"]["y_m"] < 13.0
 
 
-def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
+def test_a_robot_in_wean_hall_is_found(environment: dict[str, str], tmp_path: Path) -> None:
     """Separate processes, as fast as the workers follow, with the defaults a new user has."""
+    log = as_carmen(recording_or_skip("wean/robotdata1.log.xz"), tmp_path / "wean.log")
     answer = as_json(
-        "demo", "--recording", str(recording_or_skip("wean/robotdata1.log.xz")),
+        "demo", "--recording", str(log),
         "--map", str(recording_or_skip("wean/map.yaml")),
         "--reference", str(recording_or_skip("wean/robotdata1.reference.tum")),
         environment=environment,

@@ -1,5 +1,4 @@
 import json
-import math
 import os
 import signal
 from pathlib import Path
@@ -37,7 +36,7 @@ def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
 ) -> None:
     words = [*ROBOT, "--steps", "20", "--seeds", "3", "--set", "seed=7"]
     found = results(*words, environment=environment)
-    assert (found["algorithm"], found["recording"]) == ("cluster-mcl", "sim:cross_feature")
+    assert found["recording"] == "sim:cross_feature"
     assert [run["seed"] for run in found["runs"]] == [7, 8, 9]
     assert {
         "seed", "localized", "final_error_m", "final_error_rad", "localized_at_step",
@@ -48,17 +47,6 @@ def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
     assert all(run["steps"] == 20 for run in found["runs"])
     alone = results(*words, "--jobs", "1", environment=environment)
     assert without_time(alone["runs"]) == without_time(found["runs"])
-
-
-def test_the_true_pose_of_a_mirrored_robot_is_unknown(environment: dict[str, str]) -> None:
-    words = [*ROBOT, "--mirrored", "--steps", "12"]
-    found = results(*words, environment=environment)
-    (run,) = found["runs"]
-    assert found["mirrored"]
-    assert run["truth_probability_mean"] is None
-    states = ("localized", "ambiguous", "lost", "searching")
-    assert math.fsum(run[f"{state}_fraction"] for state in states) == pytest.approx(1.0)
-    assert 0.0 <= run["off_map_probability_mean"] <= 1.0
 
 
 def test_every_start_of_a_simulated_robot_has_a_different_seed(environment: dict[str, str]) -> None:
@@ -84,11 +72,11 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         evaluation.assert_nothing_runs()
 
 
-def test_algorithm_and_world_are_printed_without_emoji(
+def test_the_name_of_a_world_is_printed_unchanged(
     tmp_path: Path, environment: dict[str, str]
 ) -> None:
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""
-    words = ("evaluate", "sim:office", "--steps", "1", "--algorithm", "mcl", *SMALL_FILTER)
+    words = ("evaluate", "sim:office", "--steps", "1", *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=environment) as command:
         assert command.popen.wait(2 * PATIENCE_S) == 0, command.err
-        assert "mcl on sim:office: localized in 0 of 1" in command.out
+        assert "sim:office: localized in 0 of 1" in command.out

@@ -100,7 +100,6 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
 def files(folder: Path) -> dict[str, Path]:
     """A recording of each kind that `evaluate` reads."""
     made = {
-        "wean": [logs.wean_odometry(0.0), logs.wean_scan(0.1), logs.wean_odometry(0.2)],
         "carmen": [logs.odom(1.0), logs.flaser(1.1, (0.5, 0, 0)), logs.odom(1.2)],
         "robot laser": [logs.robot_laser(1.0, (1.0, 2.0, 3.0), (0.1, 0, 0), (0, 0, 0))],
     }
@@ -243,11 +242,9 @@ def test_an_incompatible_state_is_refused_and_changes_nothing(saved: bytes, tmp_
     assert mcl.belief is None
 
 
-def test_a_hostile_state_is_refused_in_a_sentence(saved: bytes, tmp_path: Path) -> None:
-    """Bytes changed at random, and numbers that no filter can have: never another error."""
+def test_a_damaged_state_is_refused_in_a_sentence(saved: bytes, tmp_path: Path) -> None:
     mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
     file, rng = tmp_path / "robot.state", np.random.default_rng(0)
-    plain = msgspec.msgpack.decode(saved)
     refused = 0
     for _ in range(60):
         data = bytearray(saved)
@@ -257,29 +254,8 @@ def test_a_hostile_state_is_refused_in_a_sentence(saved: bytes, tmp_path: Path) 
             refused += 1
             mcl.load(file)
             refused -= 1
-    assert refused > 10
-    wrong: list[tuple[tuple[str | int, ...], object]] = [
-        (("version",), 1),
-        (("odometry",), [0, [float("nan"), 0.0, 0.0]]),
-        (("filter", "applied", "step"), 2**60),
-        (("filter", "ensemble", "clusters", "log_elsewhere"), 3.0),
-        (("filter", "ensemble", "clusters", "next_cluster"), 0),
-        (("filter", "jobs"), []),
-        (("filter", "jobs", 0, "job_id"), "s0.0"),
-        (("filter", "searched"), [{}]),
-        (("commands", "set_poses"), -1),
-        (("unknown",), 1),
-    ]
-    for path, value in wrong:
-        changed = msgspec.msgpack.decode(saved)
-        part = changed
-        for name in path[:-1]:
-            part = part[name]
-        part[path[-1]] = value
-        file.write_bytes(msgspec.msgpack.encode(changed))
-        with pytest.raises(StateFileError):
-            mcl.load(file)
-    file.write_bytes(msgspec.msgpack.encode(plain))
+    assert refused > 50
+    file.write_bytes(saved)
     mcl.load(file)
 
 

@@ -1,6 +1,5 @@
 import os
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -48,30 +47,3 @@ def test_a_router_in_a_folder_changes_only_the_endpoint() -> None:
     met = meeting_in(Path("/tmp/x"), settings)
     assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"
     assert (met.seed, met.robot, met.bridge) == (5, settings.robot, settings.bridge)
-
-
-def left_behind(base: Path, name: str, *, age_s: float) -> Path:
-    """A folder as a killed process leaves it."""
-    folder = base / name
-    folder.mkdir()
-    (folder / "lock").touch()
-    (folder / "router.log").write_text("x")
-    long_ago = time.time() - age_s
-    os.utime(folder, (long_ago, long_ago))
-    return folder
-
-
-def test_folders_of_killed_processes_are_removed_by_the_next_one(
-    monkeypatch: pytest.MonkeyPatch, short_base: Path
-) -> None:
-    monkeypatch.setattr("tempfile.tempdir", os.fspath(short_base))
-    orphan = left_behind(short_base, "clustermcl-orphan", age_s=60.0)
-    newborn = left_behind(short_base, "clustermcl-newborn", age_s=0.0)
-    foreign = left_behind(short_base, "somebody-elses", age_s=60.0)
-    with temporary_folder() as first:
-        long_ago = time.time() - 60.0
-        os.utime(first, (long_ago, long_ago))
-        with temporary_folder() as second:
-            assert sorted(short_base.iterdir()) == sorted([first, newborn, second, foreign])
-    assert not orphan.exists()
-    assert sorted(short_base.iterdir()) == sorted([newborn, foreign])

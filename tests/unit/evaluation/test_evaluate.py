@@ -144,7 +144,6 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"algorithm": "slam"}, "slam: choose cluster-mcl or mcl or amcl"),
         *(
             ({"output": Path(name)}, r"must end in \.csv; --json prints JSON")
             for name in ("runs", "runs.json", "runs.csv.gz")

@@ -1,12 +1,9 @@
-import itertools
 import math
 
 import msgspec
 import numpy as np
 
-from evaluation.course import Case, SimulatedRobot, course_of
 from particle_filter.sensor_model import points_in_robot
-from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import LaserBeams, Scan, mirrored
 from tests.unit.coordinator.reports import scan as scan_of
@@ -39,12 +36,3 @@ def test_beams_end_on_the_other_side_of_the_robot() -> None:
         np.testing.assert_allclose(ends(after)[::-1], ends(before) * (1.0, -1.0), atol=1e-12)
     assert image.odom_from_robot == (1.0, -2.0, -0.5)
     assert mirrored(image) == scan
-
-
-def test_the_trajectory_of_a_mirrored_robot_is_the_mirror_image() -> None:
-    case = Case(robot=SimulatedRobot(world="hall"), updates=5)
-    plain = itertools.islice(course_of(case, 1, BridgeSettings()).steps, 5)
-    image = course_of(msgspec.structs.replace(case, mirrored=True), 1, BridgeSettings())
-    for (scan, _), (seen, truth) in zip(plain, image.steps, strict=True):
-        assert seen == mirrored(scan)
-        assert truth is None

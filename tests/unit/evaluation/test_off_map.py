@@ -5,23 +5,24 @@ import msgspec
 import numpy as np
 import pytest
 
+from benchmarks.experiments.case import SimulatedRobot
 from coordinator.belief.outcome import Outcome
-from evaluation.course import Case, RecordedRobot, SimulatedRobot, course_of
+from evaluation.course import Case, RecordedRobot, course_of
 from evaluation.in_process import outcomes
 from process_runtime.settings import BridgeSettings, Settings
+from protocol.steps import mirrored
 from tests.unit.recordings import recording_or_skip
 from worker.map_model import sensor_model
 
 
-def run(case: Case, cache: Path, steps: int) -> list[Outcome]:
-    course, settings = course_of(case, 1, BridgeSettings()), Settings()
+def run(
+    robot: SimulatedRobot | RecordedRobot, cache: Path, steps: int, *, mirror: bool = False
+) -> list[Outcome]:
+    course, settings = course_of(Case(robot=robot), 1, BridgeSettings()), Settings()
     model = sensor_model(course.map, settings.sensor, cache)
-    scans = (scan for scan, _ in itertools.islice(course.steps, steps))
+    made = itertools.islice(course.steps, steps)
+    scans = (mirrored(scan) if mirror else scan for scan, _ in made)
     return [outcome for _, outcome in outcomes(scans, model, settings)]
-
-
-def case(robot: SimulatedRobot | RecordedRobot, *, mirrored: bool = False) -> Case:
-    return Case(robot=robot, mirrored=mirrored)
 
 
 def localized(outcomes_of: list[Outcome]) -> float:
@@ -30,10 +31,10 @@ def localized(outcomes_of: list[Outcome]) -> float:
 
 def test_the_mirrored_robot_of_a_hall_is_soon_off_the_map(tmp_path: Path) -> None:
     hall = SimulatedRobot(world="hall")
-    right = run(case(hall), tmp_path, 60)
+    right = run(hall, tmp_path, 60)
     assert localized(right) > 0.95
     assert max(outcome.off_map_probability for outcome in right[1:]) < 0.05
-    wrong = run(case(hall, mirrored=True), tmp_path, 60)
+    wrong = run(hall, tmp_path, 60, mirror=True)
     assert localized(wrong) <= 0.02
     assert any(outcome.state == "lost" for outcome in wrong[:30])
     assert wrong[-1].off_map_probability > 0.5
@@ -51,15 +52,15 @@ def test_the_mirrored_robot_of_a_hall_is_soon_off_the_map(tmp_path: Path) -> Non
 def test_the_mirrored_robot_of_a_recording_is_off_the_map(name: str, tmp_path: Path) -> None:
     recording, map_file = (recording_or_skip(f"{name}/{f}") for f in ("log.clf.gz", "map.yaml"))
     robot = RecordedRobot(recording=recording, map=map_file, reference=None)
-    outcomes_of = run(case(robot, mirrored=True), tmp_path, 60)
+    outcomes_of = run(robot, tmp_path, 60, mirror=True)
     assert localized(outcomes_of) <= 0.02
     assert outcomes_of[-1].off_map_probability > 0.5
-    assert localized(run(case(robot), tmp_path, 40)) > 0.85
+    assert localized(run(robot, tmp_path, 40)) > 0.85
 
 
 def test_a_robot_in_the_map_of_another_building_is_not_localized(tmp_path: Path) -> None:
-    course = course_of(case(SimulatedRobot(world="hall")), 1, BridgeSettings())
-    other = course_of(case(SimulatedRobot(world="gates")), 1, BridgeSettings())
+    course = course_of(Case(robot=SimulatedRobot(world="hall")), 1, BridgeSettings())
+    other = course_of(Case(robot=SimulatedRobot(world="gates")), 1, BridgeSettings())
     settings = Settings()
     model = sensor_model(other.map, settings.sensor, tmp_path)
     scans = (

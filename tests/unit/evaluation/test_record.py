@@ -10,7 +10,7 @@ from coordinator.belief.outcome import Outcome
 from evaluation.course import Case, SimulatedRobot
 from evaluation.evaluate import EvaluateOptions, executed
 from evaluation.in_process import outcomes
-from evaluation.run import ALGORITHMS, Run
+from evaluation.run import Run
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
 from protocol.answers import Hypothesis
@@ -30,7 +30,7 @@ DIGEST = world("cross_feature").map.digest
 class Recorded:
     """A run that was recorded, with what was recorded."""
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, folder: Path) -> None:
         self.file = folder / "run.mcap"
         self.scans: list[Scan] = []
         self.outcomes: list[Outcome] = []
@@ -41,17 +41,14 @@ class Recorded:
                 self.outcomes.append(outcome)
                 yield scan, outcome
 
-        monkeypatch.setitem(ALGORITHMS, "cluster-mcl", spied)
         options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
         case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
-        follow = ALGORITHMS["cluster-mcl"]
-        executed(options, Run(case=case, follow=follow, seed=3, settings=SMALL))
+        executed(options, Run(case=case, follow=spied, seed=3, settings=SMALL))
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        return Recorded(tmp_path_factory.mktemp("recorded"), monkeypatch)
+    return Recorded(tmp_path_factory.mktemp("recorded"))
 
 
 def test_all_steps_and_beliefs_are_recorded(run: Recorded) -> None:

@@ -11,7 +11,7 @@ from evaluation.references import load_reference
 from evaluation.results import write_results
 from tests.integration.system.conftest import SMALL
 
-COMMON = {"algorithm": "cluster-mcl", "recording": "a, b.log", "mirrored": False, "map": None}
+COMMON = {"algorithm": "cluster-mcl", "recording": "a, b.log", "map": None}
 RUNS = [
     {"seed": 0, "localized": True, "rmse_m": 0.25, "sure_and_right_at_step": None},
     {"seed": 1, "localized": False, "rmse_m": None, "sure_and_right_at_step": 7},

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import NEWS_M, NEWS_RAD
+from coordinator.belief.bayes_update import NEWS_M, NEWS_RAD
 from particle_filter.settings import FilterSettings, SearchSettings
 from tests.unit.oracle.grid_filter import Array, ExactField
 from tests.unit.oracle.statistics import assert_is_mean_of

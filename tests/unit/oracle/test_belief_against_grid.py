@@ -4,7 +4,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from coordinator.belief.cluster_set import NEWS_M, NEWS_RAD
+from coordinator.belief.bayes_update import NEWS_M, NEWS_RAD
 from particle_filter.arrays import Cells
 from tests.unit.oracle.grid_filter import Array
 from tests.unit.oracle.statistics import assert_is_mean_of

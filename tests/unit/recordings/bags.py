@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from backports import zstd
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -25,7 +24,7 @@ ROS1_FORMS = ("ros1", "ros1 bz2", "ros1 lz4")
 ROS2_FORMS = (
     *("sqlite3", "sqlite3 zstd file", "sqlite3 zstd message", "sqlite3 bare"),
     *("mcap", "mcap zstd file", "mcap zstd message", "mcap zstd storage", "mcap bare"),
-    *("mcap packed", "mcap without metadata"),
+    "mcap without metadata",
 )
 FORMS = (*ROS1_FORMS, *ROS2_FORMS)
 
@@ -222,10 +221,6 @@ def written(folder: Path, form: str, sent: Iterable[Sent], *, encoding: str = "c
     match packing:
         case ["bare"]:
             return next(file for file in path.iterdir() if file.name != "metadata.yaml")
-        case ["packed"]:
-            packed = folder / "robot.mcap.zst"
-            packed.write_bytes(zstd.compress(next(path.glob("*.mcap")).read_bytes()))
-            return packed
         case ["without", "metadata"]:
             (path / "metadata.yaml").unlink()
     return path

@@ -19,18 +19,6 @@ def words(*values: object) -> str:
     return " ".join(map(str, values))
 
 
-def wean_odometry(stamp: object, pose_cm: Sequence[object] = (0, 0, 0)) -> str:
-    return words("O", *pose_cm, stamp)
-
-
-def wean_scan(
-    stamp: object, pose_cm: Sequence[object] = (0, 0, 0), ranges: Sequence[object] = (100,) * 180
-) -> str:
-    x, y, heading = (float(str(value)) for value in pose_cm)
-    laser = (x + 25 * math.cos(heading), y + 25 * math.sin(heading), heading)
-    return words("L", *pose_cm, *laser, *ranges, stamp)
-
-
 def odom(stamp: object, pose: Sequence[object] = ORIGIN) -> str:
     return words("ODOM", *pose, 0, 0, 0, stamp, "host", stamp)
 

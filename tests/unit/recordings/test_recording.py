@@ -22,33 +22,9 @@ from tests.unit.recordings.logs import (
     robot_laser,
     scans_of,
     seconds,
-    wean_odometry,
-    wean_scan,
 )
 
 RAMP = [round(0.01 * beam, 2) for beam in range(1, 181)]
-
-
-# --- Wean Hall ----------------------------------------------------------------------------------
-
-
-def test_wean_lines_are_centimetres(tmp_path: Path) -> None:
-    recording = recording_of(
-        tmp_path,
-        wean_odometry(0.5, (100, -200, 1.5)),
-        wean_scan(1.25, (150, 0, math.pi / 2), range(1, 181)),
-    )
-    [odometry], [scan] = odometry_of(recording), scans_of(recording)
-    assert (odometry.stamp_ns, odometry.odom_from_robot) == (seconds(0.5), (1.0, -2.0, 1.5))
-    assert scan.odom_from_robot == pytest.approx((1.5, 0.0, math.pi / 2))
-    np.testing.assert_allclose(scan.ranges.array(), RAMP, rtol=1e-6)
-
-
-def test_wean_beams_run_from_the_right_to_the_left_of_a_laser_ahead(tmp_path: Path) -> None:
-    [scan] = scans_of(recording_of(tmp_path, wean_scan(1.0, (10, 20, 0.3))))
-    assert scan.robot_from_laser == (0.25, 0.0, 0.0)
-    assert scan.angle_min_rad == -math.pi / 2
-    assert scan.angle_min_rad + 179 * scan.angle_step_rad == pytest.approx(math.radians(89))
 
 
 # --- CARMEN -------------------------------------------------------------------------------------
@@ -149,9 +125,6 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
 @pytest.mark.parametrize(
     ("bad", "problem"),
     [
-        (wean_scan(1)[:300], "this L line needs 188"),
-        ("O 1 2 3", "4 words, this O line needs 5"),
-        (wean_scan(1).replace("L 0", "L x"), "'x' is not a number"),
         (GOOD[0][:200], "180 readings announced"),
         (GOOD[0][:-10], "words, this FLASER line needs 191"),
         ("FLASER", "without its number of readings"),
@@ -174,8 +147,7 @@ GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
 def test_a_malformed_line_is_listed_and_the_rest_is_read(
     tmp_path: Path, bad: str, problem: str
 ) -> None:
-    good = [wean_scan(t) for t in (1, 2, 3)] if bad[:2] in ("L ", "O ") else GOOD
-    recording = recording_of(tmp_path, good[0], bad, *good[1:])
+    recording = recording_of(tmp_path, GOOD[0], bad, *GOOD[1:])
     assert recording.laser_count == 3
     [skipped] = recording.skipped
     assert skipped.line_number == 2
@@ -293,7 +265,6 @@ def test_stamps_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "scans", "odometry", "marker_m"),
     [
-        ("wean/robotdata1.log.xz", 713, 1505, 81.83),
         ("aces/log.clf.gz", 264, 4160, 50.0),
         ("belgioioso/log.clf.gz", 395, 4085, 81.91),
         ("crob-jarvis/log.clf.gz", 212, 638, None),

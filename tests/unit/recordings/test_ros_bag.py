@@ -302,41 +302,16 @@ def read_or_refused(path: Path) -> Recording | str:
         return str(refused)
 
 
-def is_beginning(part: Recording, whole: Recording) -> bool:
-    stamps = {reading.stamp_ns: reading for reading in scans_of(whole)}
-    same = [reading.ranges == stamps[reading.stamp_ns].ranges for reading in scans_of(part)]
-    return all(same)
-
-
-@pytest.mark.parametrize("form", ["mcap bare", "mcap packed"])
-def test_a_truncated_mcap_bag_gives_its_complete_chunks_or_one_line(
-    tmp_path: Path, form: str
-) -> None:
-    whole_path = written(tmp_path, form, [MOUNT, *drive(240, beams=5000)])
-    whole = open_recording(whole_path, BridgeSettings())
-    counts = []
-    (tmp_path / "cut").mkdir()
-    for share in np.linspace(0.0, 0.999, 10):
-        cut = copy_of_first_bytes(whole_path, tmp_path / "cut", share)
-        part = read_or_refused(cut)
-        if isinstance(part, str):
-            assert "\n" not in part
-            counts.append(0)
-        else:
-            assert is_beginning(part, whole)
-            named = part.skipped and "cut off" in part.skipped[-1].problem
-            assert named or part.readings == whole.readings
-            counts.append(part.laser_count)
-    assert counts == sorted(counts)  # the more there is, the more is read
-    assert counts[len(counts) // 2] > 40
-    assert counts[-1] > 180
-
-
 @pytest.mark.parametrize(
-    ("form", "tool"), [("ros1", "rosbag reindex"), ("sqlite3 bare", "sqlite3 FILE .recover")]
+    ("form", "tool"),
+    [
+        ("ros1", "rosbag reindex"),
+        ("sqlite3 bare", "sqlite3 FILE .recover"),
+        ("mcap bare", "mcap recover"),
+    ],
 )
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_other_truncated_bags_are_refused_with_a_repair_tool(
+def test_truncated_bags_are_refused_with_a_repair_tool(
     tmp_path: Path, form: str, tool: str, share: float
 ) -> None:
     path = written(tmp_path, form, [MOUNT, *drive(60, beams=2000)])

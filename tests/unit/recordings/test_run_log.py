@@ -32,7 +32,7 @@ from recordings.run_log import (
 )
 from robot_simulator.worlds.catalogue import world
 from tests.unit.live_view.messages import belief, scan
-from tests.unit.recordings.test_bag_bombs import bomb
+from tests.unit.recordings.bombs import bomb
 
 ROOT = Path(__file__).parents[3]
 STEPS = 12

@@ -28,9 +28,7 @@ def test_every_world_is_walled_in_and_has_room_for_the_robot(name: str) -> None:
     FreeSpace(somewhere.truth)
 
 
-@pytest.mark.parametrize(
-    ("name", "times"), [("cross", 4), ("rectangle", 2), ("hall_symmetric", 2), ("yard", 2)]
-)
+@pytest.mark.parametrize(("name", "times"), [("cross", 4), ("hall_symmetric", 2), ("yard", 2)])
 def test_symmetric_worlds_are_symmetric_to_the_last_cell(name: str, times: int) -> None:
     assert not unlike_when_turned(world(name).map, times).any()
 

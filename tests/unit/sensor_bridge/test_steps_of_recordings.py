@@ -53,7 +53,6 @@ def share_on_walls(
 @pytest.mark.parametrize(
     ("log", "map_file", "reference", "steps"),
     [
-        ("wean/robotdata1.log.xz", "wean/wean.dat.xz", "wean/robotdata1.reference.tum", 208),
         ("intel/log.clf.gz", "intel/map.yaml", "intel/groundtruth.tum", 903),
         ("crob-jarvis/log.clf.gz", "crob-jarvis/map.yaml", "crob-jarvis/groundtruth.tum", 53),
         ("aces/log.clf.gz", "aces/map.yaml", "aces/groundtruth.tum", 263),

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
+from benchmarks.experiments.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from benchmarks.experiments.measures import RunMeasures
 from benchmarks.experiments.task import Run, Task, run_task
 from coordinator.belief.outcome import Outcome
-from evaluation.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.settings import BeliefSettings, FilterSettings

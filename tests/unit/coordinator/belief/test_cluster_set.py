@@ -6,14 +6,8 @@ import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import (
-    LEAST_LOG,
-    NEWS_M,
-    STILL_PROBABLE,
-    Candidate,
-    ClusterSet,
-    new_evidence_share,
-)
+from coordinator.belief.bayes_update import NEWS_M, new_evidence_share, weigh
+from coordinator.belief.cluster_set import LEAST_LOG, STILL_PROBABLE, Candidate, ClusterSet
 from particle_filter.evidence_model import residual, through_beam_loss
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import SensorSettings
@@ -49,14 +43,14 @@ def probabilities(made: ClusterSet) -> list[float]:
 def test_before_the_first_place_the_robot_is_elsewhere() -> None:
     made = ClusterSet(literal_bayes(), SensorSettings())
     assert probabilities(made) == [1.0]
-    assert made.weigh({}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
-    assert made.weigh({}) == 0.0
+    assert weigh(made, {}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
+    assert weigh(made, {}) == 0.0
     assert probabilities(made) == [1.0]
 
 
 def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() -> None:
     made = first(0.6, 0.3)
-    log_scan = made.weigh(reports_of(0.2, 0.1), math.log(0.05))
+    log_scan = weigh(made, reports_of(0.2, 0.1), math.log(0.05))
     after = [0.6 * 0.99 * 0.2, 0.3 * 0.99 * 0.1, (0.1 * 0.99 + 0.01) * 0.05]
     assert log_scan == pytest.approx(math.log(math.fsum(after)))
     assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
@@ -65,14 +59,14 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 def test_the_belief_of_a_standing_robot_does_not_change() -> None:
     made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
-        made.weigh(reports_of(0.9, 0.1), 5.0, new_view=0.0, news=new_evidence_share(np.zeros(3)))
+        weigh(made, reports_of(0.9, 0.1), 5.0, new_view=0.0, news=new_evidence_share(np.zeros(3)))
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
 def test_kidnapping_and_transition_probabilities_scale_with_the_new_share_of_a_view() -> None:
     made = first(0.6, 0.4, transition_probability=0.1)
     half = new_evidence_share(np.array([NEWS_M * math.log(2.0), 0.0, 0.0]))
-    made.weigh(reports_of(0.1, 0.1), math.log(0.1), news=half)
+    weigh(made, reports_of(0.1, 0.1), math.log(0.1), news=half)
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx(
         [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
@@ -81,7 +75,7 @@ def test_kidnapping_and_transition_probabilities_scale_with_the_new_share_of_a_v
 
 def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
     made = first(0.6, 0.3)
-    assert made.weigh(reports_of(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
+    assert weigh(made, reports_of(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
 
 
@@ -90,14 +84,14 @@ def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
     reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
-    assert both.weigh(reports, -3.0) == one.weigh(reports_of(0.2, 0.1, fit=-1.0), -3.0)
+    assert weigh(both, reports, -3.0) == weigh(one, reports_of(0.2, 0.1, fit=-1.0), -3.0)
     assert probabilities(both) == probabilities(one)
 
 
 def test_elsewhere_is_impossible_if_the_robot_is_never_kidnapped() -> None:
     made = first(0.6, 0.3, kidnapping_probability=0.0)
     assert probabilities(made) == pytest.approx([2 / 3, 1 / 3, 0.0])
-    made.weigh(reports_of(0.1, 0.2))
+    weigh(made, reports_of(0.1, 0.2))
     assert probabilities(made) == pytest.approx([0.5, 0.5, 0.0])
     made.admit([(place(1.0, EAST, 1), "given")], 1)
     assert made.elsewhere == 0.0
@@ -114,7 +108,7 @@ def test_evidence_between_places_is_tempered_and_evidence_against_elsewhere_is_n
         0.5, 0.3, kidnapping_probability=1e-9,
         evidence_residual=residual(best, SensorSettings()),
     )  # fmt: skip
-    log_scan = made.weigh(reports_of(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
+    log_scan = weigh(made, reports_of(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
     scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
     here, there = 0.8 * scan, 0.2 * 0.05
     assert log_scan == pytest.approx(math.log(here + there), abs=1e-4)
@@ -143,7 +137,7 @@ def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
     two = first(share, 1.0 - share, **rules)
     three = first(share * (1.0 - third), (1.0 - share) * (1.0 - third), third, **rules)
     for made in (two, three):
-        made.weigh(reports, new_view=0.4)
+        weigh(made, reports, new_view=0.4)
     with_third, alone = ([c.log_probability for c in made.all()] for made in (three, two))
     assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
 
@@ -155,7 +149,7 @@ def test_an_improbable_place_that_fits_far_better_gains_by_its_evidence() -> Non
     reports = reports_of(math.exp(-9.0), 1.0, fit=-1.0)
     good = math.log(0.75 / (math.sqrt(2.0 * math.pi) * SensorSettings().hit_sigma_m))
     reports["c1"] = replace(reports["c1"], log_likelihood_per_beam=good)
-    made.weigh(reports)
+    weigh(made, reports)
     one, other, _ = probabilities(made)
     gained = math.log(other / one) - math.log(0.003 / 0.997)
     assert gained == pytest.approx(81.0 / 9.3, rel=0.02)
@@ -163,7 +157,7 @@ def test_an_improbable_place_that_fits_far_better_gains_by_its_evidence() -> Non
 
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
-    made.weigh(reports_of(0.5), math.log(0.1), news=0.5)
+    weigh(made, reports_of(0.5), math.log(0.1), news=0.5)
     assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
         math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
     )
@@ -179,7 +173,7 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
         ((3, 0, 4, 53), math.exp(-26.0), -17.0),
     ) * 2:
         report = replace(reports_of(likelihood)["c0"], beam_classes=beams)
-        made.weigh({"c0": report}, elsewhere, new_view=0.25, news=0.9)
+        weigh(made, {"c0": report}, elsewhere, new_view=0.25, news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
@@ -187,7 +181,7 @@ def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
     clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
     clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)
     for made in (clear, crude):
-        made.weigh(reports_of(math.exp(2.0), 1.0))
+        weigh(made, reports_of(math.exp(2.0), 1.0))
     odds = [math.log(a.probability / b.probability) for a, b in (clear.all(), crude.all())]
     assert odds == pytest.approx([2.0, 1.0], abs=0.001)
 
@@ -204,13 +198,13 @@ def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
         for (job, report), fit in zip(reports.items(), fits, strict=True):
             beams = (42, 0, 0, 18) if job == "c0" else (24, 8, 10, 18)
             reports[job] = replace(report, beam_classes=beams, log_likelihood_per_beam=fit)
-        made.weigh(reports, -17.0, new_view=0.5)
+        weigh(made, reports, -17.0, new_view=0.5)
     assert made.all()[0].probability > 0.95
 
 
 def test_the_transition_moves_probability_between_clusters_and_never_to_elsewhere() -> None:
     made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
-    made.weigh(reports_of(0.1, 0.1), math.log(0.1))
+    weigh(made, reports_of(0.1, 0.1), math.log(0.1))
     assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
 
 
@@ -223,7 +217,7 @@ def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     made.take_from_elsewhere(1.0)
     made.admit([], 1)
     assert probabilities(made) == pytest.approx([5 / 7, 2 / 7, 0.0])
-    made.weigh(reports_of(0.1, 0.1), math.nan)
+    weigh(made, reports_of(0.1, 0.1), math.nan)
     assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
 
 
@@ -320,7 +314,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             case "weigh":
                 values_by_job = dict(zip(made.job_ids, values, strict=False))
                 reports = {job: tracked(job, step, v, NORTH) for job, v in values_by_job.items()}
-                made.weigh(reports, math.log(value) if hazard > 0.0 else math.nan)
+                weigh(made, reports, math.log(value) if hazard > 0.0 else math.nan)
             case "admit":
                 made.take_from_elsewhere(value)
                 made.admit([(place(v, SOUTH, step), "restart") for v in values], step)

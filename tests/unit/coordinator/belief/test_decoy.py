@@ -3,6 +3,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
+from coordinator.belief.bayes_update import weigh
 from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings, SensorSettings
@@ -100,7 +101,7 @@ def weighed(off_map: float, fit: float, decoy_fit: float, *, decoy_is_right: boo
         here = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fit=fit), beam_classes=right)
         image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fit=decoy_fit)
         image = replace(image, beam_classes=right if decoy_is_right else wrong)
-        made.weigh({"c0": here}, new_view=0.3, decoy=image)
+        weigh(made, {"c0": here}, new_view=0.3, decoy=image)
         assert made.outside_clusters + sum(c.probability for c in made.all()) == pytest.approx(1.0)
     return made.off_map
 
@@ -119,7 +120,7 @@ def test_beam_classes_do_not_count_before_the_decoy_is_found() -> None:
     made = clusters(0.3)
     for beams in ((58, 0, 1, 1), (10, 8, 32, 10)):
         report = replace(tracked("c0", 1, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
-        made.weigh({"c0": report}, new_view=0.3, news=0.0, awaits_decoy=True)
+        weigh(made, {"c0": report}, new_view=0.3, news=0.0, awaits_decoy=True)
         assert made.off_map == pytest.approx(0.3)
 
 

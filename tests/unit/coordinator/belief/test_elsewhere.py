@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from coordinator.belief.cluster_set import PERHAPS_LIFTED, STILL_PROBABLE
+from coordinator.belief.bayes_update import PERHAPS_LIFTED
+from coordinator.belief.cluster_set import STILL_PROBABLE
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from coordinator.part import successor_of

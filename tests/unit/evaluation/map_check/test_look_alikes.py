@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.observability import turned_copies
+from benchmarks.worlds import world
 from evaluation.map_check import ambiguity
 from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import LookAlikeSearch, Viewer
@@ -14,7 +15,6 @@ from evaluation.map_check.symmetries import symmetries_of
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Landmark
-from robot_simulator.worlds.catalogue import world
 
 
 def test_every_place_of_the_cross_looks_like_its_three_images() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from evaluation import mcl
-from evaluation.mcl import (
+from benchmarks.experiments import mcl
+from benchmarks.experiments.mcl import (
     SHRINKING_STEPS,
     OrdinaryMCL,
     Recovery,

@@ -1,4 +1,4 @@
-"""Parsers of text recordings: CARMEN, which many public data sets have, and CMU's Wean Hall."""
+"""Parser of CARMEN logs, the text recordings of many public data sets."""
 
 import math
 from collections.abc import Sequence
@@ -34,10 +34,7 @@ _PARAMETERS = (_OFFSET, _SIDE_OFFSET, _ANGULAR_OFFSET, _RESOLUTION_DEG)
 _SICK = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25, 200: 0.5, 201: 0.5}
 """Angular step [degrees] by number of beams, for SICK's lasers of 180 and 100 degrees."""
 _COMMON_STEPS_DEG = (1.0, 0.5, 0.25)
-WEAN_BEAMS = 180
 
-_M_PER_CM = 0.01
-_WEAN_ODOMETRY_WORDS, _WEAN_LASER_WORDS = 5, 7 + WEAN_BEAMS + 1
 _TAIL = 3  # ts host logger_ts
 _CONFIG = 8  # kind type start fov step max accuracy remission
 
@@ -218,45 +215,3 @@ def _plausible(step_deg: float | None, steps: int) -> float | None:
 def _common(steps: int) -> float | None:
     fitting = (step for step in _COMMON_STEPS_DEG if 180.0 <= step * steps <= 270.0)
     return next(fitting, None)
-
-
-def is_wean_line(words: Sequence[str]) -> bool:
-    return words[0] in ("O", "L") and len(words) > 1
-
-
-class WeanParser:
-    """Parser of Wean Hall logs:
-
-        O x y theta ts                            odometry
-        L x y theta xl yl thetal r1 .. r180 ts    pose of the robot, of the laser, 180 ranges
-
-    Centimetres, radians, seconds. Beams run counter-clockwise from -90 degrees, one per degree, to
-    +89. The poses of an `L` line are the odometry at the time of the scan.
-    """
-
-    def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
-        match words[0]:
-            case "O":
-                _check_count(words, _WEAN_ODOMETRY_WORDS)
-                odom_from_robot = pose_of(words[1:4], _M_PER_CM)
-                return OdometryEntry(line_number, stamp_ns_of(words[4]), odom_from_robot)
-            case "L":
-                _check_count(words, _WEAN_LASER_WORDS)
-                return _wean_laser(line_number, words)
-        raise ValueError(f"unknown kind of line {words[0]!r:.20}")
-
-    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        return list(entries)
-
-
-def _wean_laser(line_number: int, words: Sequence[str]) -> LaserEntry:
-    odom_from_robot = pose_of(words[1:4], _M_PER_CM)
-    return LaserEntry(
-        line_number=line_number,
-        stamp_ns=stamp_ns_of(words[-1]),
-        ranges=ranges_of(words[7:-1], _M_PER_CM),
-        angle_min_rad=-math.pi / 2,
-        angle_step_rad=math.radians(1.0),
-        robot_from_laser=mounting(odom_from_robot, pose_of(words[4:7], _M_PER_CM)),
-        odom_from_robot=odom_from_robot,
-    )
