@@ -159,6 +159,12 @@ def _ground(
     return drivable, sure, room - spread
 
 
+def _from_robot(place: Pose, points: Poses) -> NDArray[np.float64]:
+    """Return (2, n, n) x, y of points relative to the robot, along the axes of the map [m]."""
+    x, y, c, s = points[..., 0], points[..., 1], math.cos(place[2]), math.sin(place[2])
+    return np.stack([c * x - s * y, s * x + c * y])
+
+
 def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDArray[np.float64]:
     """Return the largest standard deviation (n, n) of the position that points have in the map [m].
 
@@ -169,7 +175,7 @@ def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDAr
         covariance: (3, 3) of that pose.
         points: (n, n, 3) in the robot's frame.
     """
-    x, y, _ = np.moveaxis(compose(place, points) - place, -1, 0)
+    x, y = _from_robot(place, points)
     (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance
     along_x = xx - 2.0 * y * xh + y**2 * hh
     along_y = yy + 2.0 * x * yh + x**2 * hh
@@ -187,9 +193,9 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
         points: (n, n, 3) in the robot's frame.
     """
     c, s, x0, y0 = grid.in_cells
-    in_map = compose(place, points)
-    cols = np.floor(c * in_map[..., 0] - s * in_map[..., 1] + x0).astype(np.int64)
-    rows = np.floor(s * in_map[..., 0] + c * in_map[..., 1] + y0).astype(np.int64)
+    x, y = _from_robot(place, points) + place[:2, None, None]
+    cols = np.floor(c * x - s * y + x0).astype(np.int64)
+    rows = np.floor(s * x + c * y + y0).astype(np.int64)
     stride = max(round(_LATTICE_M / grid.cell_m), 1)
     first_row, first_col = int(rows.min()), int(cols.min())
     high, wide = int(np.ptp(rows)) // stride + 1, int(np.ptp(cols)) // stride + 1
@@ -199,7 +205,8 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
     if part.size and first_row + len(blocked) > 0 and first_col + blocked.shape[1] > 0:
         row, col = top - first_row, left - first_col
         blocked[row : row + part.shape[0], col : col + part.shape[1]] = part != FREE
-    blocks = np.asarray(blocked.reshape(high, stride, wide, stride).any(axis=(1, 3)))
+    shifts = np.ndindex(stride, stride)
+    blocks = np.logical_or.reduce([blocked[i::stride, j::stride] for i, j in shifts])
     # Half a block is subtracted, because the obstacle may begin at the block's border.
     room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
     return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
