@@ -8,7 +8,6 @@ from PIL import Image
 
 from tests.integration.system.commands import COMMAND, ran
 from tests.integration.waiting import stretched_s
-from tests.integration.worlds import write_room
 
 NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
 
@@ -24,11 +23,6 @@ def assert_refused(done: subprocess.CompletedProcess[str], *facts: str, code: in
     assert not [words for words in running if "-m" in words], "a process was left"
 
 
-@pytest.fixture
-def map_file(tmp_path: Path) -> Path:
-    return write_room(tmp_path, cells=(60, 80))
-
-
 def written_map(folder: Path, cells: np.ndarray) -> Path:
     Image.fromarray(cells).save(folder / "map.pgm")
     yaml = folder / "map.yaml"
@@ -39,32 +33,10 @@ def written_map(folder: Path, cells: np.ndarray) -> Path:
     return yaml
 
 
-def log_of(folder: Path, *ranges: str) -> Path:
-    path = folder / "log.clf"
-    lines = [
-        f"FLASER 3 {values} {i}.0 0 0 {i}.0 0 0 {i}.5 host {i}.5" for i, values in enumerate(ranges)
-    ]
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
 def test_a_demo_without_a_map_or_in_a_map_without_room_is_refused(tmp_path: Path) -> None:
     assert_refused(ran("demo", "--map", str(tmp_path / "no.yaml")), "no.yaml")
-    for cells, fact in (
-        (np.full((60, 60), 205, np.uint8), "no free space"),
-        (np.full((60, 60), 254, np.uint8), "no obstacle"),
-        (np.pad(np.full((4, 60), 254, np.uint8), 8), "0.6 m wide"),
-    ):
-        assert_refused(ran("demo", "--map", str(written_map(tmp_path, cells))), fact)
-
-
-def test_recordings_without_a_usable_scan_are_refused(tmp_path: Path, map_file: Path) -> None:
-    no_beams, cut = tmp_path / "beams.clf", tmp_path / "cut.log.xz"
-    no_beams.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
-    cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")
-    no_returns = log_of(tmp_path, "nan nan nan", "0 0 0", "inf -1 nan")
-    for log in (tmp_path / "nowhere.log", no_beams, cut, no_returns):
-        assert_refused(ran("evaluate", str(log), "--map", str(map_file)), log.name)
+    narrow = written_map(tmp_path, np.pad(np.full((4, 60), 254, np.uint8), 8))
+    assert_refused(ran("demo", "--map", str(narrow)), "0.6 m wide")
 
 
 @pytest.mark.parametrize(

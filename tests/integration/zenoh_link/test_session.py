@@ -87,16 +87,6 @@ def test_a_client_waits_for_a_router_that_comes_later(
         assert end(process)[0] == 0
 
 
-def test_a_process_that_waits_for_the_router_ends_on_a_signal(
-    zenoh_settings: ZenohSettings, start_process: StartProcess
-) -> None:
-    process = start_process(client_command(zenoh_settings))
-    process.wait_for("waiting for a router at")
-    code, took_s = end(process)
-    assert (code, process.out) == (0, "starting\n")
-    assert took_s < stretched_s(2.0)
-
-
 def test_a_connected_process_closes_its_session_and_ends_on_a_signal(
     router: ZenohSettings, start_process: StartProcess
 ) -> None:
