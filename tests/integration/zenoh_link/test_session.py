@@ -153,7 +153,7 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
         rounds.append(len(rounds))
         for number in range(8):
             speaker.put(keys.SCAN, bytes([rounds[-1], number]))
-        time.sleep(0.1)
+        time.sleep(0.1 * len(rounds))
         received[:] = unread.drain()
         return received[-1:] == [bytes([rounds[-1], 7])]
 
