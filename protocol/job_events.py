@@ -105,7 +105,7 @@ def event_text(event: JobEvent) -> str:
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
         case Ended(job_id, cause, by, probability):
             what = f"{job_id} {_ENDED[cause]} {' and '.join(by)}".rstrip()
-            return f"search {what}" if event.is_search else f"{what} ({probability:.2g})"
+            return what if event.is_search else f"{what} ({probability:.2g})"
 
 
 def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:

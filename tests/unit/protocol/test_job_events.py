@@ -32,7 +32,7 @@ def message_of(*events: JobEvent) -> JobEvents:
         (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was replaced by c7 (1e-05)"),
         (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 split into c4 and c5 (0.5)"),
         (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by a command (0.5)"),
-        (Ended("s1.0", "search over"), "search s1.0 is over"),
+        (Ended("s1.0", "search over"), "s1.0 is over"),
         (Began("c9", "restart", 0.02), "c9 was found by a later search (0.02)"),
     ],
 )
