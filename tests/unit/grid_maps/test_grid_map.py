@@ -67,7 +67,7 @@ def test_a_map_that_gives_poses_another_meaning_has_another_digest(other: GridMa
         ({"cells": CELLS.ravel()}, "2-d"),
         ({"cells": np.zeros((0, 3), np.int8)}, "2-d"),
         ({"cells": np.full((2, 2), 7, np.int8)}, "-1, 0 or 1"),
-        ({"cells": np.full((2, 2), UNKNOWN, np.int8)}, "no free cell"),
+        ({"cells": np.full((2, 2), UNKNOWN, np.int8)}, "no cell is free"),
         *(({"cell_m": cell_m}, "cell_m") for cell_m in (0.0, -0.1, np.nan, np.inf)),
         ({"map_from_grid": (0.0, np.nan, 0.0)}, "map_from_grid"),
     ],

@@ -72,7 +72,7 @@ def test_a_small_map_is_not_cropped() -> None:
 
 
 def test_a_large_unknown_map_is_refused() -> None:
-    with pytest.raises(ValueError, match="no free cell"):
+    with pytest.raises(ValueError, match="no cell is free"):
         known_part(np.full((200, 300), UNKNOWN, np.int8), CELL_M, (0.0, 0.0, 0.0))
 
 

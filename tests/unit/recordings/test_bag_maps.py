@@ -41,7 +41,8 @@ def test_maps_of_two_robots_need_a_topic_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("cells", "problem"), [(np.zeros((0, 0)), "0 cells for 0 x 0"), ([[100, -1]], "no free cell")]
+    ("cells", "problem"),
+    [(np.zeros((0, 0)), "0 cells for 0 x 0"), ([[100, -1]], "no cell is free")],
 )
 def test_an_invalid_map_message_is_refused(
     tmp_path: Path, cells: list[list[int]], problem: str
