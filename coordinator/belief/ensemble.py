@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
 from coordinator.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
-from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
-from coordinator.belief.given_places import PriorPose, with_prior_pose
+from coordinator.belief.cluster_set import STILL_PROBABLE, Candidate, Cluster, ClusterSet
+from coordinator.belief.given_places import GivenPose, PriorPose, with_prior_pose
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from coordinator.belief.search_pool import Pool, pool_of
@@ -65,6 +65,8 @@ class Ensemble(Part, kw_only=True):
     decoy: Decoy
     prior_pose: PriorPose | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
+    given_pose: GivenPose | None = None
+    """The last pose that an operator gave, since all clusters were forgotten."""
     seen: ViewMemory = ViewMemory()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
@@ -175,8 +177,21 @@ class Ensemble(Part, kw_only=True):
         self.search.postpone(step)
 
     def set_pose(self, given: Place) -> Outcome:
-        """Add a cluster at a pose that an operator gave; it takes its share from the others."""
-        step = given.sample.step
+        """Add a cluster at a pose that an operator gave; it takes its share from the others.
+
+        The same pose soon again says nothing new: if scans have spoken against it meanwhile, it
+        gets another chance, but not its share.
+        """
+        step, rules = given.sample.step, self.settings.belief
+        word, last = GivenPose(step, given.sample.odom_from_robot, given.pose), self.given_pose
+        if last is not None and last.is_repeated_by(word, rules):
+            word = replace(word, first_step=last.first_step)
+            if word.is_near([cluster.pose for cluster in self.clusters.all()], rules):
+                self.given_pose = word
+                return self._outcome(step, ())
+            given = replace(given, share=STILL_PROBABLE)
+        self.given_pose = word
+        self.clusters.protect_alternatives(step + rules.minimum_lifetime_steps)
         self._stop_search(step, "search stopped")
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], step)
@@ -249,7 +264,7 @@ class Ensemble(Part, kw_only=True):
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
         self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
-        self.prior_pose = None
+        self.prior_pose = self.given_pose = None
         self._stop_search(step, "search stopped")
         self.begin |= self.standing_jobs(step + 1)
 
