@@ -158,11 +158,15 @@ class LandmarkSurvey:
                 _log.warning("landmark %s is left out: %s", name, what)
                 continue
             positions, covariances = positions[right], covariances[right]
-            scatter_m = float(np.sqrt(positions.var(axis=0).max()))
             weights = np.linalg.inv(covariances)
-            covariance = np.linalg.inv(weights.sum(axis=0))
-            x, y = covariance @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
-            sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
-            sigma = max(float(sigma), scatter_m / np.sqrt(count), LEAST_SIGMA_M)
-            at = {key: round(float(value), 3) for key, value in (("x", x), ("y", y))}
-            yield {"id": name, **at, "sigma": round(float(sigma), 3)}
+            stated = np.linalg.inv(weights.sum(axis=0))
+            x, y = stated @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
+            scattered = np.cov(positions.T) / count
+            covariance = max(stated, scattered, key=np.trace) + LEAST_SIGMA_M**2 * np.eye(2)
+            yield {
+                "id": name,
+                "x": round(float(x), 3),
+                "y": round(float(y), 3),
+                "covariance": [round(value, 6) for value in covariance.ravel().tolist()],
+                "count": count,
+            }

@@ -1,5 +1,6 @@
 """Landmarks of a map: a YAML file next to it, with names and positions."""
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -8,7 +9,7 @@ import yaml
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import LandmarksFileError
-from protocol.message import Coordinate, Id
+from protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 
 LANDMARKS_FILE = "landmarks.yaml"
@@ -22,7 +23,25 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y: Coordinate
     id: Id | None = None
     class_: Id | None = msgspec.field(default=None, name="class")
-    sigma: Sigma = _DEFAULT_SIGMA_M
+    sigma: Sigma | None = None
+    covariance: tuple[Finite, Finite, Finite, Finite] | None = None
+    count: Number = 0
+    """Sights that were averaged."""
+
+    def sigma_m(self) -> float:
+        """Return the standard deviation in the direction where it is largest [m].
+
+        Raises:
+            ValueError: the covariance is not positive definite and symmetric, or too large.
+        """
+        if self.covariance is None:
+            return self.sigma or _DEFAULT_SIGMA_M
+        xx, xy, yx, yy = self.covariance
+        apart = math.hypot(0.5 * (xx - yy), xy)
+        least, most = 0.5 * (xx + yy) - apart, 0.5 * (xx + yy) + apart
+        if not (xy == yx and 0.0 < least <= most <= MAX_POSE_M**2) or self.sigma is not None:
+            raise ValueError
+        return math.sqrt(most)
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,7 +52,8 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
     """Read a landmarks file.
 
     The file has a list ``landmarks``; each has ``id``, or a ``class`` that it shares with others,
-    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m].
+    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m], or the
+    ``covariance`` of x and y, row by row [m²], whose largest standard deviation is used.
 
     Raises:
         LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
@@ -77,5 +97,10 @@ def _landmarks(path: Path, entries: list[_Entry]) -> tuple[Landmark, ...]:
             problem = f"landmark {number}: the id {name!r} is used before; give each its own"
             raise LandmarksFileError(path, problem)
         names[name] = entry.id is None
-        found.append(Landmark(name=name, x=entry.x, y=entry.y, sigma=entry.sigma))
+        try:
+            sigma = entry.sigma_m()
+        except ValueError:
+            problem = f"landmark {number} needs a sigma, or a positive definite covariance"
+            raise LandmarksFileError(path, problem) from None
+        found.append(Landmark(name=name, x=entry.x, y=entry.y, sigma=sigma))
     return tuple(found)

@@ -53,6 +53,8 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     map: str = ""
     """Map file: map_server YAML, may be .gz or .xz; zenoh, or empty with ros2.enabled: the map that
     the robot publishes."""
+    landmarks: str = ""
+    """Landmarks file of a map that the robot publishes; that of a map file is in its folder."""
     source: str = "zenoh"
     """A recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)."""
     rate: NotNegative = 1.0

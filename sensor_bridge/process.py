@@ -10,7 +10,7 @@ from typing import TypeAlias, assert_never
 from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
-from grid_maps.landmarks import landmarks_of_map
+from grid_maps.landmarks import landmarks_of_map, load_landmarks
 from grid_maps.map_message import from_reading, to_message
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
@@ -164,6 +164,8 @@ class Bridge:
     ) -> None:
         self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
         self._is_live = source is None
+        self._landmarks = load_landmarks(settings.landmarks) if settings.landmarks else ()
+        """Of maps that the robot publishes."""
         self._map = to_message(grid_map, node.name) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
@@ -339,7 +341,7 @@ class Bridge:
             )
 
     def _on_map_reading(self, reading: MapReading, _received: Received | None = None) -> None:
-        grid_map = from_reading(reading)
+        grid_map = from_reading(reading).with_landmarks(self._landmarks)
         if self._map is not None and self._map.digest == grid_map.digest:
             return
         self._map = to_message(grid_map, self._node.name)
@@ -347,7 +349,7 @@ class Bridge:
         rows, cols = grid_map.cells.shape
         _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
         if self._maker is not None:
-            self._maker.change_map(grid_map.digest)
+            self._maker.change_map(grid_map.digest, grid_map.landmarks)
             self._history.clear()
             self._flow.on_new_map()
 

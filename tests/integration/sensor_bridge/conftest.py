@@ -1,6 +1,7 @@
 """The real bridge as a process, and a robot for it."""
 
 from collections.abc import Callable
+from itertools import chain
 
 import pytest
 
@@ -19,9 +20,10 @@ def start_bridge(
 ) -> StartBridge:
     """Starts a bridge with a map, ``zenoh`` or a file; returns a robot once it answers."""
 
-    def start(grid_map: object = "zenoh") -> Robot:
-        words = ("--set", f"zenoh.router={router.router}", "--set", f"bridge.map={grid_map}")
-        process = start_process(python_module("sensor_bridge", *words))
+    def start(grid_map: object = "zenoh", landmarks: object = "") -> Robot:
+        values = (f"zenoh.router={router.router}", f"bridge.map={grid_map}")
+        words = [("--set", value) for value in (*values, f"bridge.landmarks={landmarks}")]
+        process = start_process(python_module("sensor_bridge", *chain(*words)))
         robot = Robot(open_client(), process)
         wait_until(lambda: robot.dropped() is not None)
         return robot

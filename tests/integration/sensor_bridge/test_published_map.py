@@ -1,8 +1,11 @@
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import pytest
 
 from clustermcl.client import Client
+from grid_maps.landmarks import load_landmarks
 from grid_maps.map_message import from_reading
 from process_runtime.settings import Settings, ZenohSettings
 from protocol import keys
@@ -71,6 +74,22 @@ def test_a_bridge_asks_for_the_map_and_follows_another(
     standing.scan()
     (step,) = robot.steps()
     assert (step.step, step.map_digest) == (1, digest_of(SECOND))
+
+
+def test_a_published_map_has_the_landmarks_of_a_file(
+    start_bridge: StartBridge, router: ZenohSettings, tmp_path: Path
+) -> None:
+    file = tmp_path / "tags.yaml"
+    file.write_text("landmarks: [{id: tag, x: 1, y: 2}]")
+    robot = start_bridge(landmarks=file)
+    robot.put(keys.MAP_READING, encode(FIRST))
+    with_tag = from_reading(FIRST).with_landmarks(load_landmarks(file))
+    with Client(Settings(zenoh=router)) as client:
+        wait_until(lambda: client.map().digest == with_tag.digest)
+        assert client.map().landmarks == with_tag.landmarks
+    standing = Standing(robot)
+    standing.scan()
+    assert {step.map_digest for step in robot.steps()} == {with_tag.digest}
 
 
 def test_an_invalid_map_is_counted_and_the_previous_map_stays(robot: Robot) -> None:

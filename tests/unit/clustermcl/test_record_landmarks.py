@@ -42,7 +42,11 @@ def test_observations_of_a_localized_robot_are_averaged() -> None:
     (entry,) = survey.entries()
     assert entry["id"] == "tag"
     assert math.dist((entry["x"], entry["y"]), TAG) < 0.06  # 4 standard errors of 0.1 m / sqrt(50)
-    assert 0.02 <= entry["sigma"] < 0.3
+    covariance = np.reshape(entry["covariance"], (2, 2))
+    assert entry["count"] == 50
+    assert covariance[0, 1] == covariance[1, 0]
+    assert (np.linalg.eigvalsh(covariance) > 0.02**2 - 1e-6).all()
+    assert (np.linalg.eigvalsh(covariance) < 0.3**2).all()
 
 
 def test_sights_with_a_wrong_name_do_not_count() -> None:
