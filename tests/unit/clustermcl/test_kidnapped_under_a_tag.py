@@ -12,7 +12,7 @@ from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import SIGMA_M, is_right, sight
 
 OFFICE = world("office")
-SEEDS = range(8)
+SEEDS = range(4)
 
 
 def first_after_kidnapping(seed: int, *, observes: bool = True) -> tuple[bool, bool]:
@@ -48,7 +48,7 @@ def test_the_robot_is_localized_at_the_first_observation() -> None:
     """In one run, another pose in sight of the tag fits the first scan better."""
     before, after = zip(*map(first_after_kidnapping, SEEDS), strict=True)
     assert all(before)
-    assert sum(after) >= 7
+    assert sum(after) >= 3
 
 
 def test_without_observations_localization_takes_longer() -> None:

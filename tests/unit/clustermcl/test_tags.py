@@ -6,7 +6,7 @@ from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import CROSS, TAGS, beliefs, is_right
 
 TICKS = 400
-SEEDS = range(16)
+SEEDS = range(8)
 
 
 def test_one_step_after_the_first_observation_the_robot_is_found() -> None:
@@ -16,9 +16,9 @@ def test_one_step_after_the_first_observation_the_robot_is_found() -> None:
         if len(after) > 1:  # some robots stay in the arms without a tag
             belief, tick = after[1]
             found.append(belief.state == "localized" and is_right(belief, tick))
-        if len(found) == 8:
+        if len(found) == 4:
             break
-    assert found == [True] * 8
+    assert found == [True] * 4
 
 
 def test_without_an_observation_the_arms_stay_equally_probable() -> None:
@@ -29,11 +29,11 @@ def test_without_an_observation_the_arms_stay_equally_probable() -> None:
 
 def test_with_a_tenth_of_false_landmark_names_the_robot_is_rarely_sure_and_wrong() -> None:
     steps = wrong = 0
-    for seed in SEEDS[:8]:
+    for seed in SEEDS[:4]:
         for belief, tick, _ in beliefs(seed, SMALL, TICKS, false=0.1):
             steps += 1
             wrong += belief.state == "localized" and not is_right(belief, tick)
-    assert steps > 600
+    assert steps > 300
     assert wrong <= 0.005 * steps
 
 
