@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from clustermcl import replay
 from clustermcl.command import app
-from coordinator.belief import cluster_set
+from coordinator.belief import bayes_update
 from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
@@ -95,7 +95,7 @@ def test_a_belief_that_differs_has_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
-    monkeypatch.setattr(cluster_set, "tempered", lambda *given: tempered(*given) * 1.0000001)
+    monkeypatch.setattr(bayes_update, "tempered", lambda *given: tempered(*given) * 1.0000001)
     result = run(recording)
     assert result.exit_code == 1
     assert "differs from the recorded belief" in result.stdout
