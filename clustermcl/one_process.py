@@ -42,7 +42,7 @@ def main() -> None:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     # Options of the simulator's own program, which settings replace here.
-    parser.set_defaults(map=None, steps=None, by_hand=False)
+    parser.set_defaults(map=None, steps=None, by_hand=False, advised=False)
 
 
 def check_one_process(settings: Settings) -> None:

@@ -327,6 +327,10 @@ class ClusterSet(Part):
         self.fit = UsualFit()
         return self._end(self.all(), cause)
 
+    def withdraw(self, clusters: Iterable[Cluster]) -> list[Ended]:
+        """End clusters whose place is replaced at once by one with their probability."""
+        return self._end(clusters, "forgotten")
+
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:
         """Return the clusters that may be replaced, least probable first."""
         return [

@@ -179,21 +179,24 @@ class Ensemble(Part, kw_only=True):
     def set_pose(self, given: Place) -> Outcome:
         """Add a cluster at a pose that an operator gave; it takes its share from the others.
 
-        The same pose soon again says nothing new: if scans have spoken against it meanwhile, it
-        gets another chance, but not its share.
+        The same pose soon again says nothing new. Before a scan has confirmed it, it corrects the
+        last one and gets its probability. If scans have spoken against it, it gets another chance.
         """
         step, rules = given.sample.step, self.settings.belief
         word, last = GivenPose(step, given.sample.odom_from_robot, given.pose), self.given_pose
+        weight = given.share / max(1.0 - given.share, LEAST_REST)
         if last is not None and last.is_repeated_by(word, rules):
             word = replace(word, first_step=last.first_step)
-            if word.is_near([cluster.pose for cluster in self.clusters.all()], rules):
+            near = [one for one in self.clusters.all() if word.is_near([one.pose], rules)]
+            corrected = [one for one in near if not one.confirmed]
+            if near and not corrected:
                 self.given_pose = word
                 return self._outcome(step, ())
-            given = replace(given, share=STILL_PROBABLE)
+            self.events += self.clusters.withdraw(corrected)
+            weight = math.fsum(one.probability for one in corrected) or STILL_PROBABLE
         self.given_pose = word
         self.clusters.protect_alternatives(step + rules.minimum_lifetime_steps)
         self._stop_search(step, "search stopped")
-        weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], step)
         self.prior_pose = None
         return self._outcome(step, ())
