@@ -147,15 +147,14 @@ export function showEvents(events, slots, nothing = "no events yet") {
 function grouped(events) {
   const lines = [];
   for (const event of events) {
-    const line = lines[lines.length - 1], search = event.text.startsWith("search ");
-    const what = search ? event.text.replace(/\.\d+/, "") : event.text.slice(event.job.length + 1).replace(/ \([^)]*\)$/, "");
+    const line = lines[lines.length - 1], what = event.text.slice(event.job.length + 1).replace(/ \([^)]*\)$/, "");
     if (line?.step !== event.step || line.what !== what) {
       lines.push({ ...event, what, jobs: [event.job] });
       continue;
     }
     line.jobs.push(event.job);
-    const many = what.replace(/^was /, "were ");
-    line.text = search ? what : `${line.jobs[0]} and ${line.jobs.length - 1} more ${many}`;
+    const isSearch = event.cause.startsWith("search "), many = what.replace(/^was /, "were ");
+    line.text = isSearch ? `a search by ${line.jobs.length} jobs ${what}` : `${line.jobs[0]} and ${line.jobs.length - 1} more ${many}`;
   }
   return lines;
 }

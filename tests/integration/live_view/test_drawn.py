@@ -533,7 +533,7 @@ def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
 
 def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
     ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
-    searches = [Ended(f"s4.{n}", "search over", (), None) for n in range(3)]
+    searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
     reported = [
         NumberedEvent(number=n, step=9, stamp_ns=9, event=event)
         for n, event in enumerate([*ended, *searches])
@@ -542,7 +542,7 @@ def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: P
     listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
     shows(stage, lambda: len(drawn.run(listed)) == 2)
     searches_line, clusters_line = drawn.run(listed)
-    assert "search s4 is over" in searches_line
+    assert "a search by 3 jobs is over" in searches_line
     assert "c0 and 3 more became too improbable" in clusters_line
 
 
