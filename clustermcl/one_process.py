@@ -5,7 +5,6 @@ which is also the router. So keys, messages and beliefs are those of many proces
 fault tolerance: the process ends when a part ends, and continues from the coordinator's state file.
 """
 
-import argparse
 import logging
 import time
 from collections.abc import Callable
@@ -36,13 +35,7 @@ def main() -> None:
         "one-process",
         run_parts,
         describe="Cluster-MCL in one process, without fault tolerance.",
-        add_arguments=_add_arguments,
     )
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    # Options of the simulator's own program, which settings replace here.
-    parser.set_defaults(map=None, steps=None, by_hand=False, advised=False)
 
 
 def check_one_process(settings: Settings) -> None:
@@ -101,9 +94,9 @@ def _node(invocation: Invocation, role: str) -> Node:
 def _bridge_of(settings: Settings) -> Callable[[Invocation], None]:
     if not isinstance(parsed_source(settings.bridge.source), Simulated):
         return run_bridge
-    from robot_simulator.process import run_simulator  # noqa: PLC0415 - 20 MB that a robot saves
+    from robot_simulator.process import run_with_defaults  # noqa: PLC0415 - 20 MB that a robot saves
 
-    return run_simulator
+    return run_with_defaults
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import argparse
 import logging
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 
@@ -82,6 +83,13 @@ def run_simulator(invocation: Invocation) -> None:
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     serve_robot(invocation, grid_map.with_landmarks(world.landmarks), source, extend)
+
+
+def run_with_defaults(invocation: Invocation) -> None:
+    """Simulate until the process is stopped, as the program does without arguments of its own."""
+    parser = argparse.ArgumentParser()
+    _add_arguments(parser)
+    run_simulator(replace(invocation, arguments=parser.parse_args([])))
 
 
 class _Follower:
