@@ -5,7 +5,7 @@ import sys
 import time
 from pathlib import Path
 
-from particle_filter import kernels
+from particle_filter import kernel_library, kernels
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
@@ -18,7 +18,9 @@ from worker.warm_up import compile_kernels
 def run_warm_up(settings: Settings) -> None:
     """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file."""
     begun_s = time.monotonic()
-    compile_kernels(settings.sensor, lambda name: _print(f"compiling {name}"))
+    if kernel_library.library() is None:
+        _print("compiling the kernels, some 20 s")
+    compile_kernels(settings.sensor)
     if kernels.cache_problems:
         folder = Path(os.environ.get("NUMBA_CACHE_DIR", "the folder of compiled kernels"))
         raise OutputError(path=folder, problem=kernels.cache_problems[0])

@@ -1,59 +1,130 @@
-"""The decorator of compiled functions (numba, cached on disk), and checks of their arguments.
+"""The decorator of compiled functions, and checks of their arguments.
 
-`kernel` imports numba at its first call, so processes without mathematics never import it.
+A kernel runs from the library of compiled kernels (see `kernel_library`), which needs no numba:
+numba and LLVM take 130 MB of a process. Where there is no library, or it has no entry for these
+types of arguments, numba compiles the kernel and keeps the machine code on disk.
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
 """
 
+import functools
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from math import cos, sin
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from particle_filter import kernel_library
 from particle_filter.arrays import F, Pose, Poses
 
 cache_problems: list[str] = []
-"""Reasons why machine code could not be read from disk or written, logged at the start."""
-
-on_compile: list[Callable[[str], None]] = []
-"""Functions to call with the name of each kernel before it is compiled. A kernel is read from
-disk if it was compiled before."""
+"""Reasons why numba could not read machine code from disk or write it, logged at the start."""
 
 
 def kernel(function: F) -> F:
-    """Compile `function` at its first call and keep the machine code on disk.
+    """Compile `function` at its first call.
 
     Bounds are not checked and integers do not promote: kernels get checked arguments.
     ``fastmath`` stays off, so that results do not depend on how a loop was vectorised.
     """
-    from numba import njit  # noqa: PLC0415 - heavy; only processes that compute pay for it
+    return cast(F, Kernel(function))
 
-    compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
+
+class Kernel:
+    """A function, compiled for each tuple of types of arguments that it is called with."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.function = function
+        self.compiled: dict[tuple[Any, ...], Callable[..., Any]] = {}
+
+    def __call__(self, *arguments: Any) -> Any:
+        types = tuple(map(_type_of, arguments))
+        if (compiled := self.compiled.get(types)) is None:
+            name = f"{self.function.__module__}.{self.function.__qualname__}{types}"
+            if _recording is not None:
+                return _recording.call(name, self.function, arguments)
+            compiled = self.compiled[types] = kernel_library.entry(name) or self.by_numba
+        return compiled(*arguments)
+
+    @cached_property
+    def by_numba(self) -> Any:
+        """The kernel as numba's dispatcher, which compiles it for any types of arguments."""
+        from numba import njit  # noqa: PLC0415 - 130 MB, only where the library does not do
+
+        compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
+        try:
+            compiled = compile_lazily(cache=True)(self.function)
+        except RuntimeError:  # of numba, which finds no folder for its files
+            cache_problems.append("no folder for them can be written")
+            return compile_lazily()(self.function)
+        if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
+            _stamp_with_callees(compiled, self.function)
+            for method in ("load_overload", "save_overload"):
+                forgiving = _ignoring_cache_errors(getattr(compiled._cache, method))
+                setattr(compiled._cache, method, forgiving)
+        return compiled
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes this object for in a kernel that calls it."""
+        from numba import typeof  # noqa: PLC0415
+
+        return typeof(self.by_numba)
+
+
+class _Recording:
+    def __init__(self) -> None:
+        self.entries: kernel_library.Entries = {}
+        self._inside = False
+
+    def call(self, name: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Call as plain Python; note the kernel unless another kernel calls it."""
+        if self._inside:
+            return function(*arguments)
+        from numba import typeof  # noqa: PLC0415
+
+        self.entries[name] = function, tuple(map(typeof, arguments))
+        self._inside = True
+        try:
+            return function(*arguments)
+        finally:
+            self._inside = False
+
+
+_recording: _Recording | None = None
+
+
+def called_in(run: Callable[[], None]) -> kernel_library.Entries:
+    """Run a function with kernels as plain Python, and return which it called, and with what.
+
+    It must be called before any kernel is.
+    """
+    global _recording  # noqa: PLW0603 - for this process, which then compiles them and ends
+    _recording = _Recording()
     try:
-        compiled = compile_lazily(cache=True)(function)
-    except RuntimeError:  # of numba, which finds no folder for its files
-        cache_problems.append("no folder for them can be written")
-        return cast(F, compile_lazily()(function))
-    if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
-        _stamp_with_callees(compiled, function)
-        for method in ("load_overload", "save_overload"):
-            setattr(
-                compiled._cache, method, _ignoring_cache_errors(getattr(compiled._cache, method))
-            )
-        compiled._cache.load_overload = _announced(compiled._cache.load_overload, function.__name__)
-    return cast(F, compiled)
+        run()
+        return _recording.entries
+    finally:
+        _recording = None
 
 
-def _announced(load: Callable[..., Any], name: str) -> Callable[..., Any]:
-    def load_or_announce(*arguments: Any) -> Any:
-        if (code := load(*arguments)) is None:
-            for announce in on_compile:
-                announce(name)
-        return code
+_SCALARS = {
+    float: "float", np.float64: "float", int: "int", np.int64: "int", bool: "bool", np.bool_: "bool"
+}  # fmt: skip
+_C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x1, 0x100, 0x400
+_LAYOUT = _C_CONTIGUOUS | _ALIGNED | _WRITEABLE
 
-    return load_or_announce
+
+def _type_of(argument: Any) -> Any:
+    """Return all that machine code depends on, as a value that compares and prints alike."""
+    kind = type(argument)
+    if name := _SCALARS.get(kind):
+        return name
+    if kind is np.ndarray:
+        return argument.dtype.str, argument.ndim, argument.flags.num & _LAYOUT
+    return kind.__name__, *map(_type_of, argument if isinstance(argument, tuple) else ())
 
 
 def _ignoring_cache_errors(method: Callable[..., Any]) -> Callable[..., Any]:
@@ -75,7 +146,8 @@ def _stamp_with_callees(compiled: Any, function: Any) -> None:
     Numba compares only time and size of the kernel's own file, although callees are inlined.
     """
     named = [function.__globals__.get(name) for name in function.__code__.co_names]
-    files = [kernel._cache._cache_file for kernel in named if hasattr(kernel, "_cache")]
+    callees = [one.by_numba for one in named if isinstance(one, Kernel)]
+    files = [callee._cache._cache_file for callee in callees if hasattr(callee, "_cache")]
     if files:
         own = compiled._cache._cache_file
         own._source_stamp = (own._source_stamp, *(file._source_stamp for file in files))

@@ -195,7 +195,7 @@ class LikelihoodFieldModel:
         count, tolerance = self._particles_to_sample(sharers), self.settings.occlusion_tolerance
         if count == 0 or beams.count == 0:
             return 0.0
-        chosen = systematic(weights, count)
+        chosen = systematic(weights, count, 0.5)
         occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
         return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 

@@ -36,7 +36,7 @@ def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> I
 
 
 @kernel
-def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
+def systematic(weights: Weights, count: int, offset: float) -> Indices:
     """Return the (count,) indices of particles at evenly spaced cumulative weights.
 
     Args:

@@ -1,17 +1,20 @@
-"""Compiles the kernels, or reads them from their disk cache, before workers are forked."""
+"""Compiles the kernels, or loads their library, before workers are forked."""
 
+import fcntl
 import logging
-from collections.abc import Callable
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
 
-from particle_filter import kernels
+from particle_filter import kernel_library, kernels
 from particle_filter.arrays import OCCUPIED
 from particle_filter.grid import Grid
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
+from particle_filter.settings import FilterSettings, MotionSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Landmark, PositionField, Scan, Seen
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
@@ -34,21 +37,21 @@ _REGION = replace(
 _log = logging.getLogger(__name__)
 
 
-def compile_kernels(
-    sensor: SensorSettings, on_compile: Callable[[str], None] | None = None
-) -> None:
-    """Run every kernel once: search and track in a small map, see a tag, and give advice.
+def compile_kernels(sensor: SensorSettings) -> None:
+    """Build the library of kernels if it is not on disk, and run every kernel once.
 
-    Args:
-        sensor: settings of the sensor model.
-        on_compile: called with the name of each kernel that is not on disk yet; None: log it once.
+    They search and track in a small map, see a tag, and give advice. What the library lacks, or
+    all kernels where no library can be built, numba compiles now rather than at the first scan.
     """
-    announce = on_compile or _LogOnce()
-    kernels.on_compile.append(announce)
-    try:
-        _run_kernels(sensor)
-    finally:
-        kernels.on_compile.remove(announce)
+    if kernel_library.library() is None:
+        _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
+        try:
+            _build_library()
+        except OSError as error:
+            _log_no_library(str(error))
+        except subprocess.CalledProcessError as error:
+            _log_no_library(error.stderr.strip().splitlines()[-1])
+    _run_kernels(sensor, MotionSettings())
     if kernels.cache_problems:
         _log.warning(
             "compiled kernels cannot be kept on disk: %s; every start compiles for some "
@@ -57,20 +60,34 @@ def compile_kernels(
         )
 
 
-class _LogOnce:
-    def __init__(self) -> None:
-        self._logged = False
-
-    def __call__(self, _name: str) -> None:
-        if not self._logged:
-            _log.info("compiling the kernels for this machine: some 15 s, only at the first start")
-        self._logged = True
+def _log_no_library(reason: str) -> None:
+    _log.warning(
+        "no library of kernels can be built, so each process takes 100 MB more: %s", reason
+    )
 
 
-def _run_kernels(sensor: SensorSettings) -> None:
+def _build_library() -> None:
+    """Build it in a process of its own, one at a time, because numba stays in a process."""
+    file = kernel_library.path()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with (file.parent / "kernels.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        kernel_library.library.cache_clear()
+        if kernel_library.library() is None:  # no other process has built it meanwhile
+            command = [sys.executable, "-I", "-m", "worker.warm_up", str(file)]
+            subprocess.run(command, check=True, capture_output=True, text=True)
+    kernel_library.library.cache_clear()
+
+
+def _run_every_kernel() -> None:
+    _run_kernels(SensorSettings(), MotionSettings())
+    _run_kernels(SensorSettings(model="beam"), MotionSettings(model="differential"))
+
+
+def _run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
     rng = np.random.default_rng(0)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
-    small = FilterSettings(sensor=sensor, search=search)
+    small = FilterSettings(sensor=sensor, motion=motion, search=search)
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     model = computed_model(Grid(cells, 0.1, np.zeros(3)), sensor)
@@ -111,3 +128,7 @@ def _scan(step: int, rng: np.random.Generator) -> Scan:
         ranges=ArrayBlob.of(rng.uniform(1.0, 2.0, 60), "float32"),
         map_digest="",
     )
+
+
+if __name__ == "__main__":
+    kernel_library.build(kernels.called_in(_run_every_kernel), Path(sys.argv[1]))

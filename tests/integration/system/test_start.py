@@ -1,6 +1,8 @@
 import os
+import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,15 @@ def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: st
         [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
     )
     assert ran.stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(not shutil.which(os.environ.get("CC", "cc")), reason="no C compiler")
+def test_two_first_starts_at_once_build_one_library_of_kernels(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    with ThreadPoolExecutor() as pool:
+        starts = list(pool.map(lambda _: ran("warm-up", environment=environment), range(2)))
+    assert [start.returncode for start in starts] == [0, 0]
+    assert len(list(tmp_path.glob("kernels-*.so"))) == 1
 
 
 def test_warm_up_prepares_kernels_and_the_map(tmp_path: Path) -> None:

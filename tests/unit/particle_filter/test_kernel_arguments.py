@@ -47,11 +47,11 @@ def test_arrays_of_any_layout_and_precision_use_one_compiled_kernel(
     for same in (fixed, np.asfortranarray(poses), poses.repeat(2, axis=0)[::2]):
         np.testing.assert_equal(call(same), expected)
     call(poses.astype(np.float32))
-    assert len(kernel.signatures) == 1
+    assert len(kernel.compiled) == 1
 
 
 def test_cells_of_any_memory_layout_use_one_compiled_kernel() -> None:
     cells = plain_room()
     for same in (np.asfortranarray(cells), cells.repeat(2, axis=0)[::2]):
         np.testing.assert_array_equal(ray_casting.jump_field(same), JUMPS)
-    assert len(cast(Any, ray_casting._squares).signatures) == 1
+    assert len(cast(Any, ray_casting._squares).compiled) == 1

@@ -1,12 +1,20 @@
 import logging
+import os
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from particle_filter import kernels
+from particle_filter import kernel_library, kernels
 from particle_filter.settings import SensorSettings
 from worker.warm_up import compile_kernels
+
+needs_compiler = pytest.mark.skipif(
+    not shutil.which(os.environ.get("CC", "cc")), reason="there is no C compiler"
+)
 
 
 @pytest.mark.parametrize("problems", [[], ["disk full", "disk full"]])
@@ -22,27 +30,52 @@ def test_kernels_that_cannot_be_cached_are_reported_once_in_one_line(
         assert "NUMBA_CACHE_DIR" in line
 
 
-NEW_KERNELS = """
-import gc
-from numba.core.dispatcher import Dispatcher
+DRIVE = """
+import sys
 from particle_filter.settings import SensorSettings
 from worker.warm_up import compile_kernels
-
-def compiled():
-    all_kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
-    return {f"{each.py_func.__name__}{each.signatures}" for each in all_kernels}
-
 compile_kernels(SensorSettings())
-from evaluation.evaluate import *
-before = compiled()
 from clustermcl.command import app
 app(["evaluate", "sim:cross_tags", "--steps", "40", "--jobs", "1"], standalone_mode=False)
-print("new:", sorted(compiled() - before))
+print("imported:", sorted({"numba", "llvmlite"} & set(sys.modules)))
 """
 
 
-def test_no_kernel_is_compiled_while_a_robot_drives() -> None:
+@needs_compiler
+def test_a_robot_drives_without_numba() -> None:
     ran = subprocess.run(
-        [sys.executable, "-I", "-c", NEW_KERNELS], capture_output=True, text=True, check=True
+        [sys.executable, "-I", "-c", DRIVE], capture_output=True, text=True, check=True
     )
-    assert ran.stdout.splitlines()[-1] == "new: []"
+    assert ran.stdout.splitlines()[-1] == "imported: []"
+
+
+@pytest.fixture
+def built_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The library of kernels, while another folder is set that has none."""
+    compile_kernels(SensorSettings())
+    built = kernel_library.path()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    kernel_library.library.cache_clear()
+    yield built
+    kernel_library.library.cache_clear()
+
+
+@pytest.mark.usefixtures("built_before")
+def test_without_a_compiler_one_line_says_what_it_costs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("CC", "false")
+    compile_kernels(SensorSettings())
+    (line,) = [record for record in caplog.messages if "no library" in record]
+    assert line.startswith("no library of kernels can be built, so each process takes 100 MB more")
+    assert not list(tmp_path.glob("kernels-*.so"))
+
+
+@needs_compiler
+@pytest.mark.parametrize("kept", [0, 3000, 500_000])
+def test_half_a_library_of_kernels_is_not_loaded(built_before: Path, kept: int) -> None:
+    content = built_before.read_bytes()
+    for part, is_loaded in ((content[:kept], False), (content, True)):
+        kernel_library.path().write_bytes(part)
+        kernel_library.library.cache_clear()
+        assert (kernel_library.library() is not None) is is_loaded

@@ -1,0 +1,106 @@
+"""The library of compiled kernels: one shared object, compiled ahead of time by numba's `pycc`.
+
+`worker.warm_up` builds it where there is a C compiler; then all processes of a machine map it. Its
+name has a digest of all that the machine code depends on.
+"""
+
+import importlib.machinery
+import importlib.util
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeAlias
+
+Entries: TypeAlias = dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]
+"""By name in the library: a kernel's Python function, and numba's types of its arguments."""
+
+_MODULE = "clustermcl_kernels"
+_DIGEST_BYTES = 32
+
+
+def entry(name: str) -> Callable[..., Any] | None:
+    """Return a compiled kernel by its name in the library; None: there is none."""
+    found: Callable[..., Any] | None = getattr(library(), name, None)
+    return found
+
+
+@cache
+def library() -> ModuleType | None:
+    """Return the library, loaded; None: it is not on disk or damaged.
+
+    After it was built, `library.cache_clear()` has it looked for again.
+    """
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1" or not _is_whole(file := path()):
+        return None
+    loader = importlib.machinery.ExtensionFileLoader(_MODULE, str(file))
+    spec = importlib.util.spec_from_loader(_MODULE, loader)
+    assert spec is not None  # the loader is one of files
+    try:
+        return importlib.util.module_from_spec(spec)
+    except ImportError:
+        return None
+
+
+def _is_whole(file: Path) -> bool:
+    """Whether the file ends with the digest of the rest: half a library ends the process."""
+    try:
+        content = file.read_bytes()
+    except OSError:
+        return False
+    return sha256(content[:-_DIGEST_BYTES]).digest() == content[-_DIGEST_BYTES:]
+
+
+def path() -> Path:
+    """Return where the library of these sources, for this Python and processor, is on disk."""
+    here = Path(__file__).parent
+    digest = sha256(sys.version.encode() + _processor())
+    for source in sorted(here.glob("*.py")):
+        if b"@kernel" in (text := source.read_bytes()):
+            digest.update(text)
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
+    return folder / f"kernels-{digest.hexdigest()[:16]}.so"
+
+
+def _processor() -> bytes:
+    """Return the line of /proc/cpuinfo that tells the first processor's instructions."""
+    try:
+        lines = Path("/proc/cpuinfo").read_bytes().splitlines()
+    except OSError:
+        lines = []
+    instructions = (line for line in lines if line.startswith((b"flags", b"Features")))
+    return next(instructions, platform.machine().encode())
+
+
+def build(entries: Entries, file: Path) -> None:
+    """Compile kernels for this machine into a library; the file is written whole or not at all.
+
+    Raises:
+        RuntimeError: there is no C compiler.
+        Exception: of the compiler, which may raise anything.
+        OSError: the file cannot be written.
+    """
+    from numba.core.compiler import Flags  # noqa: PLC0415
+    from numba.pycc import CC, compiler  # noqa: PLC0415
+
+    def flags() -> Flags:
+        chosen = Flags()
+        chosen.error_model = "numpy"  # as `kernels.Kernel.by_numba`; pycc has no option for it
+        return chosen
+
+    compiler.Flags = flags
+    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
+        made = CC(_MODULE, source_module=__name__)
+        made.output_dir, made.output_file, made.target_cpu = folder, file.name, "host"
+        for name, (function, types) in entries.items():
+            made.export(name, types)(function)
+        made.compile()
+        compiled = Path(folder) / file.name
+        with compiled.open("ab") as out:
+            out.write(sha256(compiled.read_bytes()).digest())
+        compiled.rename(file)
