@@ -1,7 +1,7 @@
 """The library of compiled kernels: one shared object, compiled ahead of time by numba's `pycc`.
 
-`worker.warm_up` builds it where there is a C compiler; then all processes of a machine map it. Its
-name has a digest of all that the machine code depends on.
+`worker.build_kernels` builds it where there is a C compiler; then all processes map the same file.
+Its name has a digest of all that the machine code depends on.
 """
 
 import importlib.machinery
@@ -9,7 +9,6 @@ import importlib.util
 import os
 import platform
 import sys
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from hashlib import sha256
@@ -20,8 +19,9 @@ from typing import Any, TypeAlias
 Entries: TypeAlias = dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]
 """By name in the library: a kernel's Python function, and numba's types of its arguments."""
 
-_MODULE = "clustermcl_kernels"
-_DIGEST_BYTES = 32
+MODULE = "clustermcl_kernels"
+DIGEST_BYTES = 32
+"""Length of the SHA-256 at the end of the file, of all before it."""
 
 
 def entry(name: str) -> Callable[..., Any] | None:
@@ -38,8 +38,8 @@ def library() -> ModuleType | None:
     """
     if os.environ.get("NUMBA_DISABLE_JIT") == "1" or not _is_whole(file := path()):
         return None
-    loader = importlib.machinery.ExtensionFileLoader(_MODULE, str(file))
-    spec = importlib.util.spec_from_loader(_MODULE, loader)
+    loader = importlib.machinery.ExtensionFileLoader(MODULE, str(file))
+    spec = importlib.util.spec_from_loader(MODULE, loader)
     assert spec is not None  # the loader is one of files
     try:
         return importlib.util.module_from_spec(spec)
@@ -53,7 +53,7 @@ def _is_whole(file: Path) -> bool:
         content = file.read_bytes()
     except OSError:
         return False
-    return sha256(content[:-_DIGEST_BYTES]).digest() == content[-_DIGEST_BYTES:]
+    return sha256(content[:-DIGEST_BYTES]).digest() == content[-DIGEST_BYTES:]
 
 
 def path() -> Path:
@@ -75,32 +75,3 @@ def _processor() -> bytes:
         lines = []
     instructions = (line for line in lines if line.startswith((b"flags", b"Features")))
     return next(instructions, platform.machine().encode())
-
-
-def build(entries: Entries, file: Path) -> None:
-    """Compile kernels for this machine into a library; the file is written whole or not at all.
-
-    Raises:
-        RuntimeError: there is no C compiler.
-        Exception: of the compiler, which may raise anything.
-        OSError: the file cannot be written.
-    """
-    from numba.core.compiler import Flags  # noqa: PLC0415
-    from numba.pycc import CC, compiler  # noqa: PLC0415
-
-    def flags() -> Flags:
-        chosen = Flags()
-        chosen.error_model = "numpy"  # as `kernels.Kernel.by_numba`; pycc has no option for it
-        return chosen
-
-    compiler.Flags = flags
-    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
-        made = CC(_MODULE, source_module=__name__)
-        made.output_dir, made.output_file, made.target_cpu = folder, file.name, "host"
-        for name, (function, types) in entries.items():
-            made.export(name, types)(function)
-        made.compile()
-        compiled = Path(folder) / file.name
-        with compiled.open("ab") as out:
-            out.write(sha256(compiled.read_bytes()).digest())
-        compiled.rename(file)

@@ -4,7 +4,6 @@ import fcntl
 import logging
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 from msgspec.structs import replace
@@ -51,7 +50,7 @@ def compile_kernels(sensor: SensorSettings) -> None:
             _log_no_library(str(error))
         except subprocess.CalledProcessError as error:
             _log_no_library(error.stderr.strip().splitlines()[-1])
-    _run_kernels(sensor, MotionSettings())
+    run_kernels(sensor, MotionSettings())
     if kernels.cache_problems:
         _log.warning(
             "compiled kernels cannot be kept on disk: %s; every start compiles for some "
@@ -67,24 +66,20 @@ def _log_no_library(reason: str) -> None:
 
 
 def _build_library() -> None:
-    """Build it in a process of its own, one at a time, because numba stays in a process."""
+    """Build it, unless another process has built it meanwhile."""
     file = kernel_library.path()
     file.parent.mkdir(parents=True, exist_ok=True)
     with (file.parent / "kernels.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         kernel_library.library.cache_clear()
-        if kernel_library.library() is None:  # no other process has built it meanwhile
-            command = [sys.executable, "-I", "-m", "worker.warm_up", str(file)]
+        if kernel_library.library() is None:
+            command = [sys.executable, "-I", "-m", "worker.build_kernels", str(file)]
             subprocess.run(command, check=True, capture_output=True, text=True)
     kernel_library.library.cache_clear()
 
 
-def _run_every_kernel() -> None:
-    _run_kernels(SensorSettings(), MotionSettings())
-    _run_kernels(SensorSettings(model="beam"), MotionSettings(model="differential"))
-
-
-def _run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
+def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
+    """Run every kernel once with these models: search, track, see a tag, cast rays."""
     rng = np.random.default_rng(0)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(sensor=sensor, motion=motion, search=search)
@@ -128,7 +123,3 @@ def _scan(step: int, rng: np.random.Generator) -> Scan:
         ranges=ArrayBlob.of(rng.uniform(1.0, 2.0, 60), "float32"),
         map_digest="",
     )
-
-
-if __name__ == "__main__":
-    kernel_library.build(kernels.called_in(_run_every_kernel), Path(sys.argv[1]))

@@ -1,0 +1,54 @@
+"""Compiles the library of kernels: a process of its own, because numba stays in a process.
+
+It calls every kernel as plain Python, so that the types of arguments are known, and then
+compiles them all ahead of time. Arguments: the file to write.
+"""
+
+import sys
+import tempfile
+from hashlib import sha256
+from pathlib import Path
+
+from numba.core.compiler import Flags
+from numba.pycc import CC, compiler
+
+from particle_filter import kernel_library, kernels
+from particle_filter.settings import MotionSettings, SensorSettings
+from worker.warm_up import run_kernels
+
+
+def build(file: Path) -> None:
+    """Compile the kernels for this machine; the file is written whole or not at all.
+
+    Raises:
+        Exception: of pycc: RuntimeError where there is no C compiler, or any other.
+        OSError: the file cannot be written.
+    """
+
+    def flags() -> Flags:
+        chosen = Flags()
+        chosen.error_model = "numpy"  # as `Kernel.by_numba`; pycc has no option for it
+        return chosen
+
+    compiler.Flags = flags
+    entries = kernels.called_in(_run_every_kernel)
+    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
+        library = CC(kernel_library.MODULE, source_module=__name__)
+        library.output_dir, library.output_file = folder, file.name
+        library.target_cpu = "host"
+        for name, (function, types) in entries.items():
+            library.export(name, types)(function)
+        library.compile()
+        compiled = Path(folder) / file.name
+        with compiled.open("ab") as out:
+            out.write(sha256(compiled.read_bytes()).digest())
+        compiled.rename(file)
+
+
+def _run_every_kernel() -> None:
+    run_kernels(SensorSettings(), MotionSettings())
+    run_kernels(SensorSettings(model="beam"), MotionSettings(model="differential"))
+
+
+if __name__ == "__main__":
+    build(Path(sys.argv[1]))
