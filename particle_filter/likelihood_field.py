@@ -6,7 +6,6 @@ from math import log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Poses
 from particle_filter.elementary_functions import cos_sin
@@ -42,6 +41,8 @@ def _strips(
 
 def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
     """Return the distance to the nearest obstacle [m], capped."""
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - 16 MB, not with a cached map
+
     blocked = cells == OCCUPIED
     if not blocked.any():
         return np.full(cells.shape, settings.max_obstacle_distance_m, np.float32)

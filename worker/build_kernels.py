@@ -31,12 +31,11 @@ def build(file: Path) -> None:
         return chosen
 
     compiler.Flags = flags
-    entries = kernels.called_in(_run_every_kernel)
     with tempfile.TemporaryDirectory(dir=file.parent) as folder:
         library = CC(kernel_library.MODULE, source_module=__name__)
         library.output_dir, library.output_file = folder, file.name
         library.target_cpu = "host"
-        for name, (function, types) in entries.items():
+        for name, (function, types) in kernels.called_in(_run_every_kernel).items():
             library.export(name, types)(function)
         library.compile()
         compiled = Path(folder) / file.name

@@ -2,6 +2,7 @@
 
 import fcntl
 import logging
+import os
 import subprocess
 import sys
 
@@ -37,19 +38,20 @@ _log = logging.getLogger(__name__)
 
 
 def compile_kernels(sensor: SensorSettings) -> None:
-    """Build the library of kernels if it is not on disk, and run every kernel once.
+    """Build the library of kernels if it is not on disk.
 
-    They search and track in a small map, see a tag, and give advice. What the library lacks, or
-    all kernels where no library can be built, numba compiles now rather than at the first scan.
+    Where it cannot be built, numba compiles them now rather than at the first scan.
     """
-    if kernel_library.library() is None:
-        _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
-        try:
-            _build_library()
-        except OSError as error:
-            _log_no_library(str(error))
-        except subprocess.CalledProcessError as error:
-            _log_no_library(error.stderr.strip().splitlines()[-1])
+    if kernel_library.library() is not None or os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        return
+    _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
+    try:
+        _build_library()
+        return
+    except OSError as error:
+        _log_no_library(str(error))
+    except subprocess.CalledProcessError as error:
+        _log_no_library(error.stderr.strip().splitlines()[-1])
     run_kernels(sensor, MotionSettings())
     if kernels.cache_problems:
         _log.warning(

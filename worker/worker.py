@@ -16,7 +16,6 @@ from protocol.errors import MalformedMessageError, MapMismatchError, OldTermErro
 from protocol.live_settings import AS_STARTED
 from protocol.steps import Landmark, MapMessage, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
-from worker.advising import advice
 from worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
@@ -209,6 +208,8 @@ class Worker:
         else:
             problem = ViewMemory(asked.views).problem or ""
             if not problem:
+                from worker.advising import advice  # noqa: PLC0415 - 24 MB of scipy
+
                 self._advising = (
                     question,
                     advice(asked, scan, model, settings, self._name, self._landmarks),

@@ -9,25 +9,12 @@ from pathlib import Path
 import pytest
 
 from particle_filter import kernel_library, kernels
-from particle_filter.settings import SensorSettings
-from worker.warm_up import compile_kernels
+from particle_filter.settings import MotionSettings, SensorSettings
+from worker.warm_up import compile_kernels, run_kernels
 
 needs_compiler = pytest.mark.skipif(
     not shutil.which(os.environ.get("CC", "cc")), reason="there is no C compiler"
 )
-
-
-@pytest.mark.parametrize("problems", [[], ["disk full", "disk full"]])
-def test_kernels_that_cannot_be_cached_are_reported_once_in_one_line(
-    problems: list[str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(kernels, "cache_problems", problems)
-    with caplog.at_level(logging.WARNING):
-        compile_kernels(SensorSettings())
-    assert len(caplog.messages) == bool(problems)
-    for line in caplog.messages:
-        assert "kernels cannot be kept on disk: disk full; " in line
-        assert "NUMBA_CACHE_DIR" in line
 
 
 DRIVE = """
@@ -53,6 +40,7 @@ def test_a_robot_drives_without_numba() -> None:
 def built_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The library of kernels, while another folder is set that has none."""
     compile_kernels(SensorSettings())
+    run_kernels(SensorSettings(), MotionSettings())
     built = kernel_library.path()
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     kernel_library.library.cache_clear()
@@ -61,13 +49,23 @@ def built_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
 
 
 @pytest.mark.usefixtures("built_before")
-def test_without_a_compiler_one_line_says_what_it_costs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("problems", [[], ["disk full", "disk full"]])
+def test_without_a_compiler_or_a_disk_one_line_each_says_what_it_costs(
+    problems: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     monkeypatch.setenv("CC", "false")
-    compile_kernels(SensorSettings())
-    (line,) = [record for record in caplog.messages if "no library" in record]
+    monkeypatch.setattr(kernels, "cache_problems", problems)
+    with caplog.at_level(logging.WARNING):
+        compile_kernels(SensorSettings())
+    line, *more = caplog.messages
     assert line.startswith("no library of kernels can be built, so each process takes 100 MB more")
+    assert len(more) == bool(problems)
+    for line in more:
+        assert "kernels cannot be kept on disk: disk full; " in line
+        assert "NUMBA_CACHE_DIR" in line
     assert not list(tmp_path.glob("kernels-*.so"))
 
 
