@@ -1,7 +1,6 @@
 """Starts child processes by exec or fork, restarts dead and hung ones, and ends them all.
 
-Importing numba takes a process one second and 150 MB; twelve processes on two cores take ten
-seconds. A parent that forks its children imports and compiles once, and they start at once.
+A parent that forks its children imports once, and they start at once and share its memory.
 """
 
 import gc
