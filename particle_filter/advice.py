@@ -123,9 +123,13 @@ class Question:
     landmarks: Landmarks = NOTHING_OBSERVED[1]
     """Those of the map."""
 
+    def roads(self, model: SensorModel) -> Slices[Roads]:
+        """Find the ways on ground that is free at all places."""
+        return roads_of(self.places, self.covariances, self.radius_m, model.grid)
+
 
 def advised_ways(
-    question: Question, model: SensorModel, settings: FilterSettings
+    question: Question, model: SensorModel, settings: FilterSettings, roads: Roads | None = None
 ) -> Slices[tuple[list[Way], NDArray[np.float64]]]:
     """Find the ways with the most information for their length.
 
@@ -133,14 +137,14 @@ def advised_ways(
         question: the places and the robot.
         model: sensor model of the map.
         settings: rules of evidence.
+        roads: those of the places, if they are known.
 
     Returns:
         At most `MAX_WAYS`, the best for its length first; none if no way within reach has
         `LEAST_INFORMATION`. And (S, 3) the view points: x, y in the robot's frame [m], and the
         expected information of a new view there [nat], the most of all looked at headings.
     """
-    places = question.places, question.covariances
-    roads = yield from roads_of(*places, question.radius_m, model.grid)
+    roads = roads or (yield from question.roads(model))
     shares, looked = yield from _shares(question, model, settings)
     views = yield from _views(question, model, settings, roads)
     for seen in views.seen.values():

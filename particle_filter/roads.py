@@ -91,7 +91,7 @@ def roads_of(
         radius_m: radius of the robot [m].
         grid: the map.
     """
-    points = _lattice()
+    points = _lattice(REACH_M)
     middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
     drivable, sure = np.ones((2, *points.shape[:2]), np.bool_)
     for place, covariance in zip(places, covariances, strict=True):
@@ -116,9 +116,9 @@ def without_common_ground(
         grid: the map.
 
     Returns:
-        Their numbers. Ground counts from `LEAST_REACH_M` on.
+        Their numbers. Ground counts from `LEAST_REACH_M` on, so only that near is looked at.
     """
-    points, grounds = _lattice(), []
+    points, grounds = _lattice(min(2.0 * LEAST_REACH_M + radius_m, REACH_M)), []
     for place, covariance in zip(places, covariances, strict=True):
         grounds.append(_ground(place, covariance, radius_m, grid, points))
         yield
@@ -136,9 +136,9 @@ def without_common_ground(
     return found
 
 
-def _lattice() -> Poses:
+def _lattice(reach_m: float) -> Poses:
     """Return the (n, n, 3) points in the robot's frame whose clearance is checked."""
-    side = 2 * round(REACH_M / (2.0 * _LATTICE_M))
+    side = 2 * round(reach_m / (2.0 * _LATTICE_M))
     axis = np.arange(-side, side + 1) * _LATTICE_M
     x, y = np.meshgrid(axis, axis)
     return np.stack([x, y, np.zeros_like(x)], axis=-1)

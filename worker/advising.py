@@ -9,7 +9,7 @@ from particle_filter.advice import Question, advised_ways
 from particle_filter.evidence_model import residual
 from particle_filter.exploring import unseen_way
 from particle_filter.observations import Landmarks
-from particle_filter.roads import LEAST_REACH_M, REACH_M, roads_of, without_common_ground
+from particle_filter.roads import LEAST_REACH_M, REACH_M, Roads, without_common_ground
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices
@@ -53,12 +53,13 @@ def advice(
     )
     count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
     question = _question(asked, scan, model, landmarks)
-    explored = (yield from _exploring(question, model)) if is_lost or not count else ()
+    roads = (yield from question.roads(model)) if count and (is_lost or count > 1) else None
+    explored = _exploring(question, roads) if is_lost or not count else ()
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"
         return replace(head, ways=explored, note=note)
-    ways, spots = yield from advised_ways(question, model, settings)
+    ways, spots = yield from advised_ways(question, model, settings, roads)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -95,11 +96,8 @@ def advice(
     )
 
 
-def _exploring(question: Question, model: SensorModel) -> Slices[tuple[Way, ...]]:
+def _exploring(question: Question, roads: Roads | None) -> tuple[Way, ...]:
     """Return the way to unseen ground, if there is one."""
-    roads, places = None, question.places
-    if len(places):
-        roads = yield from roads_of(places, question.covariances, question.radius_m, model.grid)
     poses = unseen_way(question.laser, question.seen, question.radius_m, roads)
     if not len(poses):
         return ()
@@ -107,7 +105,7 @@ def _exploring(question: Question, model: SensorModel) -> Slices[tuple[Way, ...]
         poses=tuple(map(pose_tuple, poses)),
         length_m=float(np.hypot(*poses[-1, :2])),
         turn_rad=abs(float(poses[-1, 2])),
-        gains=(0.0,) * len(places),
+        gains=(0.0,) * len(question.places),
         information=0.0,
         sure_probability=0.0,
         explores=True,
