@@ -200,6 +200,17 @@ def _ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
         process.wait(20)
 
 
+def as_many_all_the_time(clusters: int) -> list[str]:
+    """Settings with which no cluster ends and no later search begins."""
+    return [
+        f"belief.max_clusters={clusters}",
+        "belief.search_every_steps=1000000",
+        "belief.least_probability=1e-12",
+        "belief.merge_every_steps=1000000",
+        "cluster.split_every_steps=0",
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--particles", type=int, default=1_000)
@@ -212,6 +223,11 @@ def main() -> None:
     parser.add_argument("--skip", type=int, default=50, help="steps at the start left out")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
     parser.add_argument("--one-process", action="store_true")
+    parser.add_argument(
+        "--own-clusters",
+        action="store_true",
+        help="as many clusters as the belief has by default, over the watched seconds only",
+    )
     parser.add_argument("--cores", type=float, default=0.0, help="limit, such as 0.5; needs root")
     options = parser.parse_args()
     spent, begun_ns, seen = run_stack(
@@ -220,19 +236,16 @@ def main() -> None:
         [
             f"bridge.source=sim:{options.world}",
             f"cluster.particles={options.particles}",
-            f"belief.max_clusters={options.clusters}",
             f"worker.count={options.workers}",
-            "belief.search_every_steps=1000000",
-            # As many clusters all the time:
-            "belief.least_probability=1e-12",
-            "belief.merge_every_steps=1000000",
-            "cluster.split_every_steps=0",
+            *([] if options.own_clusters else as_many_all_the_time(options.clusters)),
             *options.set,
         ],
         options.far,
         ("--one-process",) if options.one_process else (),
         options.cores,
     )
+    if options.own_clusters:
+        options.skip, seen = 0, [each for each in seen if each[0] >= begun_ns]
     stages, reports = stages_of(seen)
     steps = steps_sent(seen, begun_ns, options.watched)
     print(processes_table(spent, max(steps, 1)))
