@@ -46,9 +46,13 @@ _SPREADS = 1.5
 """Predicted scans are also weighed at poses this many standard deviations off."""
 _LEAST_SIGMAS = np.array([0.05, 0.05, 0.02])
 """Least standard deviations of a place: x, y [m], heading [rad]."""
-_OFFSETS = np.stack(np.meshgrid(*[(0.0, -1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
-"""(27, 3) multiples of these; the first is none. Poses are known no better, so a scan
-that fits at one of them is no evidence."""
+_COARSE, _FINE = (
+    np.stack(np.meshgrid(*[sizes] * 3), axis=-1).reshape(-1, 3)
+    for sizes in ((0.0, -1.0, 1.0), (0.0, -1.0, -0.5, 0.5, 1.0))
+)
+"""(27, 3) and (125, 3) multiples of these; the first is none. Poses are known no better, so a scan
+that fits at one of them is no evidence. With the coarse ones, two equal places look different
+before the robot has driven; they are for more than `_MANY` places."""
 _METRES_PER_RAD = 0.3
 """A turn of one radian costs as much as this distance [m]."""
 _BEGINNING_M = 5.0
@@ -297,14 +301,15 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
     ranges = cast(at, laser, model)
     variances = np.diagonal(question.covariances, axis1=1, axis2=2)
     off = _SPREADS * np.maximum(np.sqrt(np.maximum(variances, 0.0)), _LEAST_SIGMAS)
-    around = at[:, None] + off[:, None] * _OFFSETS
+    offsets = _FINE if count <= _MANY else _COARSE
+    around = at[:, None] + off[:, None] * offsets
     poses = plain(around.reshape(-1, 3))
     evidence = np.zeros((count, count))
     for k in range(count):
         beams = model.beams(replace(laser, ranges=ranges[k]))
         if beams.count == 0:
             continue  # nothing is in range, so nothing is weighed
-        fits = model.log_likelihood(poses, beams).reshape(count, len(_OFFSETS)).max(axis=1)
+        fits = model.log_likelihood(poses, beams).reshape(count, len(offsets)).max(axis=1)
         evidence[k] = scan_exponent(beams.count, model.settings) * np.maximum(fits[k] - fits, 0.0)
     return _Seen(evidence, ranges, *landmark_evidence(at, around, question.landmarks, model))
 
