@@ -57,14 +57,22 @@ def _is_whole(file: Path) -> bool:
 
 
 def path() -> Path:
-    """Return where the library of these sources, for this Python and processor, is on disk."""
+    """Return where the library of these sources, for this Python and processor, is on disk.
+
+    In the folder ``NUMBA_CACHE_DIR``, or else the package's; or else, if that cannot be written,
+    the user's.
+    """
     here = Path(__file__).parent
     digest = sha256(sys.version.encode() + _processor())
     for source in sorted(here.glob("*.py")):
         if b"@kernel" in (text := source.read_bytes()):
             digest.update(text)
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or here / "__pycache__")
-    return folder / f"kernels-{digest.hexdigest()[:16]}.so"
+    file = f"kernels-{digest.hexdigest()[:16]}.so"
+    if folder := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(folder) / file
+    if (own := here / "__pycache__" / file).exists() or os.access(here, os.W_OK):
+        return own
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "clustermcl" / file
 
 
 def _processor() -> bytes:

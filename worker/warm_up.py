@@ -51,7 +51,7 @@ def compile_kernels(sensor: SensorSettings) -> None:
     except OSError as error:
         _log_no_library(str(error))
     except subprocess.CalledProcessError as error:
-        _log_no_library(error.stderr.strip().splitlines()[-1])
+        _log_no_library((error.stderr.strip().splitlines() or [str(error)])[-1])
     run_kernels(sensor, MotionSettings())
     if kernels.cache_problems:
         _log.warning(

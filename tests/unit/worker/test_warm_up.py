@@ -77,3 +77,15 @@ def test_half_a_library_of_kernels_is_not_loaded(built_before: Path, kept: int) 
         kernel_library.path().write_bytes(part)
         kernel_library.library.cache_clear()
         assert (kernel_library.library() is not None) is is_loaded
+
+
+def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(kernel_library, "__file__", str(tmp_path / "installed" / "module.py"))
+    (tmp_path / "installed").mkdir()
+    assert kernel_library.path().parent == tmp_path / "installed" / "__pycache__"
+    monkeypatch.setattr(os, "access", lambda _file, _mode: False)
+    assert kernel_library.path().parent == tmp_path / "clustermcl"
