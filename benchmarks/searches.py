@@ -23,11 +23,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import cbgl
-from benchmarks.experiments.observability import turned_copies
+from benchmarks.experiments.observability import middle_of, turned_copies
 from benchmarks.worlds import world as named_world
 from coordinator.belief.search_pool import SearchPool
 from evaluation.in_process import InProcess
-from evaluation.map_check.symmetries import middle_of
 from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings

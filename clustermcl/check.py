@@ -14,7 +14,6 @@ from evaluation.map_check.agreement import Agreement, agreement_of
 from evaluation.map_check.drawing import drawn_report
 from evaluation.map_check.look_alikes import WAY_M
 from evaluation.map_check.report import MapReport, Place, report_of
-from evaluation.map_check.symmetries import Symmetry
 from grid_maps.grid_map import GridMap
 from grid_maps.landmarks import landmarks_of_map
 from particle_filter.poses import between
@@ -30,7 +29,7 @@ MOST_CELLS = 2**26
 """Limit for the cells of a map; the check needs about 42 bytes for each."""
 EXIT_ANOTHER_MAP = 1
 """Exit code for a recording that is probably of another map."""
-_MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
+_MOST_GROUPS, _MOST_PLACES = 3, 8
 
 
 def run_check(
@@ -117,25 +116,12 @@ def _looks(report: MapReport) -> Iterator[str]:
     alone = sum(not place.look_alikes for place in report.places)
     how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
     yield f"{alone} of {looked_at} places are unique ({how})"
-    for symmetry in report.symmetries[:_MOST_SYMMETRIES]:
-        yield f"  {_symmetry(symmetry)}: holds for {symmetry.share:.0%} of the places"
-    if len(report.symmetries) > _MOST_SYMMETRIES:
-        yield "  and more: the map repeats itself"
     shown: set[int] = set()
     for place in sorted(report.places, key=lambda place: -len(place.look_alikes)):
         count = 1 + len(place.look_alikes)
         if count > 1 and count not in shown and len(shown) < _MOST_GROUPS:
             shown.add(count)
             yield from _group(place)
-
-
-def _symmetry(symmetry: Symmetry) -> str:
-    if symmetry.about_m is not None:
-        x, y = symmetry.about_m
-        degrees = math.degrees(symmetry.turn_rad)
-        return f"looks the same turned by {degrees:.0f} deg about x {x:.1f} m  y {y:.1f} m"
-    x, y = symmetry.shift_m or (0.0, 0.0)
-    return f"looks the same shifted by x {x:.1f} m  y {y:.1f} m"
 
 
 def _group(place: Place) -> Iterator[str]:

@@ -1,26 +1,21 @@
-"""Reads ground truth, and writes estimated trajectories, in the TUM format.
+"""Reads ground truth in the TUM format.
 
 One pose a line, `timestamp x y z qx qy qz qw`, in seconds and metres; `#` begins a comment. Only
 the heading is used of the orientation. evo and the TUM RGB-D benchmark's tools read the same.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from operator import itemgetter
 from pathlib import Path
 
 from particle_filter.trajectory import Trajectory
-from process_runtime.output_files import write_output_file
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
 from recordings.log_file import TextLog, numbers_of, stamp_ns_of
 
 MAX_OUTSIDE_NS = 1_000_000_000
 """Time for which the first pose holds before it, and the last after it [ns]."""
-
-OnPose = Callable[[int, PoseTuple], None]
-"""A function of a stamp [ns] and the pose `map_from_robot` at that time."""
 
 _WORDS = 8
 _MAX_NORM_ERROR = 0.05
@@ -52,26 +47,6 @@ def load_reference(path: Path | str) -> Trajectory:
     for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps may step back
         reference.add(stamp_ns, pose)
     return reference
-
-
-@contextmanager
-def written_trajectory(path: Path | None) -> Iterator[OnPose]:
-    """Collect poses within the ``with`` block, and write them at its end.
-
-    Args:
-        path: the file, replaced if it exists; None: write nothing.
-    """
-    lines = ["# timestamp x y z qx qy qz qw\n"]
-    yield lambda stamp_ns, map_from_robot: lines.append(_line(stamp_ns, map_from_robot))
-    if path is not None:
-        write_output_file(path, "".join(lines))
-
-
-def _line(stamp_ns: int, map_from_robot: PoseTuple) -> str:
-    seconds, ns = divmod(stamp_ns, 1_000_000_000)
-    x, y, heading = map_from_robot
-    qz, qw = math.sin(heading / 2.0), math.cos(heading / 2.0)
-    return f"{seconds}.{ns:09d} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n"
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:

@@ -10,9 +10,8 @@ import numpy as np
 from benchmarks.evidence_model.records import ELSEWHERE_POSES, NOWHERE, Record
 from benchmarks.experiments.case import AfterStep, Case, SimulatedRobot
 from benchmarks.experiments.mcl import uniform_over_free_space
-from benchmarks.experiments.observability import turned_copies
+from benchmarks.experiments.observability import middle_of, turned_copies
 from evaluation.course import TrueStep, course_of
-from evaluation.map_check.symmetries import middle_of
 from evaluation.pose_error import pose_error
 from particle_filter import cluster_filter
 from particle_filter.arrays import Poses

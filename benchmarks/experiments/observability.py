@@ -39,6 +39,14 @@ def turned_copies(
     return tuple(copies)
 
 
+def middle_of(grid_map: GridMap) -> tuple[float, float]:
+    """Return the middle of the grid in the map frame [m]."""
+    width_m, height_m = grid_map.size_m
+    middle = np.array([width_m / 2, height_m / 2, 0.0])
+    x, y, _ = compose(np.array(grid_map.map_from_grid), middle)
+    return float(x), float(y)
+
+
 class ScanObservability:
     """Compares expected ranges in a map.
 

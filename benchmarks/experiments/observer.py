@@ -9,9 +9,8 @@ from benchmarks.experiments.measures import (
     measures_of,
     update_of,
 )
-from benchmarks.experiments.observability import ScanObservability, turned_copies
+from benchmarks.experiments.observability import ScanObservability, middle_of, turned_copies
 from coordinator.belief.outcome import Outcome
-from evaluation.map_check.symmetries import middle_of
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
 from protocol.steps import Scan

@@ -52,42 +52,31 @@ def evaluate(
             help="Largest number of steps; default: 300 if simulated, 60 with --starts.",
         ),
     ] = None,
-    kidnap_at: Annotated[
-        int | None, typer.Option(min=0, help="Kidnap the simulated robot after this step.")
-    ] = None,
     jobs: Annotated[
         int | None,
         typer.Option(min=1, max=MOST_JOBS, help="Parallel runs; by default one per core."),
     ] = None,
     as_json: common.AsJson = False,
     output: common.Output = None,
-    record_file: common.RecordFile = None,
-    tum: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.tum", help="Write the estimated trajectory of one run."),
-    ] = None,
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
     Runs without Zenoh, as fast as possible.
     """
-    from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the package
+    from evaluation.evaluate import run_evaluate  # noqa: PLC0415 - see the package
 
-    options = EvaluateOptions(
+    run_evaluate(
+        settings,
         recording=recording,
         map_file=map_file,
         reference=reference,
         seeds=seeds,
         starts=starts,
         steps=steps,
-        kidnap_at=kidnap_at,
         jobs=jobs,
         as_json=as_json,
         output=output,
-        record=record_file,
-        tum=tum,
     )
-    run_evaluate(options, settings)
 
 
 @common.recording_command

@@ -6,7 +6,6 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from evaluation.map_check.report import MapReport, Place
-from evaluation.map_check.symmetries import Symmetry, middle_of
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from live_view.drawing import View, map_canvas, smoothed
@@ -17,24 +16,21 @@ from protocol.steps import Landmark
 
 COLOURS = ((0, "#009E73"), (1, "#F0E442"), (3, "#E69F00"), (10**9, "#c0262d"))
 """Colour of a tested place by the largest number of places that look like it."""
-SYMMETRY = "#7d3cb5"
 LANDMARK = "#0072B2"
-_ARROW_PX, _RING_PX, _LINE_PX, _LANDMARK_PX = 18, 60, 6, 16
+_ARROW_PX, _LINE_PX, _LANDMARK_PX = 18, 6, 16
 _MANY = 8
 
 
 def drawn_report(
     report: MapReport, grid_map: GridMap, landmarks: Sequence[Landmark] = ()
 ) -> Image.Image:
-    """Draw tested places as filled arrows, joined with their look-alikes, and the symmetries.
+    """Draw tested places as filled arrows, joined with their look-alikes.
 
-    A ring is the centre of a rotation, a line through the middle of the map a translation,
-    a diamond a landmark. A circle around a place: no drive distinguishes it from its look-alikes.
+    A diamond is a landmark. A circle around a place: no drive distinguishes it from its
+    look-alikes.
     """
     canvas, view = map_canvas(reduced(to_message(grid_map, "report")))
     draw = ImageDraw.Draw(canvas, "RGBA")
-    for symmetry in report.symmetries:
-        _draw_symmetry(draw, view, symmetry, middle_of(grid_map))
     for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
         _draw_place(draw, view, place)
     for landmark in landmarks:
@@ -60,14 +56,3 @@ def _arrow(view: View, pose: PoseTuple) -> list[tuple[float, float]]:
     corners = np.array([(1.6, 0.0, 0.0), (-1.0, 0.9, 0.0), (-1.0, -0.9, 0.0)])
     corners *= _ARROW_PX / view.px_per_m
     return [view.at(x, y) for x, y, _ in compose(np.array(pose), corners)]
-
-
-def _draw_symmetry(
-    draw: ImageDraw.ImageDraw, view: View, symmetry: Symmetry, middle: tuple[float, float]
-) -> None:
-    if symmetry.about_m is not None:
-        draw.circle(view.at(*symmetry.about_m), _RING_PX, outline=SYMMETRY, width=_LINE_PX)
-    elif symmetry.shift_m is not None:
-        (x, y), (dx, dy) = middle, np.array(symmetry.shift_m) / 2.0
-        ends = view.at(x - dx, y - dy), view.at(x + dx, y + dy)
-        draw.line(ends, fill=SYMMETRY, width=_LINE_PX)

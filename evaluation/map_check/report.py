@@ -10,7 +10,6 @@ from scipy.ndimage import binary_dilation, label
 from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
 from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch, Viewer
-from evaluation.map_check.symmetries import Symmetry, middle_of, symmetries_of
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.message import PoseTuple
@@ -24,7 +23,6 @@ _FOUND_SHARE, _FITTING_SHARE = 0.1, 0.7
 _MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
 _SCALE_OFF = 0.05
 _DECOY_SHARE = 0.3
-_MOST_SYMMETRIES = 12
 SMALLEST_PIECE_M2 = 0.5
 """Smaller free components are ignored."""
 
@@ -94,8 +92,6 @@ class MapReport(msgspec.Struct, frozen=True, kw_only=True):
     laser_range_m: float
     searched_every_m: float
     places: tuple[Place, ...]
-    symmetries: tuple[Symmetry, ...]
-    """At most 12, the most frequent first."""
     agreement: Agreement | None
     """How a recording matches the map; None: no recording was given."""
     remarks: tuple[str, ...] = ()
@@ -152,7 +148,6 @@ def report_of(
         laser_range_m=laser_range_m,
         searched_every_m=spacing_m,
         places=tuple(looked_at),
-        symmetries=symmetries_of(groups, middle_of(grid_map))[:_MOST_SYMMETRIES],
         agreement=agreement,
     )
     return msgspec.structs.replace(report, remarks=tuple(_remarks(report)))

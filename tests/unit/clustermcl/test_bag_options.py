@@ -4,8 +4,6 @@ import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from clustermcl.demo import DemoOptions
-from evaluation.evaluate import EvaluateOptions
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError
 from tests.unit.recordings.bags import grid, scan, written
@@ -25,8 +23,8 @@ def test_topics_and_frames_named_on_the_command_line_are_settings(
 ) -> None:
     reported: list[Settings] = []
 
-    def record_run(_options: DemoOptions | EvaluateOptions, settings: Settings) -> None:
-        reported.append(settings)
+    def record_run(*given: object, **_options: object) -> None:
+        reported.extend(each for each in given if isinstance(each, Settings))
 
     monkeypatch.setattr(runs, record_run)
     result = CliRunner().invoke(app, [*command, *NAMES, "--set", "bridge.laser_x_m=0.2"])

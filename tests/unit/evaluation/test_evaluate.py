@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from clustermcl.command import app
 from evaluation import evaluate
 from evaluation.course import RecordedRobot, SimulatedRobot
-from evaluation.evaluate import EvaluateOptions, case_of, start_steps
+from evaluation.evaluate import case_of, robot_of, start_steps
 from evaluation.measures import facts_of, measures_of
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
@@ -96,27 +96,27 @@ def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
 
 
 def test_with_starts_a_run_has_60_steps_by_default() -> None:
-    recorded = {"recording": "a.log", "map_file": "b.yaml", "starts": 8}
-    assert case_of(EvaluateOptions(**recorded))[0].updates == 60
-    assert case_of(EvaluateOptions(**recorded, steps=9))[0].updates == 9
-    assert case_of(EvaluateOptions(**recorded, seeds=3))[1] == 3
-    simulated, seeds = case_of(EvaluateOptions(recording="sim:hall", starts=8))
+    recorded = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"))
+    assert case_of(recorded, 1, 8, None)[0].updates == 60
+    assert case_of(recorded, 1, 8, 9)[0].updates == 9
+    assert case_of(recorded, 3, 8, None)[1] == 3
+    simulated, seeds = case_of(SimulatedRobot(world="hall"), 1, 8, None)
     assert (simulated.updates, seeds) == (60, 8)
 
 
 def test_a_simulated_robot_drives_300_steps_by_default() -> None:
-    case, _ = case_of(EvaluateOptions(recording="sim:hall"))
-    assert (case.robot, case.updates) == (SimulatedRobot(world="hall"), 300)
-    asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9)
-    case, _ = case_of(asked)
-    robot = SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
-    assert (case.robot, case.updates) == (robot, 9)
+    robot = robot_of("sim:hall", None, None)
+    assert robot == SimulatedRobot(world="hall")
+    assert case_of(robot, 1, None, None)[0].updates == 300
+    robot = robot_of("sim:a.yaml", "b.yaml", None)
+    assert robot == SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
+    assert case_of(robot, 1, None, 9)[0].updates == 9
 
 
 def test_a_recorded_robot_drives_to_its_end() -> None:
-    case, _ = case_of(EvaluateOptions(recording="a.log", map_file="b.yaml"))
-    robot = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
-    assert (case.robot, case.updates) == (robot, None)
+    robot = robot_of("a.log", "b.yaml", None)
+    assert robot == RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
+    assert case_of(robot, 1, None, None)[0].updates is None
 
 
 @pytest.mark.parametrize(
@@ -125,12 +125,11 @@ def test_a_recorded_robot_drives_to_its_end() -> None:
         ({"recording": "sim:hall", "reference": Path("r.tum")}, "--reference: a simulated robot"),
         ({"recording": "sim:hall", "starts": 2, "seeds": 2}, "--seeds: every start of a simul"),
         ({"recording": "a.log"}, "--map is missing: a recording needs"),
-        ({"recording": "a.log", "map_file": "m", "kidnap_at": 0}, "--kidnap-at: only a simulated"),
     ],
 )
 def test_options_that_do_not_fit_together_are_refused(options: Any, expected: str) -> None:
     with pytest.raises(SettingsError, match=expected):
-        case_of(EvaluateOptions(**options))
+        evaluate.run_evaluate(Settings(), **options)
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
@@ -141,28 +140,15 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     assert "less than or equal to" in result.output
 
 
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        *(
-            ({"output": Path(name)}, r"must end in \.csv; --json prints JSON")
-            for name in ("runs", "runs.json", "runs.csv.gz")
-        ),
-        ({"seeds": 2, "tum": Path("run.tum")}, "--tum needs a single run"),
-        ({"seeds": 2, "record": Path("run.mcap")}, "needs a single run"),
-    ],
-)
-def test_options_that_no_run_can_follow_are_refused(options: Any, problem: str) -> None:
-    with pytest.raises(SettingsError, match=problem):
-        evaluate.run_evaluate(
-            EvaluateOptions(recording="sim:cross", steps=3, **options), Settings()
-        )
+@pytest.mark.parametrize("name", ["runs", "runs.json", "runs.csv.gz"])
+def test_an_output_file_of_another_format_is_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match=r"must end in \.csv; --json prints JSON"):
+        evaluate.run_evaluate(Settings(), recording="sim:cross", steps=3, output=Path(name))
 
 
 def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))
-    options = EvaluateOptions(recording="sim:cross", output=Path("/nonexistent/x.csv"))
     with pytest.raises(OutputError, match=r"/nonexistent/x\.csv: cannot be written: its folder"):
-        evaluate.run_evaluate(options, Settings())
+        evaluate.run_evaluate(Settings(), recording="sim:cross", output=Path("/nonexistent/x.csv"))

@@ -1,14 +1,12 @@
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from coordinator.belief.outcome import Outcome
+from coordinator.belief.outcome import Outcome, belief_after
 from evaluation.course import Case, SimulatedRobot
-from evaluation.evaluate import EvaluateOptions, executed
 from evaluation.in_process import outcomes
 from evaluation.run import Run
 from particle_filter.sensor_models import computed_model
@@ -35,15 +33,16 @@ class Recorded:
         self.scans: list[Scan] = []
         self.outcomes: list[Outcome] = []
 
-        def spied(*arguments: Any) -> Any:
-            for scan, outcome in outcomes(*arguments):
+        case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
+        course, steps = Run(case=case, seed=3, settings=SMALL).begun()
+        with RunLog.to(self.file) as log:
+            for scan, outcome, _ in steps:
+                if log.wants_map(scan):
+                    log.on_map(course.map, scan.stamp_ns)
+                log.on_scan(scan)
+                log.on_belief(belief_after(scan, outcome, scan.sender))
                 self.scans.append(scan)
                 self.outcomes.append(outcome)
-                yield scan, outcome
-
-        options = EvaluateOptions(recording="sim:cross_feature", record=self.file)
-        case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
-        executed(options, Run(case=case, follow=spied, seed=3, settings=SMALL))
 
 
 @pytest.fixture(scope="module")

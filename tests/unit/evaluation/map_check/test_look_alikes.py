@@ -11,7 +11,6 @@ from evaluation.map_check import ambiguity
 from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import LookAlikeSearch, Viewer
 from evaluation.map_check.report import report_of
-from evaluation.map_check.symmetries import symmetries_of
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Landmark
@@ -37,16 +36,12 @@ def test_a_hall_with_a_difference_everywhere_has_no_look_alikes() -> None:
         "hall", world("hall").map, laser_range_m=12.0, places=8, seed=1, agreement=None
     )
     assert [place.look_alikes for place in report.places] == [()] * 8
-    assert (report.symmetries, report.remarks) == ((), ())
+    assert report.remarks == ()
 
 
 def test_a_symmetric_hall_is_reported() -> None:
     plan = world("hall_symmetric").map
     report = report_of("hall", plan, laser_range_m=12.0, places=8, seed=1, agreement=None)
-    (symmetry,) = report.symmetries
-    assert symmetry.share == 1.0
-    assert abs(symmetry.turn_rad) == pytest.approx(math.pi, abs=0.02)
-    assert symmetry.about_m == pytest.approx((0.0, 0.0), abs=0.05)
     alike, for_good = report.remarks
     assert alike.startswith("8 of 8 places look like others")
     assert for_good.startswith("from 8 of these, no drive distinguishes them")
@@ -80,10 +75,3 @@ def test_a_short_sighted_laser_is_reported() -> None:
         "hall", world("hall").map, laser_range_m=0.5, places=4, seed=1, agreement=None
     )
     assert report.remarks[0].startswith("from 4 of 4 places most beams hit nothing within 0.5 m")
-
-
-def test_rooms_in_a_row_are_a_shift() -> None:
-    row = np.array([[10.0 * room, 2.0, 0.5] for room in range(4)])
-    found = [np.vstack([row[room], np.delete(row, room, axis=0)]) for room in range(4)]
-    shifts = {symmetry.shift_m: symmetry.share for symmetry in symmetries_of(found, (15.0, 2.0))}
-    assert shifts == {(10.0, 0.0): 0.75, (-10.0, 0.0): 0.75}  # what only two have is chance
