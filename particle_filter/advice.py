@@ -153,8 +153,8 @@ def advised_ways(
     views = yield from _views(question, model, settings, roads)
     for seen in views.seen.values():
         np.maximum(seen.sights - looked, 0.0, out=seen.sights)
-    best = _best(_ways(question, shares, settings, views), question, shares)
-    return best, _spots(question, shares, settings, views)
+    ways = yield from _ways(question, shares, settings, views)
+    return _best(ways, question, shares), (yield from _spots(question, shares, settings, views))
 
 
 def _shares(
@@ -316,7 +316,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
 
 def _ways(
     question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
-) -> list[Way]:
+) -> Slices[list[Way]]:
     rules = settings.belief
     per_metre = _new_view(question.gate_m, rules.view_distance_m)
     per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
@@ -339,17 +339,19 @@ def _ways(
         sight = _sight(views, last, question.probabilities / question.probabilities.sum())
         marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
         ways.append(Way(*parts, length, turn, gains, information, sure_share, sight, marks))
+        yield
     return ways
 
 
 def _spots(
     question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
-) -> NDArray[np.float64]:
+) -> Slices[NDArray[np.float64]]:
     told = np.zeros(len(views.spots))
     for view, seen in views.seen.items():
         evidence = _counted(seen, question, settings) + seen.sights
         gains, _ = expected_gains(question.probabilities, evidence, 0.5)
         told[view[0]] = max(told[view[0]], float(shares @ gains))
+        yield
     return np.column_stack([views.spots, told])
 
 

@@ -95,7 +95,9 @@ def roads_of(
     middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
     drivable, sure = np.ones((2, *points.shape[:2]), np.bool_)
     for place, covariance in zip(places, covariances, strict=True):
-        drivable_here, sure_here, clear_here = _ground(place, covariance, radius_m, grid, points)
+        drivable_here, sure_here, clear_here = yield from _ground(
+            place, covariance, radius_m, grid, points
+        )
         drivable &= drivable_here
         sure &= sure_here
         clear = np.minimum(clear, clear_here)
@@ -120,7 +122,7 @@ def without_common_ground(
     """
     points, grounds = _lattice(min(2.0 * LEAST_REACH_M + radius_m, REACH_M)), []
     for place, covariance in zip(places, covariances, strict=True):
-        grounds.append(_ground(place, covariance, radius_m, grid, points))
+        grounds.append((yield from _ground(place, covariance, radius_m, grid, points)))
         yield
     middle, found = len(points) // 2, list[tuple[int, ...]]()
     numbers = range(len(places))
@@ -146,13 +148,14 @@ def _lattice(reach_m: float) -> Poses:
 
 def _ground(
     place: Pose, covariance: NDArray[np.float64], radius_m: float, grid: Grid, points: Poses
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
+) -> Slices[tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]]:
     """Return (n, n) where one place can be driven, where surely, and how clear it is there [m]."""
-    middle, room = len(points) // 2, _clearance(grid, place, points)
+    middle, room = len(points) // 2, (yield from _clearance(grid, place, points))
     near = np.hypot(points[..., 0], points[..., 1]) < _NEAR_M
     as_now = np.zeros_like(near)
     if room[middle, middle] < radius_m + MARGIN_M + _LATTICE_M:
         as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
+    yield
     spread = SURE_SIGMAS * _spread(place, covariance, points)
     drivable = (room > radius_m + max(spread[middle, middle], MARGIN_M)) | as_now
     sure = (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
@@ -184,7 +187,7 @@ def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDAr
     return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
 
 
-def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
+def _clearance(grid: Grid, place: Pose, points: Poses) -> Slices[NDArray[np.float64]]:
     """Return the distance (n, n) from points to ground that is not known to be free [m].
 
     Args:
@@ -207,8 +210,10 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
         blocked[row : row + part.shape[0], col : col + part.shape[1]] = part != FREE
     shifts = np.ndindex(stride, stride)
     blocks = np.logical_or.reduce([blocked[i::stride, j::stride] for i, j in shifts])
+    yield
     # Half a block is subtracted, because the obstacle may begin at the block's border.
     room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
+    yield
     return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
 
 
