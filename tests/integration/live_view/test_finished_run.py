@@ -23,7 +23,8 @@ STEPS = 15
 
 def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path) -> None:
     file, port = tmp_path / "run.mcap", free_port()
-    words = ("evaluate", "sim:cross", "--steps", str(STEPS), "--record", str(file), *SMALL_FILTER)
+    robot = ("demo", "--recording", "sim:cross", "--steps", str(STEPS), "--workers", "1")
+    words = (*robot, "--record", str(file), *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
         assert recording.popen.wait(2 * PATIENCE_S) == 0, recording.err
     words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
