@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import typer
 
 from clustermcl.as_json import dumped
 from clustermcl.as_text import pose_text
@@ -17,7 +18,6 @@ from evaluation.map_check.report import MapReport, Place, report_of
 from grid_maps.grid_map import GridMap
 from grid_maps.landmarks import landmarks_of_map
 from particle_filter.poses import between
-from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError, SettingsError
@@ -75,7 +75,7 @@ def run_check(
     if problem := _off_the_map(landmarks, grid_map):
         report = msgspec.structs.replace(report, remarks=(*report.remarks, problem))
     text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
-    standard_output().write(text + "\n")
+    typer.echo(text)
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)
 

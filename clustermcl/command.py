@@ -10,7 +10,7 @@ import typer
 from clustermcl.commands import control, query, recordings, running
 from clustermcl.verbosity import VerbosityGroup, set_verbosity
 from process_runtime.main import EXIT_ERROR
-from process_runtime.output import standard_output, written_output
+from process_runtime.output_files import written_output
 from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError, UnreachableError
 
@@ -88,7 +88,7 @@ for _group, _commands in COMMANDS.items():
 
 def _print_version(asked: bool) -> None:
     if asked:
-        standard_output().write(f"clustermcl {version('clustermcl')}\n")
+        typer.echo(f"clustermcl {version('clustermcl')}")
         raise typer.Exit
 
 

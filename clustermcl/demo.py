@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import assert_never
 
 import msgspec
+import typer
 import zenoh
 
 from clustermcl.as_json import dumped
@@ -28,7 +29,6 @@ from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
 from live_view.page_server import print_link
 from particle_filter.trajectory import Trajectory
-from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
@@ -159,8 +159,7 @@ def _run_to_end(
                 stack, meeting, run, options, page, stop, started_s, wandering
             )
             if not (compared and options.as_json):
-                standard_output().write(text + "\n")
-                standard_output().flush()
+                typer.echo(text)
             while page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
     return summary

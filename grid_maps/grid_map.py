@@ -113,6 +113,16 @@ def _check_cells(cells: Cells) -> None:
         raise ValueError("no cell is free, so no pose is possible")
 
 
+def coarse(cells: Cells, every: int) -> Cells:
+    """Return a grid whose cells replace squares of `every` cells a side.
+
+    A coarse cell is occupied if any of its cells is; otherwise it is free if any is free.
+    """
+    for axis in range(2):
+        cells = np.maximum.reduceat(cells, np.arange(0, cells.shape[axis], every), axis=axis)
+    return cells
+
+
 def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
     """Return a map of the given cells; a large map is cropped to its known part and a margin.
 

@@ -65,27 +65,23 @@ class Admission:
     Args:
         address: address of the page, with the port that was bound.
         token: token that requests must present; empty: none, as on loopback.
-        is_tls: whether the page is served by HTTPS.
     """
 
     address: Address
     token: str = ""
-    is_tls: bool = False
 
     @property
     def link(self) -> str:
         """Link of the page, with the token if there is one."""
         token = f"?token={self.token}" if self.token else ""
-        scheme = "https" if self.is_tls else "http"
-        return f"{scheme}://{self.address.netloc}/{token}"
+        return f"http://{self.address.netloc}/{token}"
 
     @property
     def cookie(self) -> str:
         """Value of the header ``Set-Cookie`` with the token; empty without a token."""
         if not self.token:
             return ""
-        secure = "; Secure" if self.is_tls else ""
-        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict{secure}"
+        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
 
     def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
         """Return why a request is refused, or an empty text if it is accepted.
@@ -107,7 +103,7 @@ class Admission:
     def _own_names(self) -> set[str]:
         port = self.address.port
         names = {f"{name}:{port}" for name in LOOPBACK_NAMES} | {self.address.netloc}
-        return names | (set(LOOPBACK_NAMES) if port == (443 if self.is_tls else 80) else set())
+        return names | (set(LOOPBACK_NAMES) if port == 80 else set())
 
     def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
         given = parse_qs(urlsplit(target).query).get("token", [""])[0]

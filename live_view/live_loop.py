@@ -1,10 +1,8 @@
 """The loop of the page: turns messages of a robot's system into frames for browsers."""
 
 import logging
-import statistics
 import time
 import uuid
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -26,9 +24,8 @@ from protocol.job_events import JobEvents
 from protocol.message import Message
 from protocol.steps import MapMessage, Scan, TruePose
 from protocol.work import TrackReport
-from zenoh_link.inbox import Inbox
 from zenoh_link.node import Node
-from zenoh_link.wire import Event, Link, Received, subscribe
+from zenoh_link.wire import Link, Received
 
 _log = logging.getLogger(__name__)
 
@@ -44,9 +41,6 @@ _MAX_UNANSWERED = 2
 _MAP_TIMEOUT_S = 30.0
 _ADVICE_TIMEOUT_S = 20.0
 _COMMAND_TIMEOUT_S = 5.0
-LAST_STEPS = 100
-"""Number of steps whose latency is shown."""
-_WAITING_SCANS = 64
 
 M = TypeVar("M", bound=Message)
 
@@ -73,7 +67,6 @@ class LiveLoop:
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
         self.map: MapMessage | None = None
         """The map, reduced for browsers; None: not received yet."""
-        self._latency = StepLatency()
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
         self._declare()
@@ -87,11 +80,9 @@ class LiveLoop:
             keys.EVENTS, JobEvents, self._on_events, kind=keys.EVENTS, kept=_KEPT_MESSAGES
         )
         # These messages do not wake the loop: they are drawn with a belief, or soon after.
-        self._scans: Inbox[Event] = Inbox({keys.SCAN: _KEPT_MESSAGES})
-        """Scans with their arrival times, which `Node.drain` would leave out."""
-        node.declare(lambda session: subscribe(session, keys.SCAN, self._scans, keys.SCAN))
-        self._reports, self._truth, self._pose = (
-            node.poll(key, key, _KEPT_MESSAGES) for key in (keys.ALL_REPORTS, keys.TRUTH, keys.POSE)
+        polled = (keys.SCAN, keys.ALL_REPORTS, keys.TRUTH, keys.POSE)
+        self._scans, self._reports, self._truth, self._pose = (
+            node.poll(key, key, _KEPT_MESSAGES) for key in polled
         )
 
     def run(self) -> None:
@@ -130,19 +121,15 @@ class LiveLoop:
 
         A scan may arrive after its belief, because Zenoh delivers each key in its own thread.
         """
-        while isinstance(scan := self._scans.get(0.0), Received):
-            self.node.attempt(self._on_scan, scan)
+        self.node.drain(self._scans, self._on_scan)
         self.node.drain(self._truth, self._on_truth)
 
-    def _on_belief(self, belief: Belief, received: Received) -> None:
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
         self._draw_waiting()
-        self._latency.on_belief(belief.step, received.at_ns)
         self.picture.on_belief(belief)
 
-    def _on_scan(self, received: Received) -> None:
-        scan = decode(received.payload, Scan)
-        self._latency.on_scan(scan.step, received.at_ns)
-        self.picture.on_scan(scan)
+    def _on_scan(self, payload: bytes) -> None:
+        self.picture.on_scan(decode(payload, Scan))
 
     def _on_truth(self, payload: bytes) -> None:
         self.picture.on_truth(decode(payload, TruePose))
@@ -192,7 +179,7 @@ class LiveLoop:
         if not self._has_link:
             return  # the link was lost after this answer
         was = self.picture.link
-        self.picture.on_status(status, self._latency.frame())
+        self.picture.on_status(status)
         self._unanswered = 0
         if was != "running":
             self._ask_events()
@@ -270,35 +257,3 @@ def _belief_of(answer: Hypotheses) -> Belief:
         searching=False,
         term=answer.pose.term,
     )
-
-
-class StepLatency:
-    """The time from the arrival of a scan to that of its belief, both in this process."""
-
-    def __init__(self) -> None:
-        self._scans_ns: dict[int, int] = {}
-        self._late_ms: deque[float] = deque(maxlen=LAST_STEPS)
-
-    def on_scan(self, step: int, at_ns: int) -> None:
-        """Store the arrival time of a scan."""
-        self._scans_ns[step] = at_ns
-        while len(self._scans_ns) > _WAITING_SCANS:
-            del self._scans_ns[next(iter(self._scans_ns))]
-
-    def on_belief(self, step: int, at_ns: int) -> None:
-        """Measure the latency of a step, at its first belief only: commands cause further ones."""
-        scan_ns = self._scans_ns.pop(step, None)
-        if scan_ns is not None:
-            self._late_ms.append((at_ns - scan_ns) / 1e6)
-
-    def frame(self) -> dict[str, Any] | None:
-        """Return the last, the median and the largest latency [ms]; None: none is known yet."""
-        late_ms = self._late_ms
-        if not late_ms:
-            return None
-        return {
-            "last": round(late_ms[-1], 1),
-            "median": round(statistics.median(late_ms), 1),
-            "most": round(max(late_ms), 1),
-            "steps": len(late_ms),
-        }

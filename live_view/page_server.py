@@ -4,7 +4,6 @@ import asyncio
 import logging
 import secrets
 import socket
-import ssl
 import sys
 import threading
 import webbrowser
@@ -13,7 +12,6 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
-from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
@@ -68,10 +66,6 @@ class PageOptions:
     allow_commands: bool = False
     """Accept commands from browsers on other machines too."""
     open_browser: bool = False
-    certificate: Path | None = None
-    """PEM file of the certificate for HTTPS; None: plain HTTP."""
-    private_key: Path | None = None
-    """PEM file of the certificate's key; needed together with `certificate`."""
 
     @property
     def obeys_commands(self) -> bool:
@@ -90,33 +84,15 @@ def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
     """Serve the page within the ``with`` block, and print its link.
 
     Raises:
-        SettingsError: the address or the certificate cannot be used.
+        SettingsError: the address cannot be used.
     """
     token = "" if options.address.is_loopback else secrets.token_urlsafe(18)
-    tls = _tls_context(options)
     commands = options.obeys_commands
-    with PageServer(options.address, token, rooms, commands=commands, tls=tls) as server:
+    with PageServer(options.address, token, rooms, commands=commands) as server:
         print_link(server.link)
         if options.open_browser:
             webbrowser.open(server.link)
         yield
-
-
-def _tls_context(options: PageOptions) -> ssl.SSLContext | None:
-    certificate, key = options.certificate, options.private_key
-    if certificate is None and key is None:
-        return None
-    if certificate is None or key is None:
-        missing = "--certificate" if certificate is None else "--private-key"
-        raise SettingsError(key=missing, problem=f"{missing} is missing: HTTPS needs both")
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        context.load_cert_chain(certificate, key)
-    except OSError as error:  # ssl.SSLError is one
-        problem = f"--certificate {certificate}, --private-key {key}: {error.strerror or error}"
-        raise SettingsError(key="--certificate", problem=problem) from error
-    return context
 
 
 class PageServer:
@@ -127,7 +103,6 @@ class PageServer:
         token: token that each browser must present; empty: none.
         rooms: a room for each robot; the path ``/`` leads to the first.
         commands: whether commands are accepted.
-        tls: certificate and key; None: plain HTTP.
 
     Raises:
         SettingsError: the address is not of this machine, or in use.
@@ -140,12 +115,10 @@ class PageServer:
         rooms: Sequence[Room],
         *,
         commands: bool,
-        tls: ssl.SSLContext | None = None,
     ) -> None:
         self._listening = _listening(address)
         port = int(self._listening.getsockname()[1])
-        self._tls = tls
-        self._admission = Admission(Address(address.host, port), token, is_tls=tls is not None)
+        self._admission = Admission(Address(address.host, port), token)
         self._rooms = {room.name: room for room in rooms}
         self._first, self._commands = rooms[0], commands
         self._files = static_files()
@@ -177,7 +150,6 @@ class PageServer:
         async with serve(
             self._talk,
             sock=self._listening,
-            ssl=self._tls,
             process_request=self._answer,
             compression=None,
             max_size=MAX_REQUEST_BYTES,

@@ -143,16 +143,11 @@ class Picture:
             self._set("pose", frame)
             self._archive.add(self._last_step, "pose", frame)
 
-    def on_status(self, status: Status, latency: frames.Frame | None = None) -> None:
-        """Show the status of a running system.
-
-        Args:
-            status: the coordinator's answer.
-            latency: latency of the last steps, see `StepLatency.frame`; None: unknown.
-        """
+    def on_status(self, status: Status) -> None:
+        """Show the status of a running system."""
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        frame = {**frames.status_frame(status), "latency": latency}
+        frame = frames.status_frame(status)
         self._set("status", frame)
         self._archive.add(self._last_step, "status", frame)
 

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from pathlib import Path
 
 import msgspec
 
@@ -47,12 +46,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="show the captions of this world (default: none)",
     )
     parser.add_argument(
-        "--certificate", type=Path, metavar="FILE", help="certificate (PEM), to serve by HTTPS"
-    )
-    parser.add_argument(
-        "--private-key", type=Path, metavar="FILE", help="private key of the certificate (PEM)"
-    )
-    parser.add_argument(
         "--robot",
         action="append",
         default=[],
@@ -68,8 +61,6 @@ def run_live_view(invocation: Invocation) -> None:
         address=parsed_address(arguments.listen),
         allow_commands=arguments.allow_commands,
         open_browser=arguments.open,
-        certificate=arguments.certificate,
-        private_key=arguments.private_key,
     )
     names = list(dict.fromkeys(arguments.robot)) or [settings.robot.name]
     about = {

@@ -48,7 +48,7 @@ def view_recording(
         save_file: file for the recording as one page, which is then not served; None: serve it.
 
     Raises:
-        SettingsError: the address or a certificate is invalid.
+        SettingsError: the address is invalid.
         InputFileError: there is no recording, or it cannot be read.
         MapFileError: the map cannot be read.
         OutputError: the page cannot be written.

@@ -1,10 +1,16 @@
-"""Output files of commands, checked before the work starts, which may take long."""
+"""Output of commands: files, checked before the work starts, and standard output."""
 
+import errno
 import os
+import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from protocol.errors import ClusterMclError
+
+_DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 class OutputError(ClusterMclError):
@@ -46,3 +52,26 @@ def write_output_file(path: Path, content: str | bytes) -> None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise OutputError(path=path, problem=error.strerror or str(error)) from error
+
+
+@contextmanager
+def written_output() -> Iterator[None]:
+    """Flush everything printed within this context, or raise.
+
+    Raises:
+        OutputError: the disk is full or failed.
+        BrokenPipeError: the reader of a pipe has closed it.
+    """
+    try:
+        try:
+            yield
+        finally:
+            if sys.stdout is not None:  # None if the parent process has closed it
+                sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in _DISK_ERRORS or sys.stdout is None:
+            raise
+        # Drop the buffer, which would fail again at the interpreter's exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        problem = error.strerror or str(error)
+        raise OutputError(path=Path("standard output"), problem=problem) from error

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import msgspec
 import numpy as np
 
-from grid_maps.grid_map import GridMap
+from grid_maps.grid_map import GridMap, coarse
 from grid_maps.map_message import cells_of
 from particle_filter.arrays import OCCUPIED
 from protocol.answers import Hypothesis
@@ -129,12 +129,10 @@ class MapFields(msgspec.Struct, frozen=True):
 def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
     """Return a map as `foxglove.Grid`, with the `MapFields`.
 
-    A map of more than `max_cells` is downsampled. A coarse cell is occupied if any of its cells
-    is; otherwise it is free if any is free.
+    A map of more than `max_cells` is downsampled, see `coarse`.
     """
-    cells, every = grid_map.cells, math.ceil(math.sqrt(grid_map.cells.size / max_cells))
-    for axis in range(2 if every > 1 else 0):
-        cells = np.maximum.reduceat(cells, np.arange(0, cells.shape[axis], every), axis=axis)
+    every = math.ceil(math.sqrt(grid_map.cells.size / max_cells))
+    cells = coarse(grid_map.cells, every) if every > 1 else grid_map.cells
     cell_m, cols = grid_map.cell_m * every, cells.shape[1]
     data = np.where(cells == OCCUPIED, 100, cells).astype(np.int8).tobytes()
     fields = MapFields(cell_m, grid_map.map_from_grid, cols, data, grid_map.landmarks)

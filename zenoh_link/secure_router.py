@@ -13,7 +13,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from process_runtime.main import outermost
-from process_runtime.output import standard_output, written_output
+from process_runtime.output_files import written_output
 from process_runtime.settings import ZenohSettings
 from protocol.errors import SettingsError
 from zenoh_link.access_control import WORKER, access_control
@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             given.listen, given.certificates, given.robot, given.worker or [WORKER]
         )
         with written_output():
-            standard_output().write(as_commented_json5(configuration, words))
+            sys.stdout.write(as_commented_json5(configuration, words))
 
     return outermost("secure_router", write)
 

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from clustermcl.commands import options as common
-from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
 
@@ -124,7 +123,7 @@ def record(
     from clustermcl.record import run_record  # noqa: PLC0415 - see the package
 
     steps = run_record(settings, file)
-    standard_output().write(f"{file}: {steps} steps\n")
+    typer.echo(f"{file}: {steps} steps")
 
 
 @common.client_command
@@ -139,7 +138,7 @@ def record_landmarks(
     from clustermcl.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
 
     added = run_record_landmarks(settings, file, stop_on_signals())
-    standard_output().write(f"{file}: {added} landmarks added\n")
+    typer.echo(f"{file}: {added} landmarks added")
 
 
 def replay(
@@ -188,11 +187,9 @@ def settings(
     )
 
     chosen, notes = common.settings_with_nav2(from_nav2, settings_file, assignments or ())
-    output = standard_output()
-    output.writelines(f"# {line}\n" for line in notes)
+    for line in notes:
+        typer.echo(f"# {line}")
     if not show_all:
-        text = (
-            f"# {len(EVERYDAY)} of {len(TABLE)} settings; clustermcl settings --all prints all.\n\n"
-        )
-        output.write(text)
-    output.write(settings_as_toml(chosen, None if show_all else EVERYDAY))
+        count = f"{len(EVERYDAY)} of {len(TABLE)} settings"
+        typer.echo(f"# {count}; clustermcl settings --all prints all.\n")
+    typer.echo(settings_as_toml(chosen, None if show_all else EVERYDAY), nl=False)

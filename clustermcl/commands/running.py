@@ -205,13 +205,6 @@ def serve_view(
     ] = False,
     listen: common.Listen = None,
     allow_commands: common.AllowCommands = False,
-    certificate: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Serve HTTPS with this certificate (PEM)."),
-    ] = None,
-    private_key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Private key of the certificate (PEM).")
-    ] = None,
     robots: Annotated[
         list[str] | None,
         typer.Option(
@@ -237,8 +230,6 @@ def serve_view(
             listen or common.HERE,
             *(flag for flag, given in flags.items() if given),
         ]
-        files = {"--certificate": certificate, "--private-key": private_key}
-        words += [word for name, file in files.items() if file for word in (name, str(file))]
         words += [word for robot in robots or () for word in ("--robot", robot)]
         _become("live_view", words, settings_file, common.as_assignments(None, router), assignments)
         return
@@ -246,10 +237,6 @@ def serve_view(
     from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
     from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
-    page = PageOptions(
-        address=parsed_address(listen or common.HERE),
-        open_browser=open_browser,
-        certificate=certificate,
-        private_key=private_key,
-    )
+    address = parsed_address(listen or common.HERE)
+    page = PageOptions(address=address, open_browser=open_browser)
     view_recording(recording, page, map_file, save_file)

@@ -179,9 +179,6 @@ export function showWorkers(status) {
     row.append(element("span", source.name), said);
     return row;
   }));
-  const { last, median, most, steps } = status.latency ?? {};
-  $("latency").textContent = status.latency
-    ? `scan to belief ${last} ms; of the last ${steps} steps, half within ${median} ms, all within ${most} ms` : "";
   const dropped = Object.entries(status.dropped).map(([cause, count]) => `${cause}: ${count}`);
   if (status.lost) dropped.unshift(`${status.lost} steps lost`);
   if (status.reports_missing) dropped.unshift(`${status.reports_missing} reports missing`);

@@ -2,8 +2,6 @@ import http.client
 import json
 import re
 import signal
-import ssl
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -131,48 +129,11 @@ def test_on_other_addresses_the_page_needs_the_token_and_is_read_only(
     assert process.is_running()
 
 
-def test_with_a_certificate_the_page_is_served_by_https(
-    start_process: StartProcess, no_router: str, tmp_path: Path
+def test_a_port_in_use_is_refused_in_one_line(
+    start_process: StartProcess, no_router: str, port: int
 ) -> None:
-    certificate, key = self_signed(tmp_path)
-    port = free_port()
-    tls = ("--certificate", str(certificate), "--private-key", str(key))
-    process = served(start_process, no_router, "--listen", f"0.0.0.0:{port}", *tls)
-    link = re.search(r"https://0\.0\.0\.0:\d+/(\?token=[\w-]+)", process.err)
-    assert link is not None
-    context = ssl.create_default_context(cafile=str(certificate))
-    connection = http.client.HTTPSConnection("localhost", port, timeout=PATIENCE_S, context=context)
-    connection.request("GET", f"/{link[1]}")
-    answer = connection.getresponse()
-    assert answer.status == 200
-    assert "; Secure" in (answer.getheader("set-cookie") or "")
-    connection.close()
-
-
-def test_wrong_certificates_and_a_port_in_use_are_refused_in_one_line(
-    start_process: StartProcess, no_router: str, tmp_path: Path, port: int
-) -> None:
-    certificate, key = map(str, self_signed(tmp_path))
-    rubbish = tmp_path / "rubbish.pem"
-    rubbish.write_text("rubbish")
-    for words, problem in (
-        (("--certificate", certificate), "HTTPS needs both"),
-        (("--private-key", key), "HTTPS needs both"),
-        (("--certificate", str(rubbish), "--private-key", str(rubbish)), "rubbish.pem"),
-        (("--listen", f"127.0.0.1:{port}"), "in use"),
-    ):
-        process = start_process(python_module("live_view", "--set", no_router, *words))
-        assert process.wait() == 2
-        assert problem in process.err
-        assert process.err.count("\n") == 1
-
-
-def self_signed(folder: Path) -> tuple[Path, Path]:
-    certificate, key = folder / "page.pem", folder / "page.key"
-    subprocess.run(
-        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256",
-         "-nodes", "-days", "2", "-subj", "/CN=localhost", "-addext",
-         "subjectAltName=DNS:localhost", "-keyout", str(key), "-out", str(certificate)],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    return certificate, key
+    words = ("--set", no_router, "--listen", f"127.0.0.1:{port}")
+    process = start_process(python_module("live_view", *words))
+    assert process.wait() == 2
+    assert "in use" in process.err
+    assert process.err.count("\n") == 1
