@@ -33,12 +33,6 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Take the time from /clock."""
     scan_topic: str = "scan"
     """Laser scans; several topics are separated by commas."""
-    pointcloud_topic: str = ""
-    """Point clouds; a slice of them is one more laser; empty: none."""
-    min_height_m: float = 0.1
-    """Lower edge of that slice above the base frame [m]."""
-    max_height_m: float = 1.0
-    """Upper edge of that slice [m]."""
     pose_topics: str = ""
     """Poses in the map by other sensors, separated by commas; empty: none."""
     gnss_topics: str = ""

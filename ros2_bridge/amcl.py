@@ -141,7 +141,7 @@ class Amcl:
         yield from self.on_tick(now_ns)
 
     def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
-        """Handle a `sensor_msgs/LaserScan` or `PointCloud2`; it may wait for its transforms."""
+        """Handle a `sensor_msgs/LaserScan`; it may wait for its transforms."""
         if not self.is_active:
             return
         try:

@@ -17,7 +17,6 @@ from protocol.errors import MalformedMessageError
 from ros2_bridge.wire import HUMBLE_HASH
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
-POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
 POSE_STAMPED = "geometry_msgs/msg/PoseWithCovarianceStamped"

@@ -85,7 +85,7 @@ LIVE = frozenset(
     f"ros2.{key}"
     for key in (
         *("transform_tolerance_s", "tf_broadcast", "publish"),
-        *("laser_min_range_m", "laser_max_range_m", "min_height_m", "max_height_m"),
+        *("laser_min_range_m", "laser_max_range_m"),
         *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
         *("initial_x_m", "initial_y_m", "initial_heading_rad"),
     )
@@ -182,9 +182,6 @@ _ALL = (
         _motion_model,
         _nav2_motion_model,
     ),
-    Parameter("pointcloud_topic", "", "ros2.pointcloud_topic"),
-    Parameter("min_height", 0.1, "ros2.min_height_m"),
-    Parameter("max_height", 1.0, "ros2.max_height_m"),
     Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),
     Parameter("set_initial_pose", False, "ros2.set_initial_pose"),
     Parameter("sigma_hit", 0.2, "sensor.hit_sigma_m"),
@@ -213,4 +210,4 @@ _ALL = (
 )
 
 PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
-"""All parameters by name; nav2 lacks `publish`, `pointcloud_topic` and the heights."""
+"""All parameters by name; nav2 lacks `publish`."""

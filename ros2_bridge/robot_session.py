@@ -38,7 +38,6 @@ def node_name(settings: Ros2Settings) -> wire.NodeName:
     named = {
         **{key: [getattr(settings, key)] for key in ("map_topic", "tf_topic", "tf_static_topic")},
         "scan_topic": settings.scan_topic.split(","),
-        "pointcloud_topic": [settings.pointcloud_topic or "none"],
         **{key: (getattr(settings, key) or "none").split(",") for key in OBSERVED},
     }
     wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]

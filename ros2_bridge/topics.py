@@ -70,11 +70,9 @@ class Topics:
 
     @property
     def scans(self) -> tuple[Topic, ...]:
-        """Laser scans, and point clouds that are used like them."""
-        qos, cloud = Qos(depth=5, best_effort=True), self.settings.pointcloud_topic
+        qos = Qos(depth=5, best_effort=True)
         names = dict.fromkeys(name.strip() for name in self.settings.scan_topic.split(","))
-        scans = tuple(Topic(name, types.LASER_SCAN, qos) for name in names)
-        return (*scans, Topic(cloud, types.POINT_CLOUD, qos)) if cloud else scans
+        return tuple(Topic(name, types.LASER_SCAN, qos) for name in names)
 
     @property
     def observed(self) -> tuple[Topic, ...]:

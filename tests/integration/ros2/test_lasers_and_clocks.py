@@ -5,7 +5,7 @@ import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.steps import LaserReading
-from recordings.rigid import IDENTITY, Rigid, flat
+from recordings.rigid import IDENTITY, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header, pose_stamped
@@ -15,44 +15,36 @@ from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan
 from tests.integration.ros2.system_double import SystemDouble
 from tests.integration.waiting import wait_until
 from tests.unit.ros2_bridge.beliefs import COVARIANCE
-from tests.unit.ros2_bridge.test_point_clouds import cloud
 
 pytestmark = pytest.mark.usefixtures("router")
 
 SECOND = 1_000_000_000
 
 
-def test_several_topics_a_cloud_and_poses_are_readings_of_one_robot(
+def test_several_topics_and_poses_are_readings_of_one_robot(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     settings = Ros2Settings(
-        autostart=True, scan_topic="front/scan, rear/scan", pointcloud_topic="lidar/points",
-        pose_topics="uwb/pose, gnss/pose",
+        autostart=True, scan_topic="front/scan, rear/scan", pose_topics="uwb/pose, gnss/pose",
     )  # fmt: skip
     robot, system = open_robot(settings), open_system()
     behind = flat((-0.3, 0.0, 3.0))
-    robot.put_mounts(
-        ("front", IDENTITY), ("rear", behind), ("lidar", Rigid(0.1, 0, 0.4, 0, 0, 0, 1))
-    )
+    robot.put_mounts(("front", IDENTITY), ("rear", behind))
     start_bridge(settings)
-    front, rear, points = robot.topics.scans
+    front, rear = robot.topics.scans
 
     def all_have_arrived() -> bool:
         stamp_ns = time.time_ns()
         robot.put_odometry(stamp_ns, (0.0, 0.0, 0.0))
         robot.put(front, laser_scan(SCAN, "front", stamp_ns))
         robot.put(rear, laser_scan(SCAN, "rear", stamp_ns))
-        robot.put(points, cloud([(2.0, 0.0, 0.1)], stamp_ns=stamp_ns))
         for topic in robot.topics.observed:
             robot.put(topic, pose_stamped((1.0, 2.0, 0.5), COVARIANCE, stamp_ns, "map"))
         senders = {one.sender for one in list(system.observations)}
         frames = {one.laser for one in list(system.lasers)}
-        return frames == {"front", "rear", "lidar/points"} and senders == {"uwb/pose", "gnss/pose"}
+        return frames == {"front", "rear"} and senders == {"uwb/pose", "gnss/pose"}
 
     wait_until(all_have_arrived)
-    (cut, *_) = lasers(system, "lidar/points")
-    assert cut.ranges.array().min() == 2.0
-    assert cut.robot_from_laser == (0.1, 0.0, 0.0)
     assert lasers(system, "rear")[0].robot_from_laser[0] == -0.3
     np.testing.assert_allclose(system.observations[0].mean, (1.0, 2.0, 0.5), atol=1e-12)
 

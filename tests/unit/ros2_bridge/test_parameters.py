@@ -154,9 +154,9 @@ def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> N
 
 def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -> None:
     for value in ("[front/scan, /rear]", "'front/scan,/rear'"):
-        text = f"amcl:\n  ros__parameters: {{scan_topic: {value}, pointcloud_topic: lidar}}\n"
+        text = f"amcl:\n  ros__parameters: {{scan_topic: {value}}}\n"
         ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text))[0]).ros2
-        assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear", "lidar"]
+        assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear"]
         assert node_name(ros2).name == "amcl"
     with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS expects letters"):
         node_name(Ros2Settings(scan_topic="scan,"))
