@@ -6,9 +6,10 @@ from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from clustermcl.commands import control, query, recordings, running
-from clustermcl.verbosity import VerbosityGroup, set_verbosity
+from clustermcl.verbosity import set_verbosity
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output_files import written_output
 from process_runtime.stop import StoppedError
@@ -18,7 +19,7 @@ EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
 """Exit codes: no router or process answers; Ctrl-C, or the output's reader has ended."""
 
 
-class _Commands(VerbosityGroup):
+class _Commands(TyperGroup):
     """The command's group, whose help has a section for each group of commands."""
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
@@ -100,8 +101,17 @@ def _common(
             "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
         ),
     ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print only the answer and errors.")
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Print more; started processes log at level debug."),
+    ] = False,
 ) -> None:
-    """Declare the options before the subcommand."""
+    """Apply the options before the subcommand."""
+    if quiet or verbose:
+        set_verbosity(quiet=quiet, verbose=verbose)
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
@@ -81,12 +82,7 @@ class Canvas:
 
     def add_walls(self) -> None:
         """Make unknown cells within three cells of a free cell occupied."""
-        free = np.pad(self.cells == FREE, _WALL_CELLS)
-        near = np.zeros_like(self.cells, dtype=bool)
-        for rows in range(2 * _WALL_CELLS + 1):
-            for cols in range(2 * _WALL_CELLS + 1):
-                height, width = near.shape
-                near |= free[rows : rows + height, cols : cols + width]
+        near = binary_dilation(self.cells == FREE, np.ones((2 * _WALL_CELLS + 1,) * 2, bool))
         self.cells[near & (self.cells == UNKNOWN)] = OCCUPIED
 
     def repeat_turned(self, times: int) -> None:

@@ -27,8 +27,8 @@ def no_router(tmp_path: Path) -> str:
 def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """Of a page of two robots on loopback, started as a person types it; no router is there."""
     folder, chosen = tmp_path_factory.mktemp("page"), free_port()
-    words = ["view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1", "--robot", "r2"]
-    words += ["--quiet", "--set", f"zenoh.router=unixsock-stream/{folder}/r.sock"]
+    words = ["--quiet", "view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1", "--robot", "r2"]
+    words += ["--set", f"zenoh.router=unixsock-stream/{folder}/r.sock"]
     process = RunningProcess(python_module("clustermcl", *words), folder, "view")
     process.wait_for("look at")
     assert process.err == f"clustermcl: look at http://127.0.0.1:{chosen}/\n"

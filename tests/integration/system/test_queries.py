@@ -56,14 +56,14 @@ def _done(client: Client, process: str, what: str) -> int:
 
 def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
     command = "from clustermcl.command import main; main()"
-    zenoh = patient(settings.zenoh)
+    zenoh, at = patient(settings.zenoh), 1 + words[0].startswith("--")  # options of the command
     options = [
         word
         for name in ("router", "connect_timeout_s", "query_timeout_s")
         for word in ("--set", f"zenoh.{name}={getattr(zenoh, name)}")
     ]
     return subprocess.run(
-        [sys.executable, "-I", "-c", command, words[0], *options, *words[1:]],
+        [sys.executable, "-I", "-c", command, *words[:at], *options, *words[at:]],
         capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
 
@@ -240,7 +240,7 @@ def test_relocalize_forgets_all_places(system: Settings) -> None:
     done = typed(system, "relocalize")
     assert done.returncode == 0
     assert "drops all places; the search runs everywhere" in done.stdout
-    assert typed(system, "relocalize", "--quiet").stdout == ""
+    assert typed(system, "--quiet", "relocalize").stdout == ""
     with Client(system) as client:
         answer = client.hypotheses()
     assert answer.hypotheses == ()
