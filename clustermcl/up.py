@@ -10,6 +10,7 @@ import msgspec
 from clustermcl.stack import ProcessEndedError, Stack, temporary_folder
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
+from process_runtime.memory import trim_heap
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.state_folder import default_state_folder
@@ -27,6 +28,7 @@ _POLL_S = 0.1
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run all processes of a robot until Ctrl-C; restart a process that ends."""
     _check_settings(settings)
+    trim_heap()  # of the map
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:

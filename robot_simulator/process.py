@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from process_runtime.main import Invocation, process_main
+from process_runtime.memory import trim_heap
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
 from protocol.advice import Advice
@@ -63,6 +64,7 @@ def run_simulator(invocation: Invocation) -> None:
     world = simulated_world(robot)
     simulation = Simulation(world, settings.seed)
     source = SimulatedSource(simulation, steps=arguments.steps)
+    trim_heap()  # of what its roads and distances were computed from
     if arguments.by_hand:
         simulation.drive_by_hand(0.0, 0.0)
 
