@@ -65,8 +65,7 @@ def path() -> Path:
     here = Path(__file__).parent
     digest = sha256(sys.version.encode() + _processor())
     for source in sorted(here.glob("*.py")):
-        if b"@kernel" in (text := source.read_bytes()):
-            digest.update(text)
+        digest.update(source.read_bytes())
     file = f"kernels-{digest.hexdigest()[:16]}.so"
     if folder := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(folder) / file
@@ -76,7 +75,7 @@ def path() -> Path:
 
 
 def _processor() -> bytes:
-    """Return the line of /proc/cpuinfo that tells the first processor's instructions."""
+    """Return the line of /proc/cpuinfo that names the first processor's instructions."""
     try:
         lines = Path("/proc/cpuinfo").read_bytes().splitlines()
     except OSError:
