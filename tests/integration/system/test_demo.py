@@ -57,7 +57,7 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
 def test_an_advised_robot_drives_advised_ways_after_one_that_wanders(
     environment: dict[str, str],
 ) -> None:
-    words = ["demo", "--advised", "--steps", "40", "--json", "-v"]
+    words = ["-v", "demo", "--advised", "--steps", "40", "--json"]
     done = ran(*words, *SMALL_FILTER, environment=environment)
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
