@@ -1,8 +1,18 @@
 """Property tests check what is computed, not how fast a shared machine computes it."""
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from particle_filter.settings import SensorSettings
+from worker.warm_up import compile_kernels
 
 settings.register_profile(
     "shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("shared machine")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Build the library of kernels once, before a run in several processes."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        compile_kernels(SensorSettings())
