@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
@@ -82,6 +81,8 @@ class Canvas:
 
     def add_walls(self) -> None:
         """Make unknown cells within three cells of a free cell occupied."""
+        from scipy.ndimage import binary_dilation  # noqa: PLC0415 - 16 MB, not for every command
+
         near = binary_dilation(self.cells == FREE, np.ones((2 * _WALL_CELLS + 1,) * 2, bool))
         self.cells[near & (self.cells == UNKNOWN)] = OCCUPIED
 

@@ -62,9 +62,13 @@ def test_a_flood_of_observations_costs_no_step() -> None:
                 wait_until(lambda: tested.step >= 0)
                 with flood(tested.session) as sent, tested.client as client:
                     began_s = time.monotonic()
-                    wait_until(lambda: tested.step >= STEPS and len(sent) >= RATE_HZ)
+                    wait_until(
+                        lambda: tested.step >= STEPS and len(sent) >= RATE_HZ, deadline_s=150.0
+                    )
                     rate_hz = len(sent) / (time.monotonic() - began_s)
-                    wait_until(lambda: not CAUSES - dropped(client.status()).keys())
+                    wait_until(
+                        lambda: not CAUSES - dropped(client.status()).keys(), deadline_s=150.0
+                    )
                     wait_until(
                         lambda: "reading refused: too many observations" in dropped(client.status())
                     )
