@@ -82,7 +82,7 @@ def _build_library() -> None:
 
 def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
     """Run every kernel once with these models: search, track, see a tag, cast rays."""
-    rng = np.random.default_rng(0)
+    rng, sensor = np.random.default_rng(0), replace(sensor, max_beams=6)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(sensor=sensor, motion=motion, search=search)
     cells = np.zeros((40, 40), np.int8)
