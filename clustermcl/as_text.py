@@ -7,8 +7,7 @@ from protocol.advice import Advice, Way
 from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
 from protocol.health import Health
 from protocol.job_events import NumberedEvent, event_text
-from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import ellipse_axes
+from protocol.message import Covariance, PoseTuple, ellipse_axes
 
 SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""

@@ -12,12 +12,11 @@ from typing import assert_never
 import msgspec
 
 from process_runtime.main import EXIT_ERROR
-from process_runtime.settings import Settings
+from process_runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from protocol.errors import ClusterMclError
-from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
 

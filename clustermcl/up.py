@@ -1,5 +1,6 @@
 """`clustermcl up`: run all processes of a robot on this machine until Ctrl-C."""
 
+import os
 import shlex
 import sys
 from contextlib import closing
@@ -10,25 +11,19 @@ import msgspec
 from clustermcl.stack import ProcessEndedError, Stack, temporary_folder
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
-from process_runtime.memory import trim_heap
+from process_runtime.main import outermost
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.state_folder import default_state_folder
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
-from recordings.map_file import load_map_with_obstacles, map_file_of
-from recordings.recording import open_recording
-from robot_simulator.worlds.catalogue import simulated_world
-from ros2_bridge.process import check_ros2
-from zenoh_link.configuration import as_zenoh, client_configuration
 
 _POLL_S = 0.1
 
 
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run all processes of a robot until Ctrl-C; restart a process that ends."""
-    _check_settings(settings)
-    trim_heap()  # of the map
+    _check_in_child(settings)
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
@@ -74,8 +69,28 @@ def _recorded(settings: Settings) -> Settings:
     return msgspec.structs.replace(settings, recorder=recorder)
 
 
-def _check_settings(settings: Settings) -> None:
+def _check_in_child(settings: Settings) -> None:
+    """Check the settings in a child process, whose memory for maps and scipy ends with it.
+
+    Raises:
+        SystemExit: the child has printed why the settings are refused.
+    """
+    if (child := os.fork()) == 0:
+        code = outermost("clustermcl", lambda: _check(settings))
+        sys.stderr.flush()
+        os._exit(code)
+    _, status = os.waitpid(child, 0)
+    if code := os.waitstatus_to_exitcode(status):
+        raise SystemExit(code)
+
+
+def _check(settings: Settings) -> None:
     """Raise an error if a process could not start, before any is started."""
+    from recordings.recording import open_recording  # noqa: PLC0415 - for the child only
+    from robot_simulator.worlds.catalogue import simulated_world  # noqa: PLC0415
+    from ros2_bridge.process import check_ros2  # noqa: PLC0415
+    from zenoh_link.configuration import as_zenoh, client_configuration  # noqa: PLC0415
+
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     if settings.ros2.enabled:
         check_ros2(settings)
@@ -84,7 +99,7 @@ def _check_settings(settings: Settings) -> None:
         case Simulated() as robot:
             simulated_world(robot)
         case Recorded(path):
-            _check_map(map_file_of(bridge.map, path))
+            _check_map(bridge.map, path)
             open_recording(path, bridge)
         case Live():
             if not is_published(bridge.map, bridge.source, ros2=settings.ros2.enabled):
@@ -93,7 +108,10 @@ def _check_settings(settings: Settings) -> None:
             assert_never(choice)
 
 
-def _check_map(map_file: str) -> None:
+def _check_map(named: str, recording: str = "") -> None:
+    from recordings.map_file import load_map_with_obstacles, map_file_of  # noqa: PLC0415
+
+    map_file = map_file_of(named, recording) if recording else named
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     load_map_with_obstacles(map_file)

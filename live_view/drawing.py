@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from particle_filter.arrays import FREE, OCCUPIED
 from particle_filter.poses import compose
-from protocol.pose_arrays import ellipse_axes
+from protocol.message import ellipse_axes
 from protocol.steps import MapMessage
 
 PALETTE = (

@@ -28,6 +28,10 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """Radius of the footprint that the page draws; 0: none [m]."""
 
 
+SOCKET_PATH_MAX_BYTES = 107
+"""Longest path of a Unix socket on Linux."""
+
+
 class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Settings of the connections: every process is a client of one router."""
 

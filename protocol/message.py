@@ -6,6 +6,7 @@ Each docstring names sender, key, readers and the cost of a loss. Keys are relat
 namespace; see `protocol.keys`.
 """
 
+import math
 import sys
 from typing import Annotated, ClassVar, TypeAlias
 
@@ -65,3 +66,16 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
 
     sender: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
     """Name of the sending process."""
+
+
+def ellipse_axes(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
+    """Return the long and the short standard deviation of a position, and the long one's direction.
+
+    Args:
+        xx: variance of x [m²].
+        xy: covariance of x and y [m²].
+        yy: variance of y [m²].
+    """
+    middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
+    long_m, short_m = (math.sqrt(max(v, 0.0)) for v in (middle + apart, middle - apart))
+    return long_m, short_m, 0.5 * math.atan2(2.0 * xy, xx - yy)

@@ -3,8 +3,6 @@
 `np.array(pose)` converts a tuple to a pose array.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,16 +24,3 @@ def covariance_tuple(covariance: NDArray[np.float64]) -> Covariance:
 def covariance_matrix(covariance: Covariance) -> NDArray[np.float64]:
     """Convert a wire tuple to a (3, 3) covariance."""
     return np.reshape(covariance, (3, 3))
-
-
-def ellipse_axes(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
-    """Return the long and the short standard deviation of a position, and the long one's direction.
-
-    Args:
-        xx: variance of x [m²].
-        xy: covariance of x and y [m²].
-        yy: variance of y [m²].
-    """
-    middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
-    long_m, short_m = (math.sqrt(max(v, 0.0)) for v in (middle + apart, middle - apart))
-    return long_m, short_m, 0.5 * math.atan2(2.0 * xy, xx - yy)

@@ -16,8 +16,7 @@ from grid_maps.map_message import cells_of
 from particle_filter.arrays import OCCUPIED
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
-from protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp
-from protocol.pose_arrays import ellipse_axes
+from protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp, ellipse_axes
 from protocol.steps import Landmark, LaserBeams, Scan
 
 Json: TypeAlias = dict[str, Any]

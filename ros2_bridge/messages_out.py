@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.answers import Belief, Hypothesis
-from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import ellipse_axes
+from protocol.message import Covariance, PoseTuple, ellipse_axes
 from recordings.headers import LAST_NS
 from recordings.rigid import flat
 from ros2_bridge import message_types as types

@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.settings import SOCKET_PATH_MAX_BYTES, RobotSettings, ZenohSettings
 from protocol.errors import SettingsError
 from protocol.message import LARGEST_BYTES
 
@@ -39,8 +39,6 @@ GOSSIP = {
     "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
 }
 """As in rmw_zenoh: the router announces peers to each other, which then connect directly."""
-SOCKET_PATH_MAX_BYTES = 107
-"""Longest path of a Unix socket on Linux."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
 Configuration = dict[str, Any]

@@ -182,10 +182,10 @@ def settings_with_nav2(
         InputFileError: a file is unreadable or malformed.
         SettingsError: a value is out of range.
     """
-    from ros2_bridge.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
-
     if nav2_params is None:
         return load_settings(settings_file, assignments), []
+    from ros2_bridge.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
+
     values, notes = read_nav2_params(nav2_params)
     origin = str(nav2_params)
     return load_settings(settings_file, assignments, beneath=values, beneath_from=origin), notes
