@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
@@ -19,6 +18,8 @@ from protocol.message import PoseTuple
 CLEARANCE_M, EDGE_CLEARANCE_M = 0.3, 0.25
 """Minimum distance from a node, and from an edge, to any obstacle [m]."""
 _SPACING_M = 0.2
+_NEIGHBOURS = np.array([(0, 1), (1, -1), (1, 0), (1, 1)])
+"""Steps in row and column to half of a node's neighbours; the others are reached from there."""
 _LEAST_EXTENT_M = 1.0
 _DETOUR_M = 0.3
 """Clearance at which an edge costs twice its length [m]."""
@@ -68,8 +69,12 @@ def _costs(
     clearance: NDArray[np.float32], nodes: NDArray[np.int64], stride: int, cell_m: float
 ) -> csr_array:
     """Return sparse edge costs between neighbours among nodes, of which (n, 2) are row, column."""
-    begins, ends = cKDTree(nodes).query_pairs(1.5 * stride, output_type="ndarray").T
-    steps = (nodes[ends] - nodes[begins]) // stride
+    on_lattice = nodes // stride
+    numbers = np.full(on_lattice.max(axis=0) + 2, -1)  # with a margin, which -1 also reaches
+    numbers[tuple(on_lattice.T)] = np.arange(len(nodes))
+    ends_by_step = numbers[tuple((on_lattice + _NEIGHBOURS[:, None]).transpose(2, 0, 1))]
+    step, begins = np.nonzero(ends_by_step >= 0)
+    ends, steps = ends_by_step[step, begins], _NEIGHBOURS[step]
     rows, cols = (nodes[begins] + steps * (stride // 2)).T
     clear = clearance[rows, cols] >= EDGE_CLEARANCE_M
     room = clearance[rows, cols][clear]
