@@ -77,6 +77,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
 
     def coordinator(self) -> "Coordinator":
         """Return a coordinator that has received no event."""
+        kept = state_in(self.kept) if self.kept else None
         made = Coordinator(
             self.sender,
             self.version,
@@ -87,10 +88,10 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
                 self.now_ns,
                 [self.known] if self.known else [],
                 self.kept,
-                state_in(self.kept).collector.applied if self.kept else None,
+                kept.collector.applied if kept else None,
             ),
             CoordinatorState.of(self.sender, self.filter_settings, self.settings, self.bridge),
-            LastPlace.of(self.kept) if self.kept else None,
+            LastPlace.of(kept) if kept else None,
         )
         if self.usual_delay_ns is not None:
             made.state.pose.begin(self.usual_delay_ns, self.now_ns)
@@ -355,7 +356,7 @@ class Coordinator(Part):
     def _begin(self, now_ns: int) -> list[Instruction]:
         """Continue from a state, or search for the robot."""
         self.term.begun = True
-        instructions = self._resume_best(self.recovery.checkpoints, now_ns)
+        instructions = self._resume(self.recovery.checkpoints, now_ns)
         self.recovery.drop_checkpoints()
         if not instructions:
             for worker in self.recovery.answers:
@@ -388,29 +389,25 @@ class Coordinator(Part):
             return None
         return last.as_prior_at(scan, probability)
 
-    def _resume_best(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
-        """Continue from the first usable state; return no instruction if there is none."""
-        resumed = (self._resume(checkpoint, now_ns) for checkpoint in checkpoints)
-        return next(filter(None, resumed), [])
-
     def _resume_late(self, now_ns: int) -> list[Instruction]:
         """Continue from a state that counts since the coordinator leads, if it has no place yet."""
         if self.state.founded:
             return []
         founded = [one for one in self.recovery.checkpoints if one.founded]
-        return self._resume_best(founded, now_ns)
+        return self._resume(founded, now_ns)
 
-    def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
-        """Continue from a state; return no instruction if it cannot be used.
+    def _resume(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
+        """Continue from the first usable state; return no instruction if there is none.
 
         The last belief is published again: its coordinator may have died before.
         """
-        next_step = self.state.resume(checkpoint, now_ns)
-        if next_step is None:
-            return []
-        for worker, answer in self.recovery.answers.items():
-            self._take_work_of(worker, answer, now_ns)
-        return [FetchScans(next_step, None), *self._publication(now_ns)]
+        for checkpoint in checkpoints:
+            next_step = self.state.resume(checkpoint, now_ns)
+            if next_step is not None:
+                for worker, answer in self.recovery.answers.items():
+                    self._take_work_of(worker, answer, now_ns)
+                return [FetchScans(next_step, None), *self._publication(now_ns)]
+        return []
 
     def _take_work_of(self, worker: str, answer: WorkerSnapshot, now_ns: int) -> None:
         """Take over a worker's jobs, and its reports on steps that are not applied."""
@@ -447,8 +444,8 @@ class Coordinator(Part):
             reports_missing=self.state.reports_missing,
             map_digest=self.state.map_digest,
             clusters=len(self.state.ensemble.clusters),
-            searching=self.state.outcome.searching if self.state.outcome else False,
-            search_progress=self.state.outcome.search_progress if self.state.outcome else 0.0,
+            searching=self.state.pose.outcome.searching,
+            search_progress=self.state.pose.outcome.search_progress,
             workers=self.state.placement.workers,
             counters=dict(sorted((Counter(self.state.counters) + Counter(counters)).items())),
             uptime_s=(now_ns - self.started_ns) / 1e9,
@@ -460,9 +457,9 @@ class Coordinator(Part):
 
     def advice_question(self, radius_m: float) -> tuple[str, AdviceQuestion] | Advice:
         """Return a worker and the question for it, or the advice if no question is needed."""
-        outcome, scan = self.state.outcome, self.state.collector.applied
+        outcome, scan = self.state.pose.outcome, self.state.collector.applied
         jobs = {name: jobs for name, jobs in self.state.placement.workers.items() if jobs}
-        if outcome is None or scan is None or not jobs:
+        if scan is None or not jobs:
             problem = "there is no belief yet" if jobs else "no worker has a job"
             return Advice(sender=self.sender, note=problem)
         views, gate = self.state.ensemble.seen.views, self.state.bridge
@@ -479,10 +476,10 @@ class Coordinator(Part):
 
         Events are published before the belief to which they belong.
         """
-        outcome, scan = self.state.outcome, self.state.collector.applied
-        if outcome is None or scan is None:
+        scan = self.state.collector.applied
+        if scan is None:
             return []
-        belief = belief_after(scan, outcome, self.sender, self.term.number)
+        belief = belief_after(scan, self.state.pose.outcome, self.sender, self.term.number)
         news = self.state.event_log.news()
         first = [PublishEvents(self._to_message(news))] if news else []
         return [*first, PublishBelief(belief, self.pose(now_ns))]

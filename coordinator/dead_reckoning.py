@@ -30,6 +30,15 @@ def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -
     )
 
 
+def moved_by(
+    mean: PoseTuple, covariance: Covariance, motion: Pose, noise: NDArray[np.float64]
+) -> tuple[PoseTuple, Covariance]:
+    """Return a pose and its covariance after a (3,) motion with a (3, 3) covariance."""
+    place = np.array(mean)
+    grown = composed_covariance(place, covariance_matrix(covariance), motion, noise)
+    return pose_tuple(compose(place, motion)), covariance_tuple(grown)
+
+
 def carried(
     mean: PoseTuple,
     covariance: Covariance,
@@ -48,10 +57,9 @@ def carried(
     """
     if then == now:
         return mean, covariance
-    place, moved = np.array(mean), between(np.array(then), np.array(now))
+    moved = between(np.array(then), np.array(now))
     noise = np.zeros((3, 3)) if motion is None else motion_covariance(moved, motion)
-    grown = composed_covariance(place, covariance_matrix(covariance), moved, noise)
-    return pose_tuple(compose(place, moved)), covariance_tuple(grown)
+    return moved_by(mean, covariance, moved, noise)
 
 
 class DeadReckoning(Part):
@@ -70,10 +78,13 @@ class DeadReckoning(Part):
     piece: PoseTuple = ORIGIN
     """Odometry at the end of the last whole piece."""
     now: PoseTuple = ORIGIN
+    """The newest odometry."""
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
+        """Begin at a step; the odometry since the step becomes one motion."""
         self.covariance = NO_NOISE
         self.step = self.piece = odom_from_robot
+        self.on_odometry(self.now)
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
         self.now = odom_from_robot
@@ -100,8 +111,10 @@ class DrivenGates(Part):
     """Odometry at the end of the counted distance; None: there was no odometry."""
     gates: float = 0.0
 
-    def begin_at(self, odom_from_robot: PoseTuple) -> None:
+    def begin_at(self, odom_from_robot: PoseTuple, now: PoseTuple) -> None:
+        """Count from the odometry of a scan to the newest odometry."""
         self.counted, self.gates = odom_from_robot, 0.0
+        self.on_odometry(now)
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
         """Add the motion once it reaches a gate; smaller motions may be noise."""

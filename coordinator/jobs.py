@@ -156,10 +156,6 @@ class Jobs(Part):
         job = self.placed[job_id]
         return not isinstance(job.job, SearchJob) or not job.reported
 
-    def may_be_tried(self, job_id: str) -> bool:
-        """Return whether a worker that has never reported may get the job; it gets no search."""
-        return not isinstance(self.placed[job_id].job, SearchJob)
-
     def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
         """Give jobs to workers; each gets an epoch above all epochs of earlier terms."""
         for job_id, worker in moves.items():
@@ -207,15 +203,6 @@ class Jobs(Part):
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
     # --- from one coordinator to the next
-
-    def without_particles_of(self, is_held: Callable[[str, PlacedJob], bool]) -> "Jobs":
-        """Return all jobs, without the content of those for which `is_held` is true."""
-        return Jobs(
-            {
-                job_id: replace(job, job=None) if is_held(job_id, job) else job
-                for job_id, job in self.placed.items()
-            }
-        )
 
     def resume(
         self,

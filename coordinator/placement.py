@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import msgspec
 from msgspec import field
+from msgspec.structs import replace
 
 from coordinator.jobs import HAND_OVER_NS, Jobs, PlacedJob, balanced
 from coordinator.part import Part
@@ -212,7 +213,10 @@ class Placement(Part):
                 self.jobs.take_from(worker)  # with its other shards
 
     def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> dict[str, str]:
-        """Return a trial job, by id, for one worker of each origin that has never reported."""
+        """Return a trial job, by id, for one worker of each origin that has never reported.
+
+        Such a worker gets no search.
+        """
         others = {origin(name): name for name in reversed(able) if name not in trusted}
         if not others:
             return {}
@@ -220,7 +224,7 @@ class Placement(Part):
         tried = {origin(name) for name in jobs if name and name not in self.stragglers.proven}
         waiting = [name for one, name in sorted(others.items()) if one not in tried]
         most = max(trusted, key=lambda name: len(jobs.get(name, ())))
-        spare = sorted(filter(self.jobs.may_be_tried, jobs.get(most, ())))[1:]
+        spare = sorted(jobs.get(most, {}).keys() - self.jobs.shards().keys())[1:]
         return dict(zip(spare, waiting, strict=False))
 
     # --- from one coordinator to the next
@@ -228,12 +232,12 @@ class Placement(Part):
     def jobs_to_hand_on(self) -> Jobs:
         """Return all jobs, without particles that a worker holds."""
 
-        def is_held(job_id: str, job: PlacedJob) -> bool:
+        def handed_on(job_id: str, job: PlacedJob) -> PlacedJob:
             worker = self.live.get(job.worker or "")
-            is_confirmed = worker is not None and worker.confirmed.get(job_id) == job.epoch
-            return isinstance(job.job, TrackJob) and is_confirmed
+            is_held = worker is not None and worker.confirmed.get(job_id) == job.epoch
+            return replace(job, job=None) if is_held and isinstance(job.job, TrackJob) else job
 
-        return self.jobs.without_particles_of(is_held)
+        return Jobs({job_id: handed_on(job_id, job) for job_id, job in self.jobs.placed.items()})
 
     def resume(
         self, jobs: Jobs, rebuilt: Callable[[str], TrackJob], now_ns: int, term: int

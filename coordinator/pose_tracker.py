@@ -1,20 +1,16 @@
 """The pose between steps: the best cluster's, carried forward by the newest odometry."""
 
-import numpy as np
 from msgspec import field
 from msgspec.structs import replace
 
-from coordinator.belief.outcome import Outcome
-from coordinator.dead_reckoning import ORIGIN, DeadReckoning, DrivenGates
+from coordinator.belief.outcome import BEFORE_FIRST_STEP, Outcome
+from coordinator.dead_reckoning import DeadReckoning, DrivenGates, moved_by
 from coordinator.part import Part
-from particle_filter.motion_noise import composed_covariance
-from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
 from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Freshness, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 WINDOW_NS = 5_000_000_000
 """The usual delay is the least of one to two windows: clocks drift by microseconds a second."""
@@ -72,9 +68,8 @@ class PoseTracker(Part):
     since_step: DeadReckoning
     driven: DrivenGates
     history: Trajectory = field(default_factory=recent_odometry)
-    outcome: Outcome | None = None
+    outcome: Outcome = BEFORE_FIRST_STEP
     """Result of the last step or command."""
-    odom_now: PoseTuple = ORIGIN
     stamp_ns: int = 0
     """Stamp of the newest data [ns]."""
     arrived_ns: int | None = None
@@ -127,12 +122,11 @@ class PoseTracker(Part):
         received_ns = self.indirect_ns if is_known else now_ns
         self.age_known = True
         late_ns = self.lateness.on_arrival(stamp_ns, received_ns) if self.lateness else 0
-        self.stamp_ns, self.odom_now = stamp_ns, odom_from_robot
+        self.stamp_ns = stamp_ns
         self.history.add(stamp_ns, odom_from_robot)
         self.arrived_ns = received_ns - late_ns
         self.by_scan = False
-        self.since_step.on_odometry(odom_from_robot)
-        self.driven.on_odometry(odom_from_robot)
+        self._move_to(odom_from_robot)
 
     def scan(
         self,
@@ -161,8 +155,7 @@ class PoseTracker(Part):
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         """Record that a scan was applied and that at least one worker had weighed it."""
-        self.driven.begin_at(odom_from_robot)
-        self.driven.on_odometry(self.odom_now)
+        self.driven.begin_at(odom_from_robot, self.since_step.now)
         if stamp_ns in self.waiting_ns:
             self.scan_ns = self.waiting_ns[stamp_ns]
             while next(iter(self.waiting_ns)) != stamp_ns:
@@ -172,7 +165,6 @@ class PoseTracker(Part):
         """Store the outcome of a step, whose hypotheses refer to the odometry of the scan."""
         self.outcome = outcome
         self.since_step.begin_at(odom_from_robot)
-        self.since_step.on_odometry(self.odom_now)
 
     def begin(self, usual_delay_ns: int, now_ns: int) -> None:
         """Begin with the usual delay of a live robot's data at other coordinators [ns]."""
@@ -199,8 +191,11 @@ class PoseTracker(Part):
             self._on_indirect_data(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
         due_ns = self._due_ns(stamp_ns, now_ns)
         self.scan_ns = unless_known_ns if due_ns is None else due_ns
-        self.driven.begin_at(odom_from_robot)
-        self.driven.on_odometry(self.odom_now)
+        self.driven.begin_at(odom_from_robot, self.since_step.now)
+
+    def _move_to(self, odom_from_robot: PoseTuple) -> None:
+        self.since_step.on_odometry(odom_from_robot)
+        self.driven.on_odometry(odom_from_robot)
 
     def _lateness_so_far(self) -> LatencyEstimator:
         """Return an estimator that begins with the newest data, if its arrival is known."""
@@ -215,9 +210,8 @@ class PoseTracker(Part):
         """Store data of a fetched scan or another coordinator's state, unless newer is known."""
         if self.arrived_ns is not None and stamp_ns <= self.stamp_ns:
             return
-        self.stamp_ns, self.indirect_ns, self.odom_now = stamp_ns, now_ns, odom_from_robot
-        self.since_step.on_odometry(odom_from_robot)
-        self.driven.on_odometry(odom_from_robot)
+        self.stamp_ns, self.indirect_ns = stamp_ns, now_ns
+        self._move_to(odom_from_robot)
         due_ns = self._due_ns(stamp_ns, now_ns)
         if due_ns is not None:
             self.arrived_ns = due_ns
@@ -244,28 +238,27 @@ class PoseTracker(Part):
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
         """Return the present pose and its freshness; `workers`: number of live workers."""
-        best = self.outcome.hypotheses[0] if self.outcome and self.outcome.hypotheses else None
-        carried = self._carried(best) if best else None
+        outcome = self.outcome
+        best = self._carried(outcome.hypotheses[0]) if outcome.hypotheses else None
         return PoseAnswer(
             sender=self.sender,
-            state=self.outcome.state if self.outcome else "searching",
+            state=outcome.state,
             freshness=self._freshness(now_ns, workers),
             stamp_ns=self.stamp_ns,
             age_s=self.age_s(now_ns),
             scan_age_s=_since_s(self.scan_ns, now_ns),
-            step=self.outcome.step if self.outcome else -1,
+            step=outcome.step,
             probability=best.probability if best else 0.0,
-            pose=carried.pose if carried else None,
-            covariance=carried.covariance if carried else None,
+            pose=best.pose if best else None,
+            covariance=best.covariance if best else None,
             workers=workers,
-            elsewhere_probability=self.outcome.elsewhere_probability if self.outcome else 1.0,
-            off_map_probability=self.outcome.off_map_probability if self.outcome else 0.0,
+            elsewhere_probability=outcome.elsewhere_probability,
+            off_map_probability=outcome.off_map_probability,
         )
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Return all hypotheses, moved by the odometry since; most probable first."""
-        known = self.outcome.hypotheses if self.outcome else ()
-        return tuple(self._carried(hypothesis) for hypothesis in known)
+        return tuple(map(self._carried, self.outcome.hypotheses))
 
     def _freshness(self, now_ns: int, workers: int) -> Freshness:
         if self.arrived_ns is None:
@@ -283,16 +276,9 @@ class PoseTracker(Part):
 
     def _carried(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis moved by the odometry since its step, with the motion's noise."""
-        moved, noise = self.since_step.moved()
-        mean = np.array(hypothesis.pose)
-        covariance = composed_covariance(
-            mean, covariance_matrix(hypothesis.covariance), moved, noise
-        )
-        return replace(
-            hypothesis,
-            pose=pose_tuple(compose(mean, moved)),
-            covariance=covariance_tuple(covariance),
-        )
+        moved = self.since_step.moved()
+        pose, covariance = moved_by(hypothesis.pose, hypothesis.covariance, *moved)
+        return replace(hypothesis, pose=pose, covariance=covariance)
 
 
 def _since_s(then_ns: int | None, now_ns: int) -> float:

@@ -24,8 +24,6 @@ from zenoh_link.metrics import metrics_served
 from zenoh_link.node import Node
 from zenoh_link.wire import is_alive
 
-SECTIONS = FilterSettings.__struct_fields__
-
 _log = logging.getLogger(__name__)
 
 
@@ -123,4 +121,6 @@ def recorder_ring(settings: Settings, series: int) -> Ring | None:
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:
     """Return the filter's settings without those of the processes, as work orders contain them."""
-    return FilterSettings(**{name: getattr(settings, name) for name in SECTIONS})
+    return FilterSettings(
+        **{name: getattr(settings, name) for name in FilterSettings.__struct_fields__}
+    )

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from coordinator.belief.given_places import PriorPose, diagonal
-from coordinator.checkpoint import state_in
+from coordinator.checkpoint import CheckpointState
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import AskState, FetchScans
 from coordinator.part import Part
@@ -113,13 +113,8 @@ class LastPlace(msgspec.Struct, frozen=True):
     covariance: Covariance
 
     @classmethod
-    def of(cls, checkpoint: Checkpoint) -> "LastPlace | None":
-        """Return the most probable pose in a checkpoint; None: the checkpoint has no cluster.
-
-        Raises:
-            ValueError: as for `state_in`.
-        """
-        state = state_in(checkpoint)
+    def of(cls, state: CheckpointState) -> "LastPlace | None":
+        """Return the most probable pose in a state; None: the state has no cluster."""
         applied, clusters = state.collector.applied, state.ensemble.clusters.all()
         if applied is None or not clusters:
             return None

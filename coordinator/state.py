@@ -78,8 +78,6 @@ class CoordinatorState(Part):
     """Settings changed since the start, as of the applied step."""
     event_log: EventLog = field(default_factory=EventLog)
     commands: Commands = field(default_factory=Commands)
-    outcome: Outcome | None = None
-    """Result of the last step or command."""
     counters: dict[str, int] = {}
     steps_applied: int = 0
     reports_missing: int = 0
@@ -249,7 +247,7 @@ class CoordinatorState(Part):
 
         Steps of a search, and of a recording that waits for each belief, may take longer.
         """
-        if ready.scan.lockstep or (self.outcome is not None and self.outcome.searching):
+        if ready.scan.lockstep or self.pose.outcome.searching:
             return
         self.overload.on_step_decided(now_ns - ready.arrived_ns)
         if self.overload.is_overloaded:
@@ -304,7 +302,7 @@ class CoordinatorState(Part):
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
         """Carry out what follows from the outcome of a step or a command."""
-        self.outcome, self.changed = outcome, True
+        self.changed = True
         self.founded |= len(self.ensemble.clusters) > 0
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
         self.placement.jobs.end(outcome.end)
@@ -327,7 +325,7 @@ class CoordinatorState(Part):
             jobs=self.placement.jobs_to_hand_on(),
             collector=self.collector,
             commands=self.commands,
-            missing=self.outcome.missing if self.outcome else (),
+            missing=self.pose.outcome.missing,
             age_s=self._applied_age_s(now_ns),
             age_known=self.pose.age_known,
             steps_applied=self.steps_applied,
@@ -392,8 +390,8 @@ class CoordinatorState(Part):
                 now_ns,
                 live=applied.live,
             )
-            self.outcome = self.ensemble.repeated_outcome(applied.step, state.missing)
-            self.pose.believed(self.outcome, applied.odom_from_robot)
+            outcome = self.ensemble.repeated_outcome(applied.step, state.missing)
+            self.pose.believed(outcome, applied.odom_from_robot)
 
     def _begin_standing_jobs(self, applied: Scan | None) -> None:
         """Begin the standing jobs that the other coordinator, with other settings, did not have."""

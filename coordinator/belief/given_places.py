@@ -28,25 +28,6 @@ def diagonal(position_sigma_m: float, heading_sigma_rad: float) -> Covariance:
     return (place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn)
 
 
-def gaussian_particles(
-    mean: PoseTuple,
-    covariance: Covariance,
-    rng: np.random.Generator,
-    *,
-    step: int,
-    odom_from_robot: PoseTuple,
-) -> Particles:
-    """Return Gaussian particles around a pose; negative eigenvalues of the covariance are zero."""
-    variances, axes = np.linalg.eigh(covariance_matrix(covariance))
-    spread = rng.standard_normal((GIVEN_PARTICLES, 3)) * np.sqrt(np.maximum(variances, 0.0))
-    return Particles(
-        step=step,
-        odom_from_robot=odom_from_robot,
-        map_from_robot=ArrayBlob.of(np.array(mean) + spread @ axes.T, "float64"),
-        log_weights=ArrayBlob.of(np.zeros(GIVEN_PARTICLES), "float64"),
-    )
-
-
 def candidate(
     probability: float,
     mean: PoseTuple,
@@ -58,9 +39,19 @@ def candidate(
     step: int,
     odom_from_robot: PoseTuple,
 ) -> Place:
-    """Return a candidate place with Gaussian particles, as it was after `step`."""
+    """Return a candidate place with Gaussian particles, as it was after `step`.
+
+    Negative eigenvalues of the covariance count as zero.
+    """
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
-    sample = gaussian_particles(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
+    variances, axes = np.linalg.eigh(covariance_matrix(covariance))
+    spread = rng.standard_normal((GIVEN_PARTICLES, 3)) * np.sqrt(np.maximum(variances, 0.0))
+    sample = Particles(
+        step=step,
+        odom_from_robot=odom_from_robot,
+        map_from_robot=ArrayBlob.of(np.array(mean) + spread @ axes.T, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(GIVEN_PARTICLES), "float64"),
+    )
     return Place(share=probability, pose=mean, covariance=covariance, sample=sample)
 
 

@@ -45,6 +45,18 @@ class Outcome:
         return tuple(job_id for job_id in ended if job_id not in begun)
 
 
+BEFORE_FIRST_STEP = Outcome(
+    step=-1,
+    state="searching",
+    hypotheses=(),
+    elsewhere_probability=1.0,
+    searching=False,
+    missing=(),
+    begin={},
+    events=(),
+)
+
+
 def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Belief:
     """Return the belief message after a scan, or after a command that followed it."""
     return Belief(

@@ -1,7 +1,7 @@
 """The records of a flight recording, without particles and beams.
 
 A coordinator computes no belief from particles or beams, so a replay does not need them. Without
-them, a step is a hundred times smaller.
+them, a step is a hundred times smaller. A checkpoint stays as published: most have no particles.
 """
 
 import dataclasses
@@ -15,7 +15,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator import events
-from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
 from protocol.arrays import ArrayBlob
@@ -23,7 +22,7 @@ from protocol.found_places import FoundPlaces
 from protocol.job_events import Began, event_text
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
-from protocol.work import Checkpoint, Particles, TrackJob
+from protocol.work import Particles
 
 NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
 NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
@@ -138,8 +137,6 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
         case FoundPlaces():
             none = ArrayBlob.of(np.zeros(len(value), np.int32), "int32")
             return replace(value, count=none, particles=NO_PARTICLES)
-        case Checkpoint():
-            return _checkpoint(value)
         case msgspec.Struct():
             fields = {name: getattr(value, name) for name in _bulky_fields(type(value))}
             changed = _changed(fields)
@@ -165,13 +162,3 @@ def _bulky_fields(kind: type[msgspec.Struct]) -> tuple[str, ...]:
 def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
     lighter = ((name, value, _without_bulk(value)) for name, value in values.items())
     return {name: light for name, value, light in lighter if light is not value}
-
-
-def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
-    """Return a checkpoint without particles, or unchanged if its state cannot be read."""
-    try:
-        state = from_bytes(checkpoint.state)
-    except ValueError:
-        return checkpoint
-    jobs = state.jobs.without_particles_of(lambda _, placed: isinstance(placed.job, TrackJob))
-    return replace(checkpoint, state=to_bytes(replace(state, jobs=jobs)))

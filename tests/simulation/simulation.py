@@ -129,9 +129,8 @@ class Simulation:
         jobs = coordinator.state.placement.jobs
         if waiting := jobs.by_worker().get(None):
             return f"no worker has {sorted(waiting)}"
-        outcome = coordinator.state.outcome
-        if outcome is None or outcome.missing:
-            return f"no report of {outcome and outcome.missing}"
+        if missing := coordinator.state.pose.outcome.missing:
+            return f"no report of {missing}"
         for name, worker in self.workers.items():
             given = set(jobs.by_worker().get(name, {}).items())
             if worker.jobs() != given:

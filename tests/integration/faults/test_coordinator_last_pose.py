@@ -44,7 +44,7 @@ def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(tmp_pat
         assert state.collector.applied is not None
         step = state.collector.applied.step
         assert abs(step - max(reported)) < 10, "one of the newest; some were still on their way"
-        place = LastPlace.of(kept(tmp_path))
+        place = LastPlace.of(state)
         assert place is not None
         if step in reported:
             assert place.pose == reported[step].hypotheses[0].pose

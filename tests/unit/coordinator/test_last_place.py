@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from coordinator.checkpoint import state_in
 from coordinator.events import ScanArrived, WorkerJoined
 from coordinator.recovery import LastPlace
 from process_runtime.settings import CoordinatorSettings
@@ -36,7 +37,7 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
 
 
 def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
-    last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
+    last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
     assert last is not None
     prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
     assert prior.pose == pytest.approx((10.0, 6.0, math.pi / 2))
@@ -45,7 +46,7 @@ def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
 
 
 def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
-    last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
+    last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
     assert last is not None
     assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
 
@@ -53,4 +54,4 @@ def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
 def test_a_state_without_clusters_has_no_last_pose() -> None:
     story = Story("a")
     story.scan(0, at_s=0.0)
-    assert LastPlace.of(story.checkpoints[-1]) is None
+    assert LastPlace.of(state_in(story.checkpoints[-1])) is None

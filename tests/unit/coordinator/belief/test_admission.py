@@ -5,8 +5,9 @@ import pytest
 from msgspec.structs import replace
 
 from coordinator.belief.admission import MOST_LOG, admission, first_places, log_weight_of_held
-from coordinator.belief.given_places import diagonal, gaussian_particles
+from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.search_pool import Pool
+from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
@@ -187,10 +188,10 @@ def test_the_weight_of_the_search_that_found_the_clusters_is_that_of_the_cluster
 
 def test_particles_of_a_given_pose_have_its_mean_and_covariance() -> None:
     spread = np.array([[0.5, 0.1, 0.0], [0.1, 0.2, 0.03], [0.0, 0.03, 0.04]])
-    rng = np.random.default_rng(0)
-    made = gaussian_particles(
-        (3.0, -2.0, 0.5), covariance_tuple(spread), rng, step=4, odom_from_robot=HELD[0]
-    )
+    made = candidate(
+        0.1, (3.0, -2.0, 0.5), covariance_tuple(spread),
+        seed=0, purpose=Purpose.GIVEN_POSE, entity=0, step=4, odom_from_robot=HELD[0],
+    ).sample  # fmt: skip
     poses = made.map_from_robot.array()
     sigma = np.sqrt(np.diag(spread))
     # 1,000 points: means to 0.03 deviations, covariances to 0.05; five times that.
