@@ -14,7 +14,6 @@ from coordinator.free_ground import FreeGround
 from coordinator.part import FEW, Count, Part, Text
 from particle_filter.random_streams import Purpose
 from particle_filter.regions import parsed_regions
-from particle_filter.settings import MotionSettings
 from particle_filter.trajectory import Trajectory
 from protocol.answers import Relocalize, SetPose
 from protocol.errors import printable
@@ -125,9 +124,20 @@ class Commands(Part):
             corners = parsed_regions(ensemble.settings.search.regions).get(asked.region, ())
             return ensemble.relocalize(applied.step, near=asked.near, corners=corners)
         self.set_poses += 1
-        settings = ensemble.settings
-        mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
-        given = candidate(
+        given, settings = commanded.command, ensemble.settings
+        mean, covariance = given.pose, _covariance(given)
+        if commanded.odom_from_robot is not None:
+            # Motion to the step makes a pose less certain. A pose of a later time is carried back
+            # without noise, because the next step adds the noise.
+            is_earlier = commanded.stamp_ns < applied.stamp_ns
+            mean, covariance = carried(
+                mean,
+                covariance,
+                commanded.odom_from_robot,
+                applied.odom_from_robot,
+                settings.motion if is_earlier else None,
+            )
+        place = candidate(
             settings.belief.set_pose_probability,
             mean,
             covariance,
@@ -137,7 +147,7 @@ class Commands(Part):
             step=applied.step,
             odom_from_robot=applied.odom_from_robot,
         )
-        return ensemble.set_pose(given)
+        return ensemble.set_pose(place)
 
     def _remember(self, command: SetPose | Relocalize, problem: str) -> None:
         known = self.problems | {command.command_id: problem}
@@ -183,24 +193,3 @@ def _region_problem(region: str, known: Mapping[str, object]) -> str:
         return ""
     names = ", ".join(known) or "none"
     return f"unknown region {printable(region)!r}; search.regions names {names}"
-
-
-def _at_step(
-    commanded: Commanded, given: SetPose, applied: Scan, motion: MotionSettings
-) -> tuple[PoseTuple, Covariance]:
-    """Return a given pose and its covariance, carried by odometry to the applied step.
-
-    Motion from the pose to the step makes the pose less certain. A pose given after the step is
-    carried back without noise, because the next step adds the noise.
-    """
-    covariance = _covariance(given)
-    if commanded.odom_from_robot is None:
-        return given.pose, covariance
-    forth = commanded.stamp_ns < applied.stamp_ns
-    return carried(
-        given.pose,
-        covariance,
-        commanded.odom_from_robot,
-        applied.odom_from_robot,
-        motion if forth else None,
-    )

@@ -195,8 +195,7 @@ class Coordinator(Part):
             state.count("scan repeated or late")
             return self._on_stray_scan(scan, state.collector.applied, now_ns, fetched=fetched)
         self.step_resets.reset()
-        pose, stamp_ns = state.pose, scan.stamp_ns
-        pose.scan(stamp_ns, scan.odom_from_robot, now_ns, live=scan.live, fetched=fetched)
+        state.pose.scan(scan, now_ns, fetched=fetched)
         if not self.term.begun:
             return self._on_time_passed(now_ns)
         self._begin_search(scan)
@@ -206,12 +205,18 @@ class Coordinator(Part):
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
     ) -> list[Instruction]:
-        """Process a scan whose step does not follow the step of `newest`."""
+        """Process a scan whose step does not follow the step of `newest`.
+
+        The belief of a repeated step is published again, because the bridge may have missed it.
+        """
         if self.term.begun and not fetched and self.step_resets.on_other_scan(scan, newest):
             self.step_resets.reset()
             self.state.on_steps_restarted(scan)
             return self._on_scan(scan, now_ns)
-        return self._repeated_belief(scan, now_ns)
+        applied = self.state.collector.applied
+        if not scan.lockstep or applied is None or scan.step != applied.step:
+            return []
+        return [*self._publication(now_ns)]
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Process fetched scans; a coordinator without a search begins with the newest one."""
@@ -223,13 +228,6 @@ class Coordinator(Part):
             self.state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
         return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
-
-    def _repeated_belief(self, scan: Scan, now_ns: int) -> list[Instruction]:
-        """Return the belief of a repeated step, because the bridge may have missed it."""
-        applied = self.state.collector.applied
-        if not scan.lockstep or applied is None or scan.step != applied.step:
-            return []
-        return [*self._publication(now_ns)]
 
     # --- workers
 
@@ -381,13 +379,17 @@ class Coordinator(Part):
         self.state.begin_search(first, self._prior_pose(scan))
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
-        """Return the robot's last pose, if it can be a hypothesis at this scan."""
-        last, probability = self.last_place, self.state.settings.last_pose_probability
-        if last is None or probability == 0.0 or self.state.commands.forgets:
+        """Return the robot's last pose, if it can be a hypothesis at this scan.
+
+        For a recording or a simulation it cannot, unless the settings name a folder for the state.
+        """
+        last, settings = self.last_place, self.state.settings
+        if last is None or settings.last_pose_probability == 0.0 or self.state.commands.forgets:
             return None
-        if last.map_digest != scan.map_digest or not self.state.place_counts(last.live):
+        is_live = last.live and self.state.pose.live
+        if last.map_digest != scan.map_digest or not (is_live or settings.state_folder):
             return None
-        return last.as_prior_at(scan, probability)
+        return last.as_prior_at(scan, settings.last_pose_probability)
 
     def _resume_late(self, now_ns: int) -> list[Instruction]:
         """Continue from a state that counts since the coordinator leads, if it has no place yet."""

@@ -11,6 +11,7 @@ from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Freshness, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
+from protocol.steps import Scan
 
 WINDOW_NS = 5_000_000_000
 """The usual delay is the least of one to two windows: clocks drift by microseconds a second."""
@@ -128,37 +129,29 @@ class PoseTracker(Part):
         self.by_scan = False
         self._move_to(odom_from_robot)
 
-    def scan(
-        self,
-        stamp_ns: int,
-        odom_from_robot: PoseTuple,
-        now_ns: int,
-        *,
-        live: bool = False,
-        fetched: bool = False,
-    ) -> None:
+    def scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> None:
         """Process the scan of a step.
 
         A fetched scan does not show the network's delay, and does not replace newer data. If it is
         the first data, the pose is stale.
         """
-        if live != self.live:
-            self.lateness = self._lateness_so_far() if live else None
+        if scan.live != self.live:
+            self.lateness = self._lateness_so_far() if scan.live else None
         if fetched:
-            self._on_indirect_data(stamp_ns, odom_from_robot, now_ns - self._stale_ns, now_ns)
-        elif self.by_scan or stamp_ns > self.stamp_ns:
-            self.odometry(stamp_ns, odom_from_robot, now_ns)
+            self._on_indirect_data(scan, now_ns - self._stale_ns, now_ns)
+        elif self.by_scan or scan.stamp_ns > self.stamp_ns:
+            self.odometry(scan.stamp_ns, scan.odom_from_robot, now_ns)
             self.by_scan = True
-        self.waiting_ns[stamp_ns] = self._taken_ns(stamp_ns, now_ns)
+        self.waiting_ns[scan.stamp_ns] = self._taken_ns(scan.stamp_ns, now_ns)
         if len(self.waiting_ns) > MAX_WAITING_SCANS:
             del self.waiting_ns[next(iter(self.waiting_ns))]
 
-    def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
+    def weighed(self, scan: Scan) -> None:
         """Record that a scan was applied and that at least one worker had weighed it."""
-        self.driven.begin_at(odom_from_robot, self.since_step.now)
-        if stamp_ns in self.waiting_ns:
-            self.scan_ns = self.waiting_ns[stamp_ns]
-            while next(iter(self.waiting_ns)) != stamp_ns:
+        self.driven.begin_at(scan.odom_from_robot, self.since_step.now)
+        if scan.stamp_ns in self.waiting_ns:
+            self.scan_ns = self.waiting_ns[scan.stamp_ns]
+            while next(iter(self.waiting_ns)) != scan.stamp_ns:
                 del self.waiting_ns[next(iter(self.waiting_ns))]
 
     def believed(self, outcome: Outcome, odom_from_robot: PoseTuple) -> None:
@@ -171,27 +164,19 @@ class PoseTracker(Part):
         self.lateness = LatencyEstimator()
         self.lateness.on_arrival(now_ns - usual_delay_ns, now_ns)
 
-    def resume(
-        self,
-        stamp_ns: int,
-        odom_from_robot: PoseTuple,
-        age_s: float,
-        now_ns: int,
-        *,
-        live: bool = False,
-    ) -> None:
-        """Continue with the newest data that another coordinator received.
+    def resume(self, applied: Scan, age_s: float, now_ns: int) -> None:
+        """Continue with the last scan that another coordinator applied.
 
         The data is stale, unless the usual delay is known: then its stamp shows when it arrived.
         """
-        if live and not self.live:
+        if applied.live and not self.live:
             self.lateness = self._lateness_so_far()
         unless_known_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
         if self.arrived_ns is None:
-            self._on_indirect_data(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
-        due_ns = self._due_ns(stamp_ns, now_ns)
+            self._on_indirect_data(applied, unless_known_ns, now_ns)
+        due_ns = self._due_ns(applied.stamp_ns, now_ns)
         self.scan_ns = unless_known_ns if due_ns is None else due_ns
-        self.driven.begin_at(odom_from_robot, self.since_step.now)
+        self.driven.begin_at(applied.odom_from_robot, self.since_step.now)
 
     def _move_to(self, odom_from_robot: PoseTuple) -> None:
         self.since_step.on_odometry(odom_from_robot)
@@ -204,15 +189,13 @@ class PoseTracker(Part):
             lateness.on_arrival(self.stamp_ns, self.arrived_ns)
         return lateness
 
-    def _on_indirect_data(
-        self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int
-    ) -> None:
+    def _on_indirect_data(self, scan: Scan, unless_known_ns: int, now_ns: int) -> None:
         """Store data of a fetched scan or another coordinator's state, unless newer is known."""
-        if self.arrived_ns is not None and stamp_ns <= self.stamp_ns:
+        if self.arrived_ns is not None and scan.stamp_ns <= self.stamp_ns:
             return
-        self.stamp_ns, self.indirect_ns = stamp_ns, now_ns
-        self._move_to(odom_from_robot)
-        due_ns = self._due_ns(stamp_ns, now_ns)
+        self.stamp_ns, self.indirect_ns = scan.stamp_ns, now_ns
+        self._move_to(scan.odom_from_robot)
+        due_ns = self._due_ns(scan.stamp_ns, now_ns)
         if due_ns is not None:
             self.arrived_ns = due_ns
         elif self.arrived_ns is None:

@@ -185,7 +185,7 @@ class FailureDetector:
     def link(self, up: bool, now_ns: int) -> None:
         """Record whether the own link is up, and restart the time-out."""
         self._linked = up
-        self._last_sign_ns, self._died_ns = now_ns, None
+        self.sign_of_life(now_ns)
 
     def is_over(self, now_ns: int) -> bool:
         if not self._linked:

@@ -134,13 +134,6 @@ class CoordinatorState(Part):
         newest = self.collector.newest_scan
         return newest.settings if newest is not None else self.live
 
-    def place_counts(self, was_live: bool) -> bool:
-        """Return whether the last pose of an earlier run may still be valid.
-
-        For a recording or a simulation it is not, unless the settings name a folder for the state.
-        """
-        return (was_live and self.pose.live) or bool(self.settings.state_folder)
-
     # --- what happens
 
     def on_map(self, scan: Scan) -> bool:
@@ -227,7 +220,7 @@ class CoordinatorState(Part):
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         if not outcome.missing or set(weighing) - set(outcome.missing):
-            self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
+            self.pose.weighed(ready.scan)
         self._follow(outcome, ready.scan)
         self._carry_out_waiting(ready.scan)
 
@@ -383,13 +376,7 @@ class CoordinatorState(Part):
         applied = state.collector.applied
         if applied is not None:
             self._use(applied.settings)
-            self.pose.resume(
-                applied.stamp_ns,
-                applied.odom_from_robot,
-                state.age_s,
-                now_ns,
-                live=applied.live,
-            )
+            self.pose.resume(applied, state.age_s, now_ns)
             outcome = self.ensemble.repeated_outcome(applied.step, state.missing)
             self.pose.believed(outcome, applied.odom_from_robot)
 

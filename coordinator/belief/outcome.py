@@ -1,8 +1,8 @@
 """The result of a step, and the messages that publish it."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from itertools import islice
+
+import msgspec
 
 from coordinator.belief.cluster_set import Cluster
 from process_runtime.settings import BridgeSettings
@@ -13,8 +13,7 @@ from protocol.steps import Scan
 from protocol.work import Job
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(msgspec.Struct, frozen=True):
     """The result of one step or one command."""
 
     step: int
@@ -32,7 +31,7 @@ class Outcome:
 
     search_progress: float = 0.0
     """Progress of the current search, 0 to 1."""
-    resize: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    resize: dict[str, tuple[int, int]] = {}
     """By job id: new number of particles, and the first step that may resample to it."""
     off_map_probability: float = 0.0
     """Part of `elsewhere_probability`: the robot is not on the map."""

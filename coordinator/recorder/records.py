@@ -4,7 +4,6 @@ A coordinator computes no belief from particles or beams, so a replay does not n
 them, a step is a hundred times smaller. A checkpoint stays as published: most have no particles.
 """
 
-import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -145,9 +144,6 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
             return type(value)(map(_without_bulk, value))
         case dict():
             return value | _changed(value)
-        case _ if dataclasses.is_dataclass(value):
-            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-            return dataclasses.replace(value, **_changed(fields))  # type: ignore[type-var] # no class
         case _:
             return value
 

@@ -11,7 +11,8 @@ from particle_filter.poses import between, compose
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.message import PoseTuple
-from tests.unit.coordinator.reports import NO_SPREAD
+from protocol.steps import Scan
+from tests.unit.coordinator.reports import NO_SPREAD, scan
 from tests.unit.evaluation.places import outcome, place
 
 SECOND = 1_000_000_000
@@ -31,13 +32,17 @@ def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
     return PoseTracker.of("coordinator", settings, motion, BRIDGE)
 
 
+def scan_at(stamp_ns: int, odom_from_robot: PoseTuple, *, live: bool = False) -> Scan:
+    return replace(scan(0, live=live), stamp_ns=stamp_ns, odom_from_robot=odom_from_robot)
+
+
 def believed_at(
     mean: PoseTuple, odom_from_robot: PoseTuple, motion: MotionSettings = SURE
 ) -> PoseTracker:
     tracker = new_tracker(motion)
     best = replace(place(0.9, mean), covariance=NO_SPREAD)
-    tracker.scan(1 * SECOND, odom_from_robot, now_ns=0)
-    tracker.weighed(1 * SECOND, odom_from_robot)
+    tracker.scan(scan_at(1 * SECOND, odom_from_robot), 0)
+    tracker.weighed(scan_at(1 * SECOND, odom_from_robot))
     tracker.believed(outcome("localized", best, elsewhere=0.0), odom_from_robot)
     return tracker
 
@@ -99,21 +104,21 @@ def test_a_stopped_clock_makes_the_pose_stale() -> None:
 def test_a_scan_older_than_the_newest_odometry_does_not_take_the_pose_back() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
     tracker.odometry(3 * SECOND, (2.0, 0.0, 0.0), now_ns=SECOND)
-    tracker.scan(2 * SECOND, (1.0, 0.0, 0.0), now_ns=2 * SECOND)
+    tracker.scan(scan_at(2 * SECOND, (1.0, 0.0, 0.0)), 2 * SECOND)
     answer = tracker.answer(2 * SECOND, workers=1)
     assert answer.pose == pytest.approx((2.0, 0.0, 0.0))
 
 
 def test_stamps_of_scans_may_step_back_without_odometry_in_between() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
-    tracker.scan(SECOND // 2, (1.0, 0.0, 0.0), now_ns=SECOND)
+    tracker.scan(scan_at(SECOND // 2, (1.0, 0.0, 0.0)), SECOND)
     assert tracker.answer(SECOND, workers=1).pose == pytest.approx((1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
 def test_delayed_data_of_a_live_robot_is_not_fresh(live: bool, freshness: str) -> None:
     tracker = new_tracker()
-    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=live)
+    tracker.scan(scan_at(100 * SECOND, (0.0, 0.0, 0.0), live=live), 0)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
     answer = tracker.answer(int(2.3 * SECOND), workers=1)
     assert answer.freshness == freshness
@@ -124,14 +129,14 @@ def test_the_newest_scan_decides_whether_stamps_show_delays() -> None:
     tracker = new_tracker()
     assert not tracker.live
     for step, live in enumerate((True, True, False, True)):
-        tracker.scan(step * SECOND, (0.0, 0.0, 0.0), now_ns=step * SECOND, live=live)
+        tracker.scan(scan_at(step * SECOND, (0.0, 0.0, 0.0), live=live), step * SECOND)
         assert tracker.live == live
 
 
 def test_a_recording_after_a_live_robot_does_not_use_its_clock() -> None:
     tracker = new_tracker()
-    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
-    tracker.scan(SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=False)
+    tracker.scan(scan_at(100 * SECOND, (0.0, 0.0, 0.0), live=True), 0)
+    tracker.scan(scan_at(SECOND, (0.0, 0.0, 0.0), live=False), SECOND)
     tracker.odometry(2 * SECOND, (0.5, 0.0, 0.0), now_ns=10 * SECOND)
     assert tracker.age_s(10 * SECOND) == 0.0
 
@@ -139,7 +144,7 @@ def test_a_recording_after_a_live_robot_does_not_use_its_clock() -> None:
 @pytest.mark.parametrize("live", [True, False])
 def test_a_successor_receives_whether_the_robot_is_live(live: bool) -> None:
     tracker = new_tracker()
-    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0, live=live)
+    tracker.resume(scan_at(100 * SECOND, (0.0, 0.0, 0.0), live=live), age_s=0.5, now_ns=0)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
     tracker.odometry(102 * SECOND, (1.0, 0.0, 0.0), now_ns=int(3.3 * SECOND))  # 1.3 s late
     assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(1.3 if live else 0.0)
@@ -195,8 +200,8 @@ def test_a_robot_that_drives_on_without_steps_is_dead_reckoning() -> None:
     assert answer.freshness == "dead_reckoning"
     assert answer.scan_age_s == 1.0
     assert answer.age_s == 0.0
-    tracker.scan(2 * SECOND, (1.2, 0.0, 0.0), now_ns=SECOND)
-    tracker.weighed(2 * SECOND, (1.2, 0.0, 0.0))
+    tracker.scan(scan_at(2 * SECOND, (1.2, 0.0, 0.0)), SECOND)
+    tracker.weighed(scan_at(2 * SECOND, (1.2, 0.0, 0.0)))
     assert tracker.answer(SECOND, workers=1).freshness == "fresh"
     assert tracker.answer(SECOND, workers=1).scan_age_s == 0.0
 
@@ -219,25 +224,25 @@ def test_without_workers_the_pose_is_dead_reckoning_and_without_data_stale() -> 
 
 def test_a_live_robots_stamps_show_the_age_of_a_fetched_scan() -> None:
     tracker = new_tracker()
-    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
+    tracker.scan(scan_at(100 * SECOND, (0.0, 0.0, 0.0), live=True), 0)
     tracker.odometry(103 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
-    tracker.scan(101 * SECOND, (0.2, 0.0, 0.0), now_ns=3 * SECOND, live=True)
+    tracker.scan(scan_at(101 * SECOND, (0.2, 0.0, 0.0), live=True), 3 * SECOND)
     assert tracker.answer(3 * SECOND, workers=1).scan_age_s == -1.0
-    tracker.weighed(101 * SECOND, (0.2, 0.0, 0.0))
+    tracker.weighed(scan_at(101 * SECOND, (0.2, 0.0, 0.0)))
     assert tracker.answer(4 * SECOND, workers=1).scan_age_s == 3.0
 
 
 def test_after_a_take_over_the_last_scan_is_not_younger_than_the_data() -> None:
     tracker = new_tracker()
-    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0)
+    tracker.resume(scan_at(100 * SECOND, (0.0, 0.0, 0.0)), age_s=0.5, now_ns=0)
     answer = tracker.answer(0, workers=1)
     assert answer.scan_age_s == answer.age_s
 
 
 def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
     tracker = new_tracker()
-    tracker.resume(1 * SECOND, (0.0, 0.0, 0.0), 0.1, now_ns=0, live=True)
-    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND, live=True, fetched=True)
+    tracker.resume(scan_at(1 * SECOND, (0.0, 0.0, 0.0), live=True), 0.1, now_ns=0)
+    tracker.scan(scan_at(2 * SECOND, (0.1, 0.0, 0.0), live=True), 1 * SECOND, fetched=True)
     assert tracker.answer(1 * SECOND, workers=1).freshness == "stale"
     assert tracker.answer(1 * SECOND, workers=1).stamp_ns == 2 * SECOND, "but it is the newest"
     tracker.odometry(9 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND)
@@ -247,7 +252,7 @@ def test_a_fetched_scan_alone_leaves_the_pose_stale() -> None:
 def test_a_successor_with_a_usual_delay_has_the_age_of_the_last_scan() -> None:
     tracker = new_tracker()
     tracker.begin(usual_delay_ns=-99 * SECOND, now_ns=3 * SECOND)
-    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), 0.0, now_ns=int(3.3 * SECOND), live=True)
+    tracker.resume(scan_at(100 * SECOND, (0.0, 0.0, 0.0), live=True), 0.0, now_ns=int(3.3 * SECOND))
     answer = tracker.answer(int(3.3 * SECOND), workers=1)
     assert answer.age_s == answer.scan_age_s == pytest.approx(2.3)
     assert answer.freshness == "stale"
@@ -257,7 +262,7 @@ def test_a_successor_with_a_usual_delay_has_the_age_of_the_last_scan() -> None:
 
 def test_the_age_of_a_scan_follows_from_its_own_stamp() -> None:
     tracker = new_tracker()
-    tracker.scan(1 * SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=True)
+    tracker.scan(scan_at(1 * SECOND, (0.0, 0.0, 0.0), live=True), SECOND)
     tracker.odometry(3 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
     assert tracker.age_of_s(1 * SECOND, now_ns=4 * SECOND) == 3.0
     assert tracker.age_s(4 * SECOND) == 1.0
@@ -266,8 +271,8 @@ def test_the_age_of_a_scan_follows_from_its_own_stamp() -> None:
 
 def test_fetched_scans_do_not_change_the_usual_delay() -> None:
     tracker = new_tracker()
-    tracker.scan(100 * SECOND, (3.0, 0.0, 0.0), now_ns=100 * SECOND, live=True)
-    tracker.scan(90 * SECOND, (1.0, 0.0, 0.0), now_ns=100 * SECOND, live=True, fetched=True)
+    tracker.scan(scan_at(100 * SECOND, (3.0, 0.0, 0.0), live=True), 100 * SECOND)
+    tracker.scan(scan_at(90 * SECOND, (1.0, 0.0, 0.0), live=True), 100 * SECOND, fetched=True)
     answer = tracker.answer(100 * SECOND, workers=1)
     assert answer.stamp_ns == 100 * SECOND, "the newest is still the newest"
     assert answer.age_s == 0.0
@@ -278,13 +283,13 @@ def test_fetched_scans_do_not_change_the_usual_delay() -> None:
 def test_a_fetched_scan_of_a_live_robot_uses_the_arrival_of_odometry() -> None:
     tracker = new_tracker()
     tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
-    tracker.scan(101 * SECOND, (0.1, 0.0, 0.0), now_ns=2 * SECOND, live=True, fetched=True)
+    tracker.scan(scan_at(101 * SECOND, (0.1, 0.0, 0.0), live=True), 2 * SECOND, fetched=True)
     assert tracker.age_s(2 * SECOND) == 1.0, "not the 2 s since the odometry before it"
 
 
 def test_odometry_with_a_stamp_known_from_another_coordinator_is_as_old_as_its_state() -> None:
     tracker = new_tracker()
     scan_ns, arrived_ns = 10 * SECOND, 10 * SECOND + SECOND // 10
-    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), scan_ns, live=True, fetched=True)
+    tracker.scan(scan_at(2 * SECOND, (0.1, 0.0, 0.0), live=True), scan_ns, fetched=True)
     tracker.odometry(2 * SECOND, (0.1, 0.0, 0.0), arrived_ns)
     assert tracker.age_s(arrived_ns) == pytest.approx(0.1)
