@@ -46,14 +46,9 @@ def carried(
     now: PoseTuple,
     motion: MotionSettings | None,
 ) -> tuple[PoseTuple, Covariance]:
-    """Return a pose and its covariance after the robot has moved by odometry alone.
+    """Return a pose and its covariance after the robot has moved by odometry from `then` to `now`.
 
-    Args:
-        mean: pose in the map before the motion.
-        covariance: covariance of that pose.
-        then: odometry before the motion.
-        now: odometry after the motion.
-        motion: noise of the odometry; None: no noise.
+    Without `motion`, its settings, odometry has no noise.
     """
     if then == now:
         return mean, covariance

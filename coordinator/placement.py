@@ -121,13 +121,8 @@ class Placement(Part):
     ) -> None:
         """Take the jobs of workers that were late too often.
 
-        Workers with a search keep it: its steps may take longer than a deadline.
-
-        Args:
-            expected: jobs whose reports the step needed.
-            missing: jobs of these without a report.
-            now_ns: time by the clock of all events [ns].
-            patient: whether all workers are slow, so that moving jobs would not help.
+        Workers with a search keep it: its steps may take longer than a deadline. `patient`
+        says that all workers are slow, so that moving jobs would not help.
         """
         placed = self.jobs.placed
         owed = {job_id: job for job_id in expected if (job := placed.get(job_id)) is not None}
@@ -148,16 +143,9 @@ class Placement(Part):
     def orders(
         self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
     ) -> list[tuple[str, WorkOrder]]:
-        """Give waiting jobs to workers, balance the load, and return the orders that are due.
+        """Give waiting jobs to workers, balance the load, and return each worker's due order.
 
-        Args:
-            term: the coordinator's term.
-            map_digest: digest of the map that the workers are to use.
-            now_ns: time by the clock of all events [ns].
-            newest_step: the newest step whose scan has arrived.
-
-        Returns:
-            Names of workers, each with its order.
+        `newest_step` is the newest step whose scan has arrived.
         """
         self.jobs.give_up_awaited(now_ns)
         self._give_up_silent_shards(newest_step, now_ns)

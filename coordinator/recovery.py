@@ -17,7 +17,7 @@ from coordinator.instructions import AskState, FetchScans
 from coordinator.part import Part
 from particle_filter.poses import between, compose
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import pose_tuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, TakeOver
 
@@ -137,14 +137,12 @@ class LastPlace(msgspec.Struct, frozen=True):
         if not _was_reset(self.odom_from_robot, scan.odom_from_robot):
             moved = between(np.array(self.odom_from_robot), np.array(scan.odom_from_robot))
             pose = compose(pose, moved)
-        a, b, c, d, e, f, g, h, i = (
-            x + y for x, y in zip(self.covariance, MOVED_BY_HAND, strict=True)
-        )
+        spread = covariance_matrix(self.covariance) + covariance_matrix(MOVED_BY_HAND)
         return PriorPose(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
             pose=pose_tuple(pose),
-            covariance=(a, b, c, d, e, f, g, h, i),
+            covariance=covariance_tuple(spread),
             probability=probability,
         )
 

@@ -116,10 +116,7 @@ class StragglerPolicy(Part):
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
         """Return whether a worker may have jobs.
 
-        Args:
-            worker: name of the worker.
-            now_ns: time by the clock of all events [ns].
-            answers: whether the worker has answered its last order, so it is not frozen.
+        After a pause it may if it `answers`: it has answered its last order, so it is not frozen.
         """
         record = self.records.get(self._counted_as(worker))
         if record is None or not record.paused:
@@ -188,12 +185,9 @@ class SilentShards(Part):
         record.step = max(step, record.step)
 
     def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
-        """Return the shards that have been silent for too long.
+        """Return the shards of the running search that have been silent for too long.
 
-        Args:
-            shards: jobs of the running search.
-            newest_step: the newest step whose scan has arrived; later reports are not due.
-            now_ns: time by the clock of all events [ns].
+        No report is due after `newest_step`, the newest step whose scan has arrived.
         """
         self.records = {job_id: self.records.get(job_id, ShardReports()) for job_id in shards}
         if now_ns - self.looked_ns > PAUSE_NS:

@@ -80,13 +80,9 @@ def _checkpoint_in(data: bytes) -> Checkpoint:
 
 
 def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
-    """Write a state; it replaces the last one.
+    """Write a state, which replaces the last one; create the folder if it is missing.
 
-    Args:
-        folder: folder of the file; created if missing.
-        robot: name of the robot.
-        checkpoint: the state.
-        sync: wait until the state is on the disk, so that it survives a power cut.
+    With `sync`, wait until the state is on the disk, so that it survives a power cut.
 
     Raises:
         OSError: the folder cannot be written, or the disk is full; the last file is unchanged.

@@ -1,6 +1,6 @@
 """Replays a flight recording with the real coordinator, and compares the beliefs."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -56,85 +56,69 @@ def replayed(
     Raises:
         RecordingError: the folder holds no recording, or an unreadable one.
     """
-    replays = [_SeriesReplay(files, version, map_digest) for files in _by_series(folder)]
-    for replay in replays:
-        yield from replay.run()
-    if all(replay.is_empty for replay in replays):
+    is_empty = True
+    for files in _by_series(folder):
+        coordinator = yield from _replayed_series(files, version, map_digest)
+        is_empty = is_empty and coordinator is None
+    if is_empty:
         raise RecordingError(folder, "all files in it are cut off at their beginning")
 
 
-class _SeriesReplay:
-    """Replays the files of one coordinator, oldest first; arguments as for `replayed`."""
+def _replayed_series(
+    files: list[Path], version: str, allowed_map: str | None
+) -> Generator[tuple[int, Happening], None, Coordinator | None]:
+    """Replay the files of one coordinator, oldest first; return it at the end.
 
-    def __init__(self, files: list[Path], version: str, map_digest: str | None) -> None:
-        self._files, self._version, self._allowed_map = files, version, map_digest
-        self._coordinator: Coordinator | None = None
-        self._events = 0
-        self._wall_ns = 0
+    If events before a file are missing, the replay continues with the state in the file's head.
+    """
+    coordinator: Coordinator | None = None
+    events = wall_ns = 0
+    for path in files:
+        log = RunLogReader(path)
+        for entry in _entries(log, version):
+            if isinstance(entry, Head):
+                head, wall_ns, missing = entry, entry.wall_ns, entry.first_event - events
+                if missing:
+                    yield wall_ns, Happened("not recorded", f"{missing} events before {path.name}")
+                if coordinator is None or missing:
+                    coordinator, events = _thawed(path, head), head.first_event
+                    yield wall_ns, Happened("recording", f"{path.name}, made with {head.made_with}")
+            else:
+                assert coordinator is not None  # each file begins with a head
+                wall_ns, events = head.wall_ns + entry.recorded.now_ns - head.now_ns, events + 1
+                for happening in _replay(path, coordinator, entry, events, allowed_map):
+                    yield wall_ns, happening
+        if log.cut:
+            yield wall_ns, Happened("cut off", f"{path.name}: {log.cut}")
+    return coordinator
 
-    @property
-    def is_empty(self) -> bool:
-        return self._coordinator is None
 
-    def run(self) -> Iterator[tuple[int, Happening]]:
-        for happening in self._run():
-            yield self._wall_ns, happening
+def _thawed(path: Path, head: Head) -> Coordinator:
+    try:
+        return thaw(head.snapshot)
+    except ValueError as error:
+        raise RecordingError(path, str(error)) from error
 
-    def _run(self) -> Iterator[Happening]:
-        for path in self._files:
-            log = RunLogReader(path)
-            for entry in _entries(log, self._version):
-                match entry:
-                    case Head():
-                        head = entry
-                        yield from self._begin_file(path, head)
-                    case _Entry():
-                        self._wall_ns = head.wall_ns + entry.recorded.now_ns - head.now_ns
-                        yield from self._replay(path, entry)
-            if log.cut:
-                yield Happened("cut off", f"{path.name}: {log.cut}")
 
-    def _begin_file(self, path: Path, head: Head) -> Iterator[Happening]:
-        """Continue with the next file; if events are missing, use the state in its head."""
-        missing, self._wall_ns = head.first_event - self._events, head.wall_ns
-        if self._coordinator is not None and not missing:
-            return
-        if missing:
-            yield Happened("not recorded", f"{missing} events before {path.name}")
-        try:
-            self._coordinator = thaw(head.snapshot)
-        except ValueError as error:
-            raise RecordingError(path, str(error)) from error
-        self._events = head.first_event
-        yield Happened("recording", f"{path.name}, made with {head.made_with}")
-
-    def _replay(self, path: Path, entry: "_Entry") -> Iterator[Happening]:
-        coordinator = self._coordinator
-        assert coordinator is not None  # `_begin_file` has made it
-        self._events += 1
-        yield from happened(entry.recorded.event)
-        had_begun = coordinator.term.begun
-        instructions = self._handled(path, coordinator, entry.recorded)
-        self._check_map(path, coordinator)
-        if coordinator.term.begun and not had_begun:
-            yield _begins(instructions)
-        yield from happened_to(instructions)
-        yield from _compared(instructions, entry)
-
-    def _handled(
-        self, path: Path, coordinator: Coordinator, recorded: RecordedEvent
-    ) -> list[Instruction]:
-        try:
-            return coordinator.handle(recorded.event, recorded.now_ns)
-        except Exception as error:  # a recorded bug, or a forged file
-            problem = f"the coordinator fails at event {self._events}"
-            raise RecordingError(path, f"{problem}: {type(error).__name__}: {error}") from error
-
-    def _check_map(self, path: Path, coordinator: Coordinator) -> None:
-        digest, allowed = coordinator.map_digest, self._allowed_map
-        if digest and allowed is not None and digest != allowed:
-            problem = f"recorded in the map {digest!r}, but this one is {allowed!r}"
-            raise RecordingError(path, problem)
+def _replay(
+    path: Path, coordinator: Coordinator, entry: "_Entry", number: int, allowed_map: str | None
+) -> Iterator[Happening]:
+    """Pass an event, the coordinator's `number`-th, to the coordinator."""
+    recorded, had_begun = entry.recorded, coordinator.term.begun
+    yield from happened(recorded.event)
+    try:
+        instructions = coordinator.handle(recorded.event, recorded.now_ns)
+    except Exception as error:  # a recorded bug, or a forged file
+        problem = f"the coordinator fails at event {number}: {type(error).__name__}: {error}"
+        raise RecordingError(path, problem) from error
+    digest = coordinator.map_digest
+    if digest and allowed_map is not None and digest != allowed_map:
+        problem = f"recorded in the map {digest!r}, but this one is {allowed_map!r}"
+        raise RecordingError(path, problem)
+    if coordinator.term.begun and not had_begun:
+        yield _begins(instructions)
+    yield from happened_to(instructions)
+    yield from _compared(instructions, entry)
 
 
 def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Believed]:
