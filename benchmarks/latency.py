@@ -23,12 +23,15 @@ from benchmarks.processor_time import ByThread, in_between, processes_table, spe
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag
 from protocol import keys
+from protocol.advice import Advice
 from protocol.answers import Belief
 from protocol.codec import decode
+from protocol.errors import ClusterMclError
 from protocol.message import Message
 from protocol.steps import Scan
 from protocol.work import Reported, reports_in
 from zenoh_link.session import open_session
+from zenoh_link.wire import ask
 
 Seen = list[tuple[int, Message]]
 """Arrival [ns] and content of each scan, report and belief, in order."""
@@ -135,8 +138,12 @@ def run_stack(
     far_workers: int,
     options: Sequence[str] = (),
     cores: float = 0.0,
+    *,
+    advice: bool = False,
 ) -> tuple[ByThread, int, Seen]:
     """Run a stack for this time; `settings` as for `--set`; some workers on the far machine.
+
+    With `advice`, a client asks for advice all the time while the stack is watched.
 
     Returns:
         What each thread of it took over the last `watched_s`, when they began [ns], and what
@@ -165,7 +172,10 @@ def run_stack(
         payloads = started.enter_context(_observed(assignments))
         time.sleep(seconds - watched_s)
         before, begun_ns = spent_by_thread(), time.monotonic_ns()
-        time.sleep(watched_s)
+        if advice:
+            _ask_for_advice(assignments, watched_s)
+        else:
+            time.sleep(watched_s)
         spent = in_between(before, spent_by_thread())
     return spent, begun_ns, [(at_ns, decode(data, _KEYS[key])) for at_ns, key, data in payloads]
 
@@ -182,6 +192,20 @@ def _observed(assignments: Sequence[str]) -> Iterator[list[tuple[int, str, bytes
 
             session.declare_subscriber(key, note)
         yield payloads
+
+
+def _ask_for_advice(assignments: Sequence[str], seconds: float) -> None:
+    """Ask again as soon as there is an answer."""
+    settings, answers, until_s = load_settings(None, assignments), 0, time.monotonic() + seconds
+    with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0) as session:
+        while time.monotonic() < until_s:
+            try:
+                ask(session, keys.ADVICE, Advice, timeout_s=20.0)
+                answers += 1
+            except ClusterMclError as error:
+                print(error)
+                time.sleep(0.1)
+    print(f"{answers} answers to questions for advice in {seconds:g} s")
 
 
 def steps_sent(seen: Seen, begun_ns: int, watched_s: float) -> int:
@@ -229,6 +253,11 @@ def main() -> None:
         help="as many clusters as the belief has by default, over the watched seconds only",
     )
     parser.add_argument("--cores", type=float, default=0.0, help="limit, such as 0.5; needs root")
+    parser.add_argument(
+        "--advice",
+        action="store_true",
+        help="ask for advice all the time while watched; latencies before it and with it",
+    )
     options = parser.parse_args()
     spent, begun_ns, seen = run_stack(
         options.seconds,
@@ -243,8 +272,12 @@ def main() -> None:
         options.far,
         ("--one-process",) if options.one_process else (),
         options.cores,
+        advice=options.advice,
     )
-    if options.own_clusters:
+    if options.advice:
+        before, _ = stages_of([each for each in seen if each[0] < begun_ns])
+        print(table({f"{name}, no advice": ms[options.skip :] for name, ms in before.items()}))
+    if options.own_clusters or options.advice:
         options.skip, seen = 0, [each for each in seen if each[0] >= begun_ns]
     stages, reports = stages_of(seen)
     steps = steps_sent(seen, begun_ns, options.watched)

@@ -23,7 +23,6 @@ from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
 from process_runtime.compressed import os_problem
 from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
@@ -322,7 +321,7 @@ class ClusterMCL(RobotCommands):
             belief, belief.scan, views, gate, radius_m=radius_m, sender=_SENDER
         )
         model, marks = self._model, self.map.landmarks
-        return finished(advice(question, belief.scan, model, self._settings, _SENDER, marks))
+        return advice(question, belief.scan, model, self._settings, _SENDER, marks)
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(

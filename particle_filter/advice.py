@@ -27,7 +27,6 @@ from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.roads import SPACING_M, Roads, roads_of
 from particle_filter.sensor_model import LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 
 MAX_WAYS = 5
@@ -127,14 +126,14 @@ class Question:
     landmarks: Landmarks = NOTHING_OBSERVED[1]
     """Those of the map."""
 
-    def roads(self, model: SensorModel) -> Slices[Roads]:
+    def roads(self, model: SensorModel) -> Roads:
         """Find the ways on ground that is free at all places."""
         return roads_of(self.places, self.covariances, self.radius_m, model.grid)
 
 
 def advised_ways(
     question: Question, model: SensorModel, settings: FilterSettings, roads: Roads | None = None
-) -> Slices[tuple[list[Way], NDArray[np.float64]]]:
+) -> tuple[list[Way], NDArray[np.float64]]:
     """Find the ways with the most information for their length.
 
     Args:
@@ -148,18 +147,18 @@ def advised_ways(
         `LEAST_INFORMATION`. And (S, 3) the view points: x, y in the robot's frame [m], and the
         expected information of a new view there [nat], the most of all looked at headings.
     """
-    roads = roads or (yield from question.roads(model))
-    shares, looked = yield from _shares(question, model, settings)
-    views = yield from _views(question, model, settings, roads)
+    roads = roads or question.roads(model)
+    shares, looked = _shares(question, model, settings)
+    views = _views(question, model, settings, roads)
     for seen in views.seen.values():
         np.maximum(seen.sights - looked, 0.0, out=seen.sights)
-    ways = yield from _ways(question, shares, settings, views)
-    return _best(ways, question, shares), (yield from _spots(question, shares, settings, views))
+    ways = _ways(question, shares, settings, views)
+    return _best(ways, question, shares), _spots(question, shares, settings, views)
 
 
 def _shares(
     question: Question, model: SensorModel, settings: FilterSettings
-) -> Slices[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (K,) probabilities that each place is the right one, which sum to one.
 
     And (K, K) the expected evidence of landmarks in sight from earlier views.
@@ -176,7 +175,6 @@ def _shares(
         seen = _seen(view[:3], question, laser, model)
         expected += view[3] * _counted(seen, question, settings)
         np.maximum(looked, view[3] * seen.sights, out=looked)
-        yield
     expected += looked
     shares = question.probabilities / question.probabilities.sum()
     others = (1.0 - shares + 1e-9) / (len(shares) - 1)
@@ -230,7 +228,7 @@ class _Views:
 
 def _views(
     question: Question, model: SensorModel, settings: FilterSettings, roads: Roads
-) -> Slices[_Views]:
+) -> _Views:
     thin = _thinned(question.laser, settings.sensor.max_beams)
     angles = _angles(thin)
     all_round = np.ptp(angles) + thin.angle_step > _ALL_ROUND_RAD
@@ -247,7 +245,6 @@ def _views(
     views = _Views(ways, {}, roads.nodes[roads.spots], angles + thin.robot_from_laser[2])
     for view in dict.fromkeys(view for *_, driven in ways for view in driven):
         views.seen[view] = _seen(views.pose_of(view), question, thin, model)
-        yield
     return views
 
 
@@ -316,7 +313,7 @@ def _seen(spot: Pose, question: Question, laser: LaserScan, model: SensorModel) 
 
 def _ways(
     question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
-) -> Slices[list[Way]]:
+) -> list[Way]:
     rules = settings.belief
     per_metre = _new_view(question.gate_m, rules.view_distance_m)
     per_radian = _new_view(question.gate_rad, rules.view_turn_rad)
@@ -339,19 +336,17 @@ def _ways(
         sight = _sight(views, last, question.probabilities / question.probabilities.sum())
         marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
         ways.append(Way(*parts, length, turn, gains, information, sure_share, sight, marks))
-        yield
     return ways
 
 
 def _spots(
     question: Question, shares: NDArray[np.float64], settings: FilterSettings, views: _Views
-) -> Slices[NDArray[np.float64]]:
+) -> NDArray[np.float64]:
     told = np.zeros(len(views.spots))
     for view, seen in views.seen.items():
         evidence = _counted(seen, question, settings) + seen.sights
         gains, _ = expected_gains(question.probabilities, evidence, 0.5)
         told[view[0]] = max(told[view[0]], float(shares @ gains))
-        yield
     return np.column_stack([views.spots, told])
 
 

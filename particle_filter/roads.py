@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 from particle_filter.arrays import FREE, Points, Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.poses import compose
-from particle_filter.slices import Slices
 
 REACH_M = 20.0
 """Ways stay within this distance of the robot along x and y [m]."""
@@ -80,9 +79,7 @@ class Roads:
         return 1 + int(np.argmin(np.append(halfway & self.sure[2 * rows[1:], 2 * cols[1:]], False)))
 
 
-def roads_of(
-    places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid
-) -> Slices[Roads]:
+def roads_of(places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid) -> Roads:
     """Find the shortest ways on ground that is free at all places.
 
     Args:
@@ -95,20 +92,17 @@ def roads_of(
     middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
     drivable, sure = np.ones((2, *points.shape[:2]), np.bool_)
     for place, covariance in zip(places, covariances, strict=True):
-        drivable_here, sure_here, clear_here = yield from _ground(
-            place, covariance, radius_m, grid, points
-        )
+        drivable_here, sure_here, clear_here = _ground(place, covariance, radius_m, grid, points)
         drivable &= drivable_here
         sure &= sure_here
         clear = np.minimum(clear, clear_here)
-        yield
     drivable[middle, middle] = True
     return _shortest(drivable, sure, clear, points)
 
 
 def without_common_ground(
     places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid
-) -> Slices[list[tuple[int, ...]]]:
+) -> list[tuple[int, ...]]:
     """Return the places that have no free ground, and the pairs of the others that share none.
 
     Args:
@@ -122,8 +116,7 @@ def without_common_ground(
     """
     points, grounds = _lattice(min(2.0 * LEAST_REACH_M + radius_m, REACH_M)), []
     for place, covariance in zip(places, covariances, strict=True):
-        grounds.append((yield from _ground(place, covariance, radius_m, grid, points)))
-        yield
+        grounds.append(_ground(place, covariance, radius_m, grid, points))
     middle, found = len(points) // 2, list[tuple[int, ...]]()
     numbers = range(len(places))
     for group in chain(combinations(numbers, 1), combinations(numbers, 2)):
@@ -134,7 +127,6 @@ def without_common_ground(
         common[middle, middle] = True
         if _shortest(common, common, clear, points).reach_m < LEAST_REACH_M:
             found.append(group)
-        yield
     return found
 
 
@@ -148,14 +140,13 @@ def _lattice(reach_m: float) -> Poses:
 
 def _ground(
     place: Pose, covariance: NDArray[np.float64], radius_m: float, grid: Grid, points: Poses
-) -> Slices[tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]]:
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
     """Return (n, n) where one place can be driven, where surely, and how clear it is there [m]."""
-    middle, room = len(points) // 2, (yield from _clearance(grid, place, points))
+    middle, room = len(points) // 2, _clearance(grid, place, points)
     near = np.hypot(points[..., 0], points[..., 1]) < _NEAR_M
     as_now = np.zeros_like(near)
     if room[middle, middle] < radius_m + MARGIN_M + _LATTICE_M:
         as_now[near] = _as_far_as_now(grid, place, points[near], radius_m)
-    yield
     spread = SURE_SIGMAS * _spread(place, covariance, points)
     drivable = (room > radius_m + max(spread[middle, middle], MARGIN_M)) | as_now
     sure = (room > radius_m + np.maximum(spread, MARGIN_M)) | as_now
@@ -187,7 +178,7 @@ def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDAr
     return np.asarray(np.sqrt(np.maximum(largest, 0.0)))
 
 
-def _clearance(grid: Grid, place: Pose, points: Poses) -> Slices[NDArray[np.float64]]:
+def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
     """Return the distance (n, n) from points to ground that is not known to be free [m].
 
     Args:
@@ -210,10 +201,8 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> Slices[NDArray[np.floa
         blocked[row : row + part.shape[0], col : col + part.shape[1]] = part != FREE
     shifts = np.ndindex(stride, stride)
     blocks = np.logical_or.reduce([blocked[i::stride, j::stride] for i, j in shifts])
-    yield
     # Half a block is subtracted, because the obstacle may begin at the block's border.
     room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
-    yield
     return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
 
 

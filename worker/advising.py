@@ -12,7 +12,6 @@ from particle_filter.observations import Landmarks
 from particle_filter.roads import LEAST_REACH_M, REACH_M, Roads, without_common_ground
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion, Way
 from protocol.pose_arrays import covariance_matrix, pose_tuple
@@ -32,8 +31,8 @@ def advice(
     settings: FilterSettings,
     sender: str,
     landmarks: Sequence[Landmark] = (),
-) -> Slices[Advice]:
-    """Compute the answer to a question, in slices.
+) -> Advice:
+    """Compute the answer to a question.
 
     Args:
         asked: the belief and the robot's radius.
@@ -53,13 +52,13 @@ def advice(
     )
     count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
     question = _question(asked, scan, model, landmarks)
-    roads = (yield from question.roads(model)) if count and (is_lost or count > 1) else None
+    roads = question.roads(model) if count and (is_lost or count > 1) else None
     explored = _exploring(question, roads) if is_lost or not count else ()
     if count < 2:
         known = "only one place is possible: there is nothing to distinguish"
         note = LOST if is_lost else known if count else "no place is known yet: first, a search"
         return replace(head, ways=explored, note=note)
-    ways, spots = yield from advised_ways(question, model, settings, roads)
+    ways, spots = advised_ways(question, model, settings, roads)
     made = tuple(
         Way(
             poses=tuple(map(pose_tuple, way.poses)),
@@ -80,7 +79,7 @@ def advice(
         note = LOST
     elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
         some = question.places[:MAX_COMPARED], question.covariances[:MAX_COMPARED]
-        groups = yield from without_common_ground(*some, question.radius_m, model.grid)
+        groups = without_common_ground(*some, question.radius_m, model.grid)
         apart = [tuple(head.clusters[place] for place in group) for group in groups]
         named = ", ".join(" and ".join(f"c{cluster}" for cluster in group) for group in apart[:5])
         note = f"no ground is free at all {count} places" + (f": not at {named}" if named else "")

@@ -38,10 +38,12 @@ from protocol.errors import ClusterMclError, MalformedMessageError, SettingsErro
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
 from protocol.work import Checkpoint, Report, TakeOver, WorkOrder, in_few_messages
+from worker.adviser import Adviser
 from worker.map_model import chosen_cache_folder, sensor_model
 from worker.search_queue import SearchPause
 from worker.warm_up import compile_kernels
 from worker.worker import (
+    Advise,
     Answer,
     BuildModel,
     FetchMap,
@@ -182,6 +184,7 @@ class WorkerLoop:
         self._node, self._cache_folder = node, cache_folder
         self._report_jobs = report_jobs
         self._worker, self._pause = Worker(node.name), SearchPause()
+        self._adviser = Adviser(node)
         self._reports = node.publisher(keys.worker_report(node.name), may_wait=True)
         node.publish_health(keys.worker_health(node.name))
         node.subscribe(keys.SCAN, Scan, self._on_scan, kind="scan", kept=KEPT_SCANS)
@@ -259,6 +262,8 @@ class WorkerLoop:
                     self._fetch_scans(instruction)
                 case Warn(cause, detail):
                     self._warn(cause, detail)
+                case Advise():
+                    self._adviser.advise(instruction)
         for reported in in_few_messages(reports):
             self._reports.put(reported)
 

@@ -8,7 +8,6 @@ import msgspec
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings, filter_with
-from particle_filter.slices import Slices
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion
 from protocol.codec import encode
@@ -73,7 +72,20 @@ class Warn:
     detail: str
 
 
-Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchScans | Warn
+@dataclass(frozen=True)
+class Advise:
+    """Compute the answer to a query for advice; see `Adviser`."""
+
+    question: Any
+    asked: AdviceQuestion
+    scan: Scan
+    """The scan of the asked step."""
+    model: SensorModel
+    settings: FilterSettings
+    landmarks: tuple[Landmark, ...]
+
+
+Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchScans | Warn | Advise
 
 
 class TermFence:
@@ -163,8 +175,6 @@ class Worker:
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
-        self._advising: tuple[Any, Slices[Advice]] | None = None
-        """A query for advice, and the slices of its answer."""
 
     @property
     def jobs(self) -> int:
@@ -174,7 +184,7 @@ class Worker:
     @property
     def searches(self) -> bool:
         """Whether there is work for `search`."""
-        return self._table.searches or self._advising is not None
+        return self._table.searches
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
         """Process a coordinator's published state."""
@@ -182,42 +192,22 @@ class Worker:
         return []
 
     def search(self) -> list[Instruction]:
-        """Compute one slice of an advice or of a search; call it while no event waits."""
-        if self._advising is None:
-            return _published(self._table.search_on())
-        question, slices = self._advising
-        try:
-            next(slices)
-        except StopIteration as done:
-            self._advising = None
-            return [Answer(question, done.value)]
-        return []
+        """Compute one slice of a search; call it while no event waits."""
+        return _published(self._table.search_on())
 
     def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
-        """Begin to compute advice; an unfinished one is dropped."""
-        before, self._advising = self._advising, None
+        """Have an advice computed, or answer why there is none."""
         model, settings = self._model, self._in_force or self._ordered
-        replaced = (
-            [Answer(before[0], self._no_advice("a newer question arrived"))] if before else []
-        )
         scan = self._table.scan_of(asked.step)
         if model is None or settings is None or asked.map_digest != self._model_digest:
             problem = "the worker has no map yet"
         elif scan is None:
             problem = f"the worker has no scan of step {asked.step}: ask again"
+        elif (wrong := ViewMemory(asked.views).problem) is not None:
+            problem = wrong
         else:
-            problem = ViewMemory(asked.views).problem or ""
-            if not problem:
-                from worker.advising import advice  # noqa: PLC0415 - 24 MB of scipy
-
-                self._advising = (
-                    question,
-                    advice(asked, scan, model, settings, self._name, self._landmarks),
-                )
-        return [*replaced, *([Answer(question, self._no_advice(problem))] if problem else [])]
-
-    def _no_advice(self, note: str) -> Advice:
-        return Advice(sender=self._name, note=note)
+            return [Advise(question, asked, scan, model, settings, self._landmarks)]
+        return [Answer(question, Advice(sender=self._name, note=problem))]
 
     # --- scans
 

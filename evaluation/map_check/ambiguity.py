@@ -14,7 +14,6 @@ from particle_filter.roads import LEAST_REACH_M
 from particle_filter.sensor_model import LaserScan, SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
 from particle_filter.view_memory import ViewMemory
 
 _MOST_GROUPS, _MOST_PLACES = 12, 16
@@ -57,7 +56,7 @@ def distinguishable(
             places, np.array([_KNOWN] * count), np.full(count, 1.0 / count), laser, 0.0,
             _RADIUS_M, ViewMemory(), _GATE_M, _GATE_RAD, landmarks,
         )  # fmt: skip
-        _, spots = finished(advised_ways(question, model, settings))
+        _, spots = advised_ways(question, model, settings)
         if np.hypot(spots[:, 0], spots[:, 1]).max() >= LEAST_REACH_M:
             answers[number] = bool(spots[:, 2].max() >= _LEAST_INFORMATION)
     return answers

@@ -12,7 +12,6 @@ from particle_filter.arrays import FREE, OCCUPIED, Cells
 from particle_filter.poses import wrap_angle
 from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
 from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.naive_rays import cast_rays
 from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
@@ -101,7 +100,7 @@ def test_the_first_three_have_the_best_of_all_short_ways() -> None:
         PLACES, np.array([known, known]), np.full(2, 0.5), laser, 0.0, RADIUS_M, ViewMemory(),
         GATE, GATE,
     )  # fmt: skip
-    ways, _ = finished(advised_ways(question, MODEL, FilterSettings()))
+    ways, _ = advised_ways(question, MODEL, FilterSettings())
     best = max(all_ways([(0.0, 0.0)]), key=rate)
     assert rate(best) > 0.02
     points = [np.concatenate([way.poses, way.rest])[:, :2].tolist() for way in ways[:3]]

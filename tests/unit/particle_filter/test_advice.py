@@ -15,7 +15,6 @@ from particle_filter.observations import Landmarks
 from particle_filter.poses import compose
 from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
 from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
 
@@ -47,7 +46,7 @@ def question(*places: tuple[float, float, float], seen: ViewMemory | None = None
 
 
 def ways_in(cells: Cells, asked: Question) -> list[Way]:
-    return finished(advised_ways(asked, model_of(cells), FilterSettings()))[0]
+    return advised_ways(asked, model_of(cells), FilterSettings())[0]
 
 
 FLATS = two_flats(cupboard=True)
@@ -70,7 +69,7 @@ def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
 
 
 def test_spots_tell_more_where_the_cupboard_is_seen() -> None:
-    _, spots = finished(advised_ways(ASKED, model_of(FLATS), FilterSettings()))
+    _, spots = advised_ways(ASKED, model_of(FLATS), FilterSettings())
     behind = spots[:, 0] > 3.5
     assert spots[behind, 2].max() > LEAST_INFORMATION
     assert spots[behind, 2].max() > 3.0 * spots[spots[:, 0] < 0.0, 2].max()
@@ -108,17 +107,13 @@ def test_a_place_is_confirmed_after_another_was_not_seen() -> None:
 @pytest.mark.parametrize(("x_m", "stands"), [(9.85, False), (9.75, False), (10.3, True)])
 def test_no_way_begins_where_the_robot_cannot_stand(x_m: float, stands: bool) -> None:
     """The second flat begins behind a wall from 9.85 m to 10.15 m."""
-    ways, spots = finished(
-        advised_ways(question(RIGHT, (x_m, 2.0, 0.0)), model_of(FLATS), FilterSettings())
-    )
+    ways, spots = advised_ways(question(RIGHT, (x_m, 2.0, 0.0)), model_of(FLATS), FilterSettings())
     assert (np.hypot(*spots[:, :2].T).max() > 1.0) == stands
     assert stands or all(np.ptp(way.poses[:, :2]) == 0.0 for way in ways)
 
 
 def test_no_way_distinguishes_equal_flats() -> None:
-    ways, spots = finished(
-        advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
-    )
+    ways, spots = advised_ways(ASKED, model_of(two_flats(cupboard=False)), FilterSettings())
     assert ways == []
     assert np.hypot(*spots[:, :2].T).max() > 5.0
     assert np.all(spots[:, 2] < 0.01)
@@ -186,8 +181,8 @@ def dense(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_in_a_closed_room_ways_are_shorter_than_half_a_metre() -> None:
     cells = np.full((200, 200), OCCUPIED, np.int8)
     cells[94:106, 94:106] = FREE
-    _, spots = finished(
-        advised_ways(question((5.0, 5.0, 0.0), (5.0, 5.0, 1.5)), model_of(cells), FilterSettings())
+    _, spots = advised_ways(
+        question((5.0, 5.0, 0.0), (5.0, 5.0, 1.5)), model_of(cells), FilterSettings()
     )
     assert np.hypot(*spots[:, :2].T).max() < 0.5
 

@@ -1,11 +1,17 @@
+import dataclasses
+import multiprocessing
+import time
+from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
+import pytest
 from msgspec.structs import replace
 
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
-from process_runtime.settings import BridgeSettings
+from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.stop import StopFlag
 from protocol.advice import Advice, AdviceQuestion
 from protocol.answers import Hypothesis
 from protocol.codec import decode, encode
@@ -13,8 +19,10 @@ from protocol.steps import Landmark, Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker
+from worker.adviser import Adviser
 from worker.advising import advice
-from worker.worker import Answer, Instruction, Worker
+from worker.worker import Advise, Answer, Instruction, Worker
+from zenoh_link.node import Node
 
 SETTINGS = FilterSettings()
 CROSS = world("cross_feature")
@@ -47,7 +55,7 @@ def question(*poses: tuple[float, float, float], **changed: Any) -> AdviceQuesti
 
 
 def answer_to(asked: AdviceQuestion) -> Advice:
-    return finished(advice(asked, SCAN, MODEL, SETTINGS, "worker-0"))
+    return advice(asked, SCAN, MODEL, SETTINGS, "worker-0")
 
 
 def test_places_of_a_cross_with_one_cabinet_get_ways() -> None:
@@ -64,9 +72,9 @@ def test_a_tag_in_one_arm_of_a_cross_distinguishes_the_arms() -> None:
     equal = computed_model(world("cross").map.grid, SETTINGS.sensor)
     arms = question((0.0, 5.0, 1.57), (5.0, 0.0, 0.0), (0.0, -5.0, -1.57), (-5.0, 0.0, 3.14))
     tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
-    alike = finished(advice(arms, SCAN, equal, SETTINGS, "worker-0"))
+    alike = advice(arms, SCAN, equal, SETTINGS, "worker-0")
     assert "cannot be distinguished" in alike.note
-    told = finished(advice(arms, SCAN, equal, SETTINGS, "worker-0", [tag]))
+    told = advice(arms, SCAN, equal, SETTINGS, "worker-0", [tag])
     assert told.ways
     assert told.note == ""
     assert all(way.landmarks == ("east",) for way in told.ways)
@@ -124,21 +132,80 @@ def note_of(instructions: list[Instruction]) -> str:
     return answer.message.note
 
 
-def test_a_newer_question_replaces_an_older_one() -> None:
+def test_a_question_is_computed_with_the_model_and_the_scan_of_its_step() -> None:
     worker = Worker("worker-0")
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
     worker._model, worker._ordered, worker._model_digest = MODEL, SETTINGS, CROSS.map.digest
     assert "no scan of step 0" in note_of(worker.on_advice_query("early", asked))
     worker._table._keep(SCAN)
-    assert worker.on_advice_query("first", asked) == []
-    (replaced,) = worker.on_advice_query("second", asked)
-    assert isinstance(replaced, Answer)
-    assert (replaced.question, replaced.message.sender) == ("first", "worker-0")
-    answers = []
-    while worker.searches:
-        answers += worker.search()
-    (answer,) = answers
-    assert isinstance(answer, Answer)
-    assert answer.question == "second"
-    assert isinstance(answer.message, Advice)
-    assert answer.message.ways
+    assert "bytes of views" in note_of(worker.on_advice_query("odd", replace(asked, views=b"1")))
+    assert worker.on_advice_query("good", asked) == [
+        Advise("good", asked, SCAN, MODEL, SETTINGS, ())
+    ]
+
+
+class Query:
+    """A query that keeps its answers."""
+
+    def __init__(self) -> None:
+        self.answers: list[Advice | str] = []
+
+    def answer(self, advice: Advice) -> None:
+        self.answers.append(advice)
+
+    refuse = answer
+
+
+def turn_until(done: Callable[[], bool], node: Node) -> None:
+    deadline_s = time.monotonic() + 60.0
+    while not done():
+        assert time.monotonic() < deadline_s
+        node.turn(0.1)
+
+
+@pytest.fixture
+def node() -> Node:
+    return Node("worker-0", "worker", Settings(), StopFlag(), peers=None)
+
+
+def task(asked: AdviceQuestion, query: Query) -> Advise:
+    return Advise(query, asked, SCAN, MODEL, SETTINGS, ())
+
+
+def test_a_child_process_answers_and_only_the_newest_waiting_question_is_computed(
+    node: Node,
+) -> None:
+    adviser, queries = Adviser(node), [Query() for _ in range(3)]
+    asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    with closing(adviser):
+        for query in queries:
+            adviser.advise(task(asked, query))
+        turn_until(lambda: all(query.answers for query in queries), node)
+    first, replaced, newest = (query.answers for query in queries)
+    assert first == newest == [answer_to(asked)]
+    assert replaced == [Advice(sender="worker-0", note="a newer question arrived")]
+
+
+def test_a_killed_child_process_costs_one_answer(node: Node) -> None:
+    adviser, queries = Adviser(node), [Query() for _ in range(2)]
+    asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    takes_long = question(*[(0.0, 3.7, -1.57)] * 60)
+    with closing(adviser):
+        for query, one in zip(queries, (takes_long, asked), strict=True):
+            adviser.advise(task(one, query))
+        (child,) = multiprocessing.active_children()
+        child.kill()
+        turn_until(lambda: all(query.answers for query in queries), node)
+    assert "ask again" in str(queries[0].answers)
+    assert queries[1].answers == [answer_to(asked)]
+
+
+def test_other_settings_get_another_child_process(node: Node) -> None:
+    query, asked = Query(), question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    unsure = replace(SETTINGS, belief=replace(SETTINGS.belief, localized_probability=0.999))
+    with closing(Adviser(node)) as adviser:
+        for settings in (SETTINGS, unsure):
+            adviser.advise(dataclasses.replace(task(asked, query), settings=settings))
+            turn_until(lambda: bool(query.answers), node)
+            assert query.answers.pop() == advice(asked, SCAN, MODEL, settings, "worker-0")
+            assert len(multiprocessing.active_children()) == 1
