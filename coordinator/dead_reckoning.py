@@ -58,7 +58,7 @@ def carried(
 
 
 class DeadReckoning(Part):
-    """Adds up the odometry since a step, in pieces of one gate.
+    """Adds up the odometry since a step, and since the last weighed scan, in pieces of one gate.
 
     Each piece has independent noise, as particles get it at each step. So the covariance is that
     of particles without measurement updates.
@@ -74,18 +74,39 @@ class DeadReckoning(Part):
     """Odometry at the end of the last whole piece."""
     now: PoseTuple = ORIGIN
     """The newest odometry."""
+    counted: PoseTuple | None = None
+    """Odometry up to which `gates` are counted; None: there was no odometry."""
+    gates: float = 0.0
+    """The distance driven since the last weighed scan, in multiples of the bridge's gate."""
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
         """Begin at a step; the odometry since the step becomes one motion."""
         self.covariance = NO_NOISE
         self.step = self.piece = odom_from_robot
-        self.on_odometry(self.now)
+        self._add_piece()
+
+    def weighed_at(self, odom_from_robot: PoseTuple) -> None:
+        """Begin to count gates at a weighed scan."""
+        self.counted, self.gates = odom_from_robot, 0.0
+        self._count_gates()
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
         self.now = odom_from_robot
+        self._add_piece()
+        self._count_gates()
+
+    def _add_piece(self) -> None:
         if gates_between(self.piece, self.now, self.bridge) >= 1.0:
             self.covariance = covariance_tuple(self.moved()[1])
             self.piece = self.now
+
+    def _count_gates(self) -> None:
+        """Count the motion once it reaches a gate; smaller motions may be noise."""
+        self.counted = self.counted or self.now
+        gates = gates_between(self.counted, self.now, self.bridge)
+        if gates >= 1.0:
+            self.counted = self.now
+            self.gates += gates
 
     def moved(self) -> tuple[Pose, NDArray[np.float64]]:
         """Return the motion since the step, (3,) in its frame, and its covariance, (3, 3)."""
@@ -96,25 +117,3 @@ class DeadReckoning(Part):
         before, noise = covariance_matrix(self.covariance), motion_covariance(last, self.motion)
         covariance = composed_covariance(between(step, piece), before, last, noise)
         return between(step, now), covariance
-
-
-class DrivenGates(Part):
-    """The distance driven since the last weighed scan, in multiples of the bridge's gate."""
-
-    bridge: BridgeSettings
-    counted: PoseTuple | None = None
-    """Odometry at the end of the counted distance; None: there was no odometry."""
-    gates: float = 0.0
-
-    def begin_at(self, odom_from_robot: PoseTuple, now: PoseTuple) -> None:
-        """Count from the odometry of a scan to the newest odometry."""
-        self.counted, self.gates = odom_from_robot, 0.0
-        self.on_odometry(now)
-
-    def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """Add the motion once it reaches a gate; smaller motions may be noise."""
-        self.counted = self.counted or odom_from_robot
-        gates = gates_between(self.counted, odom_from_robot, self.bridge)
-        if gates >= 1.0:
-            self.counted = odom_from_robot
-            self.gates += gates

@@ -4,11 +4,10 @@ from msgspec import field
 from msgspec.structs import replace
 
 from coordinator.belief.outcome import BEFORE_FIRST_STEP, Outcome
-from coordinator.dead_reckoning import DeadReckoning, DrivenGates, moved_by
+from coordinator.dead_reckoning import DeadReckoning, moved_by
 from coordinator.part import Part
-from particle_filter.settings import MotionSettings
 from particle_filter.trajectory import Trajectory
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Freshness, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -67,7 +66,6 @@ class PoseTracker(Part):
     settings: CoordinatorSettings
     """Limits after which a pose is stale or dead reckoning."""
     since_step: DeadReckoning
-    driven: DrivenGates
     history: Trajectory = field(default_factory=recent_odometry)
     outcome: Outcome = BEFORE_FIRST_STEP
     """Result of the last step or command."""
@@ -88,20 +86,6 @@ class PoseTracker(Part):
     """Whether the newest odometry came with a scan."""
     lateness: LatencyEstimator | None = None
     """None: the data does not come from a live robot."""
-
-    @classmethod
-    def of(
-        cls,
-        sender: str,
-        settings: CoordinatorSettings,
-        motion: MotionSettings,
-        bridge: BridgeSettings,
-    ) -> "PoseTracker":
-        return cls(sender, settings, DeadReckoning(motion, bridge), DrivenGates(bridge))
-
-    def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
-        self.since_step.motion, self.since_step.bridge = motion, bridge
-        self.driven.bridge = bridge
 
     @property
     def _stale_ns(self) -> int:
@@ -127,7 +111,7 @@ class PoseTracker(Part):
         self.history.add(stamp_ns, odom_from_robot)
         self.arrived_ns = received_ns - late_ns
         self.by_scan = False
-        self._move_to(odom_from_robot)
+        self.since_step.on_odometry(odom_from_robot)
 
     def scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> None:
         """Process the scan of a step.
@@ -148,7 +132,7 @@ class PoseTracker(Part):
 
     def weighed(self, scan: Scan) -> None:
         """Record that a scan was applied and that at least one worker had weighed it."""
-        self.driven.begin_at(scan.odom_from_robot, self.since_step.now)
+        self.since_step.weighed_at(scan.odom_from_robot)
         if scan.stamp_ns in self.waiting_ns:
             self.scan_ns = self.waiting_ns[scan.stamp_ns]
             while next(iter(self.waiting_ns)) != scan.stamp_ns:
@@ -176,11 +160,7 @@ class PoseTracker(Part):
             self._on_indirect_data(applied, unless_known_ns, now_ns)
         due_ns = self._due_ns(applied.stamp_ns, now_ns)
         self.scan_ns = unless_known_ns if due_ns is None else due_ns
-        self.driven.begin_at(applied.odom_from_robot, self.since_step.now)
-
-    def _move_to(self, odom_from_robot: PoseTuple) -> None:
-        self.since_step.on_odometry(odom_from_robot)
-        self.driven.on_odometry(odom_from_robot)
+        self.since_step.weighed_at(applied.odom_from_robot)
 
     def _lateness_so_far(self) -> LatencyEstimator:
         """Return an estimator that begins with the newest data, if its arrival is known."""
@@ -194,7 +174,7 @@ class PoseTracker(Part):
         if self.arrived_ns is not None and scan.stamp_ns <= self.stamp_ns:
             return
         self.stamp_ns, self.indirect_ns = scan.stamp_ns, now_ns
-        self._move_to(scan.odom_from_robot)
+        self.since_step.on_odometry(scan.odom_from_robot)
         due_ns = self._due_ns(scan.stamp_ns, now_ns)
         if due_ns is not None:
             self.arrived_ns = due_ns
@@ -248,7 +228,7 @@ class PoseTracker(Part):
             return "none"
         if not 0.0 <= self.age_s(now_ns) <= self.settings.stale_after_s:
             return "stale"
-        is_far = self.driven.gates >= self.settings.dead_reckoning_after_gates
+        is_far = self.since_step.gates >= self.settings.dead_reckoning_after_gates
         return "dead_reckoning" if workers == 0 or is_far else "fresh"
 
     def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:

@@ -33,9 +33,6 @@ class Term(Part):
 
     number: int
     """From the clock [us]; above all terms that were known before the coordinator began."""
-    own_us: int
-    """Last digits of the number: two coordinators that receive the same term must not both choose
-    the same higher one."""
     begun: bool = False
     """Whether this coordinator leads, or has led."""
     outranked_by: int | None = None
@@ -48,7 +45,7 @@ class Term(Part):
     @classmethod
     def of(cls, number: int, *known: Checkpoint | None) -> "Term":
         """Return a term above the terms of all known states; `number`: by the clock [us]."""
-        term = cls(number, number % APART_US)
+        term = cls(number)
         for checkpoint in filter(None, known):
             term.on_term(checkpoint.term)
         return term
@@ -93,7 +90,11 @@ class Term(Part):
         return True
 
     def _raise_above(self, number: int) -> None:
-        self.number = (number // APART_US + 2) * APART_US + self.own_us
+        """Raise the term and keep its last digits.
+
+        Two coordinators that receive the same term must not both choose the same higher one.
+        """
+        self.number = (number // APART_US + 2) * APART_US + self.number % APART_US
 
 
 MOVED_BY_HAND = diagonal(0.5, 0.26)

@@ -17,7 +17,7 @@ from coordinator.belief.outcome import Outcome
 from coordinator.change_detectors import MapChangeDetector, OverloadDetector
 from coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, CheckpointState, state_in
 from coordinator.commands import Commands
-from coordinator.dead_reckoning import carried
+from coordinator.dead_reckoning import DeadReckoning, carried
 from coordinator.free_ground import FreeGround
 from coordinator.part import Part
 from coordinator.placement import Placement
@@ -109,7 +109,7 @@ class CoordinatorState(Part):
             Ensemble.of(filter_settings),
             Placement(sender, filter_settings, settings.snapshot_every_steps),
             StepCollector(settings),
-            PoseTracker.of(sender, settings, filter_settings.motion, bridge),
+            PoseTracker(sender, settings, DeadReckoning(filter_settings.motion, bridge)),
         )
 
     def count(self, cause: str, times: int = 1) -> None:
@@ -127,7 +127,8 @@ class CoordinatorState(Part):
             self.live = live
             settings = filter_with(self.filter_settings, live)
             self.ensemble.use(settings)
-            self.pose.use(settings.motion, section_with(self.bridge, live))
+            odometry = self.pose.since_step
+            odometry.motion, odometry.bridge = settings.motion, section_with(self.bridge, live)
 
     @property
     def newest_settings(self) -> LiveSettings:
@@ -311,6 +312,8 @@ class CoordinatorState(Part):
         Sets `changed` to False.
         """
         self.changed = False
+        applied, pose = self.collector.applied, self.pose
+        age_s = min(pose.age_of_s(applied.stamp_ns, now_ns), MAX_AGE_S) if applied else -1.0
         return CheckpointState(
             version=STATE_VERSION,
             map_digest=self.map_digest,
@@ -318,17 +321,13 @@ class CoordinatorState(Part):
             jobs=self.placement.jobs_to_hand_on(),
             collector=self.collector,
             commands=self.commands,
-            missing=self.pose.outcome.missing,
-            age_s=self._applied_age_s(now_ns),
-            age_known=self.pose.age_known,
+            missing=pose.outcome.missing,
+            age_s=age_s,
+            age_known=pose.age_known,
             steps_applied=self.steps_applied,
             reports_missing=self.reports_missing,
             counters=dict(self.counters),
         )
-
-    def _applied_age_s(self, now_ns: int) -> float:
-        applied = self.collector.applied
-        return min(self.pose.age_of_s(applied.stamp_ns, now_ns), MAX_AGE_S) if applied else -1.0
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
         """Continue from another coordinator's state.

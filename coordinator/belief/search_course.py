@@ -57,11 +57,7 @@ class SearchEvidence(Part):
         return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
 
     def newly_explained(self, share: float) -> float:
-        """Return the share of elsewhere that is newly explained, at most 1.
-
-        Args:
-            share: share of the search's places that clusters hold or that were admitted.
-        """
+        """Return the share of elsewhere that is newly `explained`, at most 1."""
         before, self.explained = self.explained, max(share, self.explained)
         return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
 
@@ -230,10 +226,7 @@ class Decoy(Part):
     ) -> tuple[dict[str, Job], list[Ended]]:
         """Begin and end the decoy's jobs after a step, and return them.
 
-        Args:
-            step: number of the step.
-            reports: reports of all jobs.
-            is_open: whether it is uncertain that the robot is on the map.
+        `is_open`: it is uncertain whether the robot is on the map.
         """
         begin: dict[str, Job] = {}
         ended: list[Ended] = []

@@ -25,12 +25,12 @@ def state_of(tested: Living) -> CoordinatorState:
 
 
 def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:
-    since, driven = state.pose.since_step, state.pose.driven
+    since = state.pose.since_step
     return (
         state.ensemble.settings.motion.turn_noise_per_turn,
         since.motion.turn_noise_per_turn,
         state.ensemble.clusters.sensor.hit_weight,
-        driven.bridge.gate_distance_m,
+        since.bridge.gate_distance_m,
     )
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from coordinator.dead_reckoning import DeadReckoning
 from coordinator.pose_tracker import PoseTracker
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.motion import move
@@ -29,7 +30,7 @@ SURE = MotionSettings(
 
 def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
     settings = CoordinatorSettings(stale_after_s=1.0, dead_reckoning_after_gates=5.0)
-    return PoseTracker.of("coordinator", settings, motion, BRIDGE)
+    return PoseTracker("coordinator", settings, DeadReckoning(motion, BRIDGE))
 
 
 def scan_at(stamp_ns: int, odom_from_robot: PoseTuple, *, live: bool = False) -> Scan:
