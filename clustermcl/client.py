@@ -245,7 +245,7 @@ class Client(RobotCommands):
 
     def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
         """Yield each new belief of the newest term, and None after a short wait without one."""
-        published = self._published(keys.BELIEF, Belief, timeout_s)
+        published = self.published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
         return _of_newest_term(published)
 
@@ -261,7 +261,7 @@ class Client(RobotCommands):
             UnreachableError: no coordinator answers, or no event arrived in time.
             StoppedError: the client's stop flag was set.
         """
-        published = self._published(keys.EVENTS, JobEvents, timeout_s)
+        published = self.published(keys.EVENTS, JobEvents, timeout_s)
         return self._without_gaps(self.events(), _without_pauses(published))
 
     def _without_gaps(
@@ -278,7 +278,9 @@ class Client(RobotCommands):
             if known.events and known.events[0].number > follows:
                 known = self.events()
 
-    def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A | None]:
+    def published(
+        self, key: str, kind: type[A], timeout_s: float | None = None
+    ) -> Iterator[A | None]:
         """Subscribe; yield each message on the key, and None after a short wait without one."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)

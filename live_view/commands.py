@@ -1,5 +1,6 @@
-"""Parses the requests of a browser, and converts its commands to messages of the system."""
+"""Parses the requests of a browser; its commands become messages of the system."""
 
+import uuid
 from typing import Annotated, TypeAlias
 
 import msgspec
@@ -7,12 +8,7 @@ import msgspec
 from protocol import keys
 from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
-from protocol.message import MAX_POSE_M, Message
 
-_Coordinate: TypeAlias = Annotated[float, msgspec.Meta(ge=-MAX_POSE_M, le=MAX_POSE_M)]
-_Pose: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
-_Sigma: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
-_Rate: TypeAlias = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
@@ -41,48 +37,24 @@ class ShowEarlier(_Request, frozen=True, tag="earlier"):
     before: _Step
 
 
-class PlaceRobot(_Request, frozen=True, tag="set_pose"):
-    """Command to set the robot's pose."""
-
-    pose: _Pose
-    """The pose: x [m], y [m], heading [rad]."""
-    position_sigma_m: _Sigma = 0.5
-    heading_sigma_rad: _Sigma = 0.26
-
-
-class SearchAgain(_Request, frozen=True, tag="relocalize"):
-    """Command to drop all places and search."""
-
-
-class UpdateOnce(_Request, frozen=True, tag="update"):
-    """Command to use the next scan for a step, even if the robot stands still."""
-
-
-class KidnapRobot(_Request, frozen=True, tag="kidnap"):
-    """Command to kidnap the simulated robot."""
-
-    pose: _Pose | None = None
-    """The new pose: x [m], y [m], heading [rad]; None: a random pose far away."""
-
-
 class AskAdvice(_Request, frozen=True, tag="advise"):
     """Request for ways that distinguish the places."""
 
 
-class DriveRobot(_Request, frozen=True, tag="drive"):
-    """Command to drive the simulated robot manually, or to end manual driving."""
+Command: TypeAlias = SetPose | Relocalize | Update | Kidnap | Drive
+Request: TypeAlias = Drawn | ShowPast | ShowEarlier | AskAdvice | Command
 
-    speed_m_s: _Rate = 0.0
-    turn_rate_rad_s: _Rate = 0.0
-    by_hand: bool = True
-    """Whether to drive manually; False ends manual driving."""
-
-
-Question: TypeAlias = ShowPast | ShowEarlier
-Command: TypeAlias = PlaceRobot | SearchAgain | UpdateOnce | KidnapRobot | DriveRobot
-Request: TypeAlias = Drawn | Question | Command | AskAdvice
-
+SENDER = "live_view"
 MAX_REQUEST_BYTES = 1000
+COMMAND_KEYS: dict[type[Command], str] = {
+    SetPose: keys.SET_POSE,
+    Relocalize: keys.RELOCALIZE,
+    Update: keys.UPDATE,
+    Kidnap: keys.KIDNAP,
+    Drive: keys.DRIVE,
+}
+_COMMANDS = {kind.__struct_config__.tag: kind for kind in COMMAND_KEYS}
+"""Commands by their schemas."""
 
 
 def parsed_request(text: str | bytes) -> Request:
@@ -92,24 +64,10 @@ def parsed_request(text: str | bytes) -> Request:
         MalformedMessageError: the text is not a request of the page.
     """
     try:
-        request: Request = msgspec.json.decode(text, type=Request)
+        fields = msgspec.json.decode(text, type=dict[str, object])
+        command = _COMMANDS.get(f"{fields.get('type')}/1")
+        if command is None:
+            return msgspec.convert(fields, Drawn | ShowPast | ShowEarlier | AskAdvice)
+        return msgspec.convert(fields | {"sender": SENDER, "command_id": uuid.uuid4().hex}, command)
     except (msgspec.DecodeError, UnicodeError) as error:
         raise MalformedMessageError(expected="request of the page", problem=str(error)) from None
-    return request
-
-
-_MESSAGES: dict[type[Command], tuple[str, type[Message]]] = {
-    PlaceRobot: (keys.SET_POSE, SetPose),
-    SearchAgain: (keys.RELOCALIZE, Relocalize),
-    UpdateOnce: (keys.UPDATE, Update),
-    KidnapRobot: (keys.KIDNAP, Kidnap),
-    DriveRobot: (keys.DRIVE, Drive),
-}
-
-
-def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Message]:
-    key, kind = _MESSAGES[type(command)]
-    fields = msgspec.structs.asdict(command)
-    if not isinstance(command, DriveRobot):  # a repeated drive command does no harm
-        fields["command_id"] = command_id
-    return key, kind(sender=sender, **fields)

@@ -63,7 +63,7 @@ def step_frame(
         "state": belief.state,
         "searching": belief.searching,
         "search_progress": belief.search_progress,
-        "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
+        "places": place_frames(belief.hypotheses, slots),
         "elsewhere": belief.elsewhere_probability,
         "off_map": belief.off_map_probability,
         **scan_frame(scan),
@@ -95,16 +95,19 @@ def _where(seen: Seen) -> tuple[float, float]:
     return x + (col + 0.5) * seen.field.cell_m, y + (row + 0.5) * seen.field.cell_m
 
 
-def _place(place: Hypothesis, slot: int) -> Frame:
-    xx, xy, _, _, yy, _, _, _, heading = place.covariance
-    return {
-        "cluster": place.cluster,
-        "slot": slot,
-        "p": place.probability,
-        "pose": place.pose,
-        "cov": (xx, xy, yy, heading),
-        "age": place.age_steps,
-    }
+def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int]) -> list[Frame]:
+    """Return what is drawn of each place; the covariances are of x, x y, y and the heading."""
+    return [
+        {
+            "cluster": place.cluster,
+            "slot": slots[place.cluster],
+            "p": place.probability,
+            "pose": place.pose,
+            "cov": [place.covariance[at] for at in (0, 1, 4, 8)],
+            "age": place.age_steps,
+        }
+        for place in places
+    ]
 
 
 def history_row(frame: Frame) -> list[Any]:

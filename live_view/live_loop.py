@@ -2,22 +2,21 @@
 
 import logging
 import time
-import uuid
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import msgspec
 
-from live_view.commands import AskAdvice, DriveRobot, ShowEarlier, ShowPast, message_of
+from live_view.commands import COMMAND_KEYS, AskAdvice, Command, ShowEarlier, ShowPast
 from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
-from live_view.room import Browser, Commanded, FromBrowser, PageOpened, PastRequested, Room
+from live_view.room import FromBrowser, PageOpened, Room
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.advice import Advice
-from protocol.answers import Belief, CommandDone, Hypotheses, PoseAnswer, Status
+from protocol.answers import Belief, CommandDone, Drive, PoseAnswer, Status
 from protocol.codec import decode
 from protocol.errors import UnreachableError
 from protocol.job_events import JobEvents
@@ -45,28 +44,26 @@ _COMMAND_TIMEOUT_S = 5.0
 M = TypeVar("M", bound=Message)
 
 
-def answer_browser(room: Room, picture: Picture, asked: PageOpened | PastRequested) -> None:
+def answer_browser(room: Room, picture: Picture, event: FromBrowser) -> None:
     """Send a page all frames when it joins, or the past steps that it requests."""
-    match asked:
-        case PageOpened(browser):
-            room.send(browser, picture.everything())
-        case PastRequested(browser, ShowPast(step)):
-            room.send(browser, {"past": picture.past(step)})
-        case PastRequested(browser, ShowEarlier(before)):
-            room.send(browser, {"earlier": picture.rows_before(before)})
+    match event.request:
+        case PageOpened():
+            room.send(event.browser, picture.everything())
+        case ShowPast(step):
+            room.send(event.browser, {"past": picture.past(step)})
+        case ShowEarlier(before):
+            room.send(event.browser, {"earlier": picture.rows_before(before)})
 
 
 class LiveLoop:
     """The loop of one robot's page. No other thread uses the picture, so there is no lock."""
 
     def __init__(self, settings: Settings, about: Mapping[str, Any], stop: StopFlag) -> None:
-        self._settings, self._stop = settings, stop
+        self._settings = settings
         name = settings.robot.name
         self.node = Node("live_view", "page", settings, stop, peers=keys.COORDINATOR_ALIVE)
         self.room = Room(name, self.node.inbox.put)
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
-        self.map: MapMessage | None = None
-        """The map, reduced for browsers; None: not received yet."""
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
         self._declare()
@@ -85,10 +82,11 @@ class LiveLoop:
             node.poll(key, key, _KEPT_MESSAGES) for key in polled
         )
 
-    def run(self) -> None:
-        """Run until the stop flag is set, connecting whenever there is no connection."""
+    def run(self, stop: StopFlag) -> None:
+        """Run until `stop` is set, connecting whenever there is no connection."""
+        self.node.stop = stop
         try:
-            while not self._stop.is_set():
+            while not stop.is_set():
                 self.turn()
         finally:
             self.node.close()
@@ -193,67 +191,35 @@ class LiveLoop:
 
     def _on_map(self, message: MapMessage) -> None:
         self._asking_map = False
-        self.map = reduced(message)
-        self.room.map = (self.map.digest, self.map.zlib_cells)
-        self.picture.on_map(self.map)
+        shown = reduced(message)
+        self.room.map = (shown.digest, shown.zlib_cells)
+        self.picture.on_map(shown)
 
     def _on_no_map(self, _problem: str) -> None:
         self._asking_map = False
 
-    def ask_for_places(self) -> None:
-        """Query and show the present places: while the robot stands, no belief arrives."""
-        self._ask(keys.HYPOTHESES, Hypotheses, lambda now: self.picture.on_belief(_belief_of(now)))
-
     # --- browsers
 
     def _on_browser(self, event: FromBrowser) -> None:
-        match event:
-            case PageOpened() | PastRequested():
-                answer_browser(self.room, self.picture, event)
-            case Commanded():
-                self._command(event)
+        request = event.request
 
-    def _command(self, commanded: Commanded) -> None:
-        browser, command = commanded.browser, commanded.command
-        if isinstance(command, AskAdvice):
-            self._ask_advice(browser)
-            return
-        key, message = message_of(command, "live_view", uuid.uuid4().hex)
+        def send(topic: str, frame: object) -> None:
+            self.room.send(event.browser, {topic: frame})
+
+        def on_failure(problem: str) -> None:
+            send("done", {"problem": problem or "no answer: the system is not running"})
 
         def on_done(done: CommandDone) -> None:
-            if done.problem or not isinstance(command, DriveRobot):
-                self._show_done(browser, done.problem)
+            if done.problem or not isinstance(request, Drive):
+                send("done", {"problem": done.problem})
 
-        def on_failure(problem: str) -> None:
-            self._show_done(browser, problem or "no answer: the system is not running")
+        def on_advice(advice: Advice) -> None:
+            send("advice", msgspec.to_builtins(advice))
 
-        self.node.ask(
-            key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=message
-        )
-
-    def _ask_advice(self, browser: Browser) -> None:
-        def on_answer(advice: Advice) -> None:
-            self.room.send(browser, {"advice": msgspec.to_builtins(advice)})
-
-        def on_failure(problem: str) -> None:
-            self._show_done(browser, problem or "no answer: the system is not running")
-
-        timeout_s = _ADVICE_TIMEOUT_S
-        self.node.ask(keys.ADVICE, Advice, on_answer, on_failure, timeout_s=timeout_s)
-
-    def _show_done(self, browser: Browser, problem: str) -> None:
-        self.room.send(browser, {"done": {"problem": problem}})
-
-
-def _belief_of(answer: Hypotheses) -> Belief:
-    """Return the present places as a belief, with odometry at the origin."""
-    return Belief(
-        sender=answer.sender,
-        step=answer.pose.step,
-        stamp_ns=answer.pose.stamp_ns,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        state=answer.pose.state,
-        hypotheses=answer.hypotheses,
-        searching=False,
-        term=answer.pose.term,
-    )
+        if isinstance(request, AskAdvice):
+            self.node.ask(keys.ADVICE, Advice, on_advice, on_failure, timeout_s=_ADVICE_TIMEOUT_S)
+        elif isinstance(request, Command):
+            key, limit_s = COMMAND_KEYS[type(request)], _COMMAND_TIMEOUT_S
+            self.node.ask(key, CommandDone, on_done, on_failure, timeout_s=limit_s, message=request)
+        else:
+            answer_browser(self.room, self.picture, event)

@@ -24,14 +24,15 @@ from websockets.http11 import Response
 from live_view.admission import Address, Admission
 from live_view.commands import (
     MAX_REQUEST_BYTES,
+    SENDER,
     Drawn,
-    DriveRobot,
     ShowEarlier,
     ShowPast,
     parsed_request,
 )
-from live_view.room import Browser, Commanded, PageOpened, PastRequested, Room, encoded
+from live_view.room import Browser, FromBrowser, PageOpened, Room, encoded
 from live_view.saved_page import static_files
+from protocol.answers import Drive
 from protocol.errors import MalformedMessageError, SettingsError
 
 SOCKET_PATH = "live"
@@ -208,7 +209,7 @@ class PageServer:
         browser = Browser(lambda data: _send(connection, data))
         room.browsers.add(browser)
         try:
-            room.on_event(PageOpened(browser))
+            room.on_event(FromBrowser(browser, PageOpened()))
             async for text in connection:
                 self._on_request(room, browser, text)
         except MalformedMessageError as error:
@@ -218,21 +219,19 @@ class PageServer:
         finally:
             room.browsers.discard(browser)
             if browser.drives:  # so that the robot drives on by itself
-                room.on_event(Commanded(browser, DriveRobot(by_hand=False)))
+                room.on_event(FromBrowser(browser, Drive(sender=SENDER, by_hand=False)))
 
     def _on_request(self, room: Room, browser: Browser, text: str | bytes) -> None:
-        match parsed_request(text):
-            case Drawn() as drawn:
-                browser.on_drawn(drawn)
-            case ShowPast() | ShowEarlier() as question:
-                room.on_event(PastRequested(browser, question))
-            case command if self._commands:
-                if isinstance(command, DriveRobot):
-                    browser.drives = command.by_hand
-                room.on_event(Commanded(browser, command))
-            case _:
-                problem = "this page is read-only: start it with --allow-commands"
-                browser.offer(encoded({"done": {"problem": problem}}))
+        request = parsed_request(text)
+        if isinstance(request, Drawn):
+            browser.on_drawn(request)
+        elif self._commands or isinstance(request, ShowPast | ShowEarlier):
+            if isinstance(request, Drive):
+                browser.drives = request.by_hand
+            room.on_event(FromBrowser(browser, request))
+        else:
+            problem = "this page is read-only: start it with --allow-commands"
+            browser.offer(encoded({"done": {"problem": problem}}))
 
 
 def _send(connection: ServerConnection, data: bytes) -> None:

@@ -1,8 +1,6 @@
 """The process of the page, which shows one or several robots."""
 
 import argparse
-from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
 import msgspec
 
@@ -11,11 +9,9 @@ from live_view.live_loop import LiveLoop
 from live_view.page_server import PageOptions, opened_page
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
+from process_runtime.threads import run_in_threads
 from protocol.errors import SettingsError
 from protocol.names import is_name, name_rule
-
-_POLL_S = 0.1
 
 
 def main() -> None:
@@ -72,20 +68,7 @@ def run_live_view(invocation: Invocation) -> None:
     }
     loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in names]
     with opened_page(options, [loop.room for loop in loops]):
-        _run_all(loops, invocation.stop)
-
-
-def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
-    """Run each loop in a thread until `stop` is set; if one fails, end all and raise its error."""
-    with ThreadPoolExecutor(len(loops), "robot") as threads:
-        running = [threads.submit(loop.run) for loop in loops]
-        try:
-            while not stop.is_set() and not any(one.done() for one in running):
-                wait(running, _POLL_S, FIRST_COMPLETED)
-        finally:
-            stop.set()
-    for one in running:
-        one.result()
+        run_in_threads([loop.run for loop in loops], invocation.stop)
 
 
 def _of_robot(settings: Settings, name: str) -> Settings:

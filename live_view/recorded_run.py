@@ -13,7 +13,7 @@ from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
 from live_view.page_server import PageOptions, opened_page
 from live_view.picture import Picture
-from live_view.room import Commanded, FromBrowser, Room
+from live_view.room import FromBrowser, Room
 from live_view.saved_page import saved_run
 from live_view.step_archive import StepArchive
 from process_runtime.compressed import os_problem
@@ -110,8 +110,7 @@ class RecordedRun:
             goes_on = self.read_for(_AT_A_TIME_S)
             event = self._inbox.get(0.0 if goes_on else _POLL_S)
             while event is not None:
-                if not isinstance(event, Commanded):
-                    answer_browser(self.room, self.picture, event)
+                answer_browser(self.room, self.picture, event)  # a recording obeys no command
                 event = self._inbox.get(0.0)
             if changes := self.picture.changes():
                 self.room.publish(changes)

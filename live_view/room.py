@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from live_view.commands import AskAdvice, Command, Drawn, Question
+from live_view.commands import AskAdvice, Command, Drawn, ShowEarlier, ShowPast
 
 MESSAGES_AHEAD = 6
 """Limit for unacknowledged messages to a page that does not report that it is slow."""
@@ -46,30 +46,16 @@ class Browser:
             self._send(message)
 
 
-@dataclass(frozen=True)
 class PageOpened:
-    """A page that was just opened, and needs all frames."""
-
-    browser: Browser
+    """A page was just opened, and needs all frames."""
 
 
 @dataclass(frozen=True)
-class Commanded:
-    """A command from a page, or its request for advice."""
+class FromBrowser:
+    """A request of a page."""
 
     browser: Browser
-    command: Command | AskAdvice
-
-
-@dataclass(frozen=True)
-class PastRequested:
-    """A page's request for frames or rows of past steps."""
-
-    browser: Browser
-    question: Question
-
-
-FromBrowser = PageOpened | Commanded | PastRequested
+    request: PageOpened | ShowPast | ShowEarlier | AskAdvice | Command
 
 
 class Room:

@@ -1,11 +1,10 @@
-"""Writes the page as one HTML file that needs no server: one moment, or a whole run to play."""
+"""Writes the page of a recorded run as one HTML file that needs no server."""
 
 import base64
 import importlib.resources
 import re
 import zlib
 from collections.abc import Mapping
-from typing import Any
 
 import msgspec
 
@@ -15,26 +14,10 @@ from protocol.steps import MapMessage
 _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 
-def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at: str) -> str:
-    """Return an HTML page that shows one moment.
-
-    Args:
-        frames: the frames of all topics, from `Picture.everything`.
-        grid_map: the map, reduced for a browser; None: no map.
-        saved_at: date and time to show.
-    """
-    system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
-    return _page({**frames, "system": system}, grid_map)
-
-
 def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
     """Return an HTML page that plays all archived steps of a run."""
-    packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
-    past = base64.b64encode(packed).decode()
-    return _page({**picture.everything(), "past": past}, grid_map)
-
-
-def _page(shown: dict[str, Any], grid_map: MapMessage | None) -> str:
+    past = base64.b64encode(zlib.compress(msgspec.json.encode(picture.archived), 9)).decode()
+    shown = {**picture.everything(), "past": past}
     if grid_map is not None:
         packed = base64.b64encode(grid_map.zlib_cells).decode()
         shown["map"] = {**shown["map"], "packed": packed}

@@ -101,9 +101,9 @@ def watch(settings: Settings, as_json: AsJson = False) -> None:
 @client_command
 def snapshot(
     settings: Settings,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")],
 ) -> None:
-    """Save the current state as a picture or a standalone page."""
+    """Save a picture of the map and the places."""
     from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the package
 
     save_snapshot(file, settings)

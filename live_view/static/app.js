@@ -12,7 +12,7 @@ import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
 const CONFIRMED_MS = 4000, SURE = 0.9, PANEL_EVERY_MS = 200, SLOW_MS = 50;
-const RECORDED = ["replaying", "finished", "saved"]; // links without a running system
+const RECORDED = ["replaying", "finished"]; // links without a running system
 
 const view = new MapView($("map"));
 const slots = new Map(); // colour slot of each cluster so far
@@ -54,7 +54,7 @@ const TAKE = {
     system = frame;
     view.radius = frame.radius_m ?? 0;
     known.most = frame.kept_steps ?? known.most;
-    $("robot").textContent = [frame.robot, frame.saved_at].filter(Boolean).join(" · ");
+    $("robot").textContent = frame.robot;
     travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
     others.listen(frame.robots ?? [], frame.robot);

@@ -44,9 +44,9 @@ export class Connection {
     };
   }
 
-  /** @param past of a saved run: [step, topic, frame] of all its steps, packed */
+  /** @param past [step, topic, frame] of all steps, packed */
   async openSaved({ past, ...frames }) {
-    if (past) this.past = { entries: await unpacked(past).json(), events: frames.events };
+    this.past = { entries: await unpacked(past).json(), events: frames.events };
     this.opened = this.take(frames);
   }
 

@@ -9,7 +9,7 @@ export class TimeTravel {
    * @param show draws frames of a past step; null: the newest
    */
   constructor(ask, range, show) {
-    Object.assign(this, { ask, range, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
+    Object.assign(this, { ask, range, show, at: null, asked: null, timer: 0, newest: "Now" });
     $("slider").addEventListener("input", () => this.goTo(Number($("slider").value)));
     $("play").onclick = () => this.play(!this.timer);
     $("to-now").onclick = () => this.toNow();
@@ -23,16 +23,15 @@ export class TimeTravel {
     if (step !== null && step !== this.at) this.goTo(step);
   }
 
-  /** Set whether the newest step is the end of a finished run; a saved page has a single step. */
+  /** Set whether the newest step is the end of a finished run. */
   setEnd(link) {
-    this.isSaved = link === "saved";
     this.newest = ["finished", "replaying"].includes(link) ? "End" : "Now";
     $("to-now").textContent = this.newest;
     this.onRows();
   }
 
   onRows() {
-    const [oldest, newest] = this.range() ?? [0, 0], isShown = newest > oldest && !this.isSaved;
+    const [oldest, newest] = this.range() ?? [0, 0], isShown = newest > oldest;
     $("timeline").hidden = !isShown;
     if (!isShown) return;
     $("slider").min = oldest;

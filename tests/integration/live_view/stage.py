@@ -13,7 +13,7 @@ from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
 from live_view.page_server import PageServer
 from live_view.picture import Picture
-from live_view.room import Commanded, FromBrowser, Room
+from live_view.room import FromBrowser, Room
 from protocol.steps import Landmark, MapMessage
 
 
@@ -32,11 +32,10 @@ class Actor:
     def pump(self) -> None:
         """Answer what browsers have said, and send them what has changed."""
         while not self._events.empty():
-            match self._events.get():
-                case Commanded(command=command):
-                    self.commands.append(command)
-                case asked:
-                    answer_browser(self.room, self.picture, asked)
+            event = self._events.get()
+            if isinstance(event.request, Command):
+                self.commands.append(event.request)
+            answer_browser(self.room, self.picture, event)
         if changes := self.picture.changes():
             self.room.publish(changes)
 

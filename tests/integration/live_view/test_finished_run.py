@@ -22,7 +22,7 @@ STEPS = 15
 
 
 def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path) -> None:
-    file, port = tmp_path / "run.mcap", free_port()
+    file, port = tmp_path / "<run>.mcap", free_port()
     robot = ("demo", "--recording", "sim:cross", "--steps", str(STEPS), "--workers", "1")
     words = (*robot, "--record", str(file), *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
@@ -46,6 +46,7 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
         "view", str(file), "--save", str(saved), folder=tmp_path, environment=dict(os.environ)
     ) as saving:
         assert saving.popen.wait(PATIENCE_S) == 0, saving.err
+    assert "<run>" not in saved.read_text()  # it would end the data, were it a tag of HTML
     assert steps_in(saved.read_text()) == list(range(STEPS))
     assert cells == ground.cells.tobytes()
     assert shown["step"]["step"] == STEPS - 1
