@@ -115,8 +115,9 @@ def _serve(
     die_with_parent(parent_pid)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    os.nice(NICENESS)
     of_parent.close()
+    with suppress(OSError):  # a sandbox forbids it
+        os.nice(NICENESS)
     from worker.advising import advice  # noqa: PLC0415 - scipy, only in the child
 
     with suppress(EOFError):  # the worker has ended
