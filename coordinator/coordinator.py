@@ -318,15 +318,13 @@ class Coordinator(Part):
         """Return a new state, or the last one if a sign of life is due."""
         last = self.published
         if is_new:
-            state = self.state.hand_on(now_ns)
-            applied = state.collector.applied
             last = Checkpoint(
                 sender=self.sender,
                 term=self.term.number,
                 serial=last.serial + 1 if last else 0,
-                step=applied.step if applied else -1,
+                step=self.state.applied_step,
                 founded=self.state.founded,
-                state=to_bytes(state),
+                state=to_bytes(self.state.hand_on(now_ns)),
             )
         elif last is None or now_ns - self.published_ns < SIGN_OF_LIFE_NS:
             return []
@@ -337,9 +335,8 @@ class Coordinator(Part):
 
     def _proceed(self, now_ns: int) -> list[Instruction]:
         """Query workers, raise the term, and begin to lead, each when due."""
-        applied = self.state.collector.applied
-        own_step = applied.step if applied else -1
-        questions = self.recovery.questions(self.term.number, own_step, now_ns)
+        applied_step = self.state.applied_step
+        questions = self.recovery.questions(self.term.number, applied_step, now_ns)
         instructions = list[Instruction](questions)
         if self.term.begun and self.term.rises_above_workers(now_ns):
             self.state.count("term raised above a worker's")
@@ -414,9 +411,8 @@ class Coordinator(Part):
     def _take_work_of(self, worker: str, answer: WorkerSnapshot, now_ns: int) -> None:
         """Take over a worker's jobs, and its reports on steps that are not applied."""
         self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
-        applied = self.state.collector.applied
         for report in answer.reports:
-            if isinstance(report, SearchReport) or applied is None or report.step > applied.step:
+            if isinstance(report, SearchReport) or report.step > self.state.applied_step:
                 self.state.on_report(report, worker, is_recovered=True)
 
     # --- answers

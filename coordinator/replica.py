@@ -39,9 +39,7 @@ Change: TypeAlias = WorkerJoined | WorkerLeft | WorkerReturned
 class Replica:
     """A coordinator process, which begins as a follower.
 
-    Args:
-        take_over_after_s: silence of a leader after which a follower takes over [s].
-        now_ns: time by the monotonic clock of all events [ns].
+    It takes over after a silence of the leader of `take_over_after_s`.
     """
 
     def __init__(self, take_over_after_s: float, now_ns: int) -> None:
@@ -72,12 +70,9 @@ class Replica:
         now_ns: int,
         handle: Callable[[Event, int], list[Instruction]] | None = None,
     ) -> None:
-        """Recover the state, then lead.
+        """Recover the state, then lead, with a new coordinator.
 
-        Args:
-            coordinator: made with the states that the follower and the file have kept.
-            now_ns: time by the monotonic clock of all events [ns].
-            handle: passes events on to the coordinator, as a recorder does; None: directly.
+        `handle` passes events on to it, as a recorder does; None: directly.
         """
         self.coordinator, self._decide = coordinator, handle or coordinator.handle
         self.newest = NewestState()

@@ -116,10 +116,15 @@ class CoordinatorState(Part):
         self.counters[cause] = self.counters.get(cause, 0) + times
 
     @property
+    def applied_step(self) -> int:
+        """The last applied step; -1: there is none."""
+        return self.collector.applied.step if self.collector.applied else -1
+
+    @property
     def newest_step(self) -> int:
         """The newest step whose scan has arrived, applied or not; -1: there is none."""
-        known = (self.collector.newest_scan, self.collector.applied)
-        return max((scan.step for scan in known if scan is not None), default=-1)
+        newest = self.collector.newest_scan
+        return max(newest.step, self.applied_step) if newest else self.applied_step
 
     def _use(self, live: LiveSettings) -> None:
         """Continue with the settings of a scan."""
@@ -230,11 +235,16 @@ class CoordinatorState(Part):
         given = self.commands.carry_out_waiting(self.ensemble, applied, history, ground)
         if isinstance(given, str):
             self.count("pose off the map refused")
-        elif given is not None:
-            self.founded = True
-            self._follow(given, applied)
-            return True
-        return False
+            return False
+        return self._follow_command(given, applied)
+
+    def _follow_command(self, outcome: Outcome | None, applied: Scan | None) -> bool:
+        """Carry out what follows from a command; return False if it has no outcome yet."""
+        if outcome is None or applied is None:
+            return False
+        self.founded = True
+        self._follow(outcome, applied)
+        return True
 
     def _detect_overload(self, ready: ReadyStep, now_ns: int) -> None:
         """Postpone periodic searches while the machine is overloaded.
@@ -249,15 +259,10 @@ class CoordinatorState(Part):
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Carry out a command; return False if it waits for the first step or is refused."""
-        applied = self.collector.applied
-        history, self.changed = self.pose.history, True
-        ground = self._free_ground
+        self.changed = True
+        applied, history, ground = self.collector.applied, self.pose.history, self._free_ground
         outcome = self.commands.carry_out(command, self.ensemble, applied, history, ground)
-        if outcome is None or applied is None:
-            return False
-        self.founded = True
-        self._follow(outcome, applied)
-        return True
+        return self._follow_command(outcome, applied)
 
     def on_steps_restarted(self, scan: Scan) -> None:
         """Search for the robot: the bridge was restarted, and numbers steps from a new start."""

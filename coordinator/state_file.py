@@ -117,10 +117,8 @@ def _sync_folder(folder: Path) -> None:
 class StateKeeper:
     """Writes the newest state in a separate thread, so a slow disk delays no belief.
 
-    Args:
-        folder: folder of the file; None: no state is written.
-        robot: name of the robot.
-        kept: the state in the file; only a state of a higher rank replaces it.
+    Only a state of a higher rank replaces `kept`, the state in the file. Without a `folder` no
+    state is written.
     """
 
     def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:

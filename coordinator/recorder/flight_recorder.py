@@ -42,12 +42,9 @@ _log = logging.getLogger(__name__)
 class FlightRecorder:
     """Passes events to a coordinator, and records them and the resulting beliefs.
 
+    The coordinator receives events only from this object. Without a `ring` nothing is recorded.
     Events that cannot be written are counted. After a gap a new file begins with the coordinator's
     present state.
-
-    Args:
-        coordinator: the coordinator, which receives events only from this object.
-        ring: the files; None: nothing is recorded.
     """
 
     def __init__(self, coordinator: Coordinator, ring: Ring | None) -> None:
