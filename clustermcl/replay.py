@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from clustermcl.as_json import JsonObject, belief_object, dumped
+import typer
+
 from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
@@ -45,12 +46,7 @@ class Comparison:
 
 
 def print_replay(
-    folder: Path,
-    *,
-    first_step: int | None,
-    last_step: int | None,
-    map_file: Path | None,
-    as_json: bool,
+    folder: Path, *, first_step: int | None, last_step: int | None, map_file: Path | None
 ) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one.
 
@@ -61,7 +57,6 @@ def print_replay(
         first_step: first step to print; None: the first in the recording.
         last_step: last step to print; None: the last in the recording.
         map_file: map of the recording; None: any map is accepted.
-        as_json: print a JSON object per line instead of text.
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step
@@ -74,11 +69,8 @@ def print_replay(
         if isinstance(happening, Believed):
             step = happening.belief.step
         if first <= step <= last:
-            if as_json:
-                _print(dumped({"wall_ns": wall_ns, **_as_object(step, happening)}))
-            else:
-                _print(f"{_clock(wall_ns)} {_as_text(happening)}")
-    _print(dumped({"kind": "result", **vars(comparison)}) if as_json else comparison.text())
+            typer.echo(f"{_clock(wall_ns)} {_as_text(happening)}")
+    typer.echo(comparison.text())
     return not comparison.different
 
 
@@ -101,21 +93,3 @@ def _as_text(happening: Happening) -> str:
                 None: "; not recorded",
             }[same]
             return belief_line(belief) + remark
-
-
-def _as_object(step: int, happening: Happening) -> JsonObject:
-    match happening:
-        case Happened(kind, about):
-            return {"kind": kind, "step": step, "about": about}
-        case CoordinatorActs(sender, term, after_step):
-            return {
-                "kind": "coordinator", "step": step, "name": sender, "term": term,
-                "took_over_after_step": after_step,
-            }  # fmt: skip
-        case Believed(belief, same):
-            fields = belief_object(belief)
-            return {"kind": "belief", **fields, "term": belief.term, "as_recorded": same}
-
-
-def _print(text: str) -> None:
-    print(text)  # noqa: T201 - the command's answer

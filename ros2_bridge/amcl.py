@@ -30,7 +30,6 @@ from ros2_bridge.messages_out import (
     markers,
     particle_cloud,
     path,
-    pose_array,
     pose_stamped,
     transform,
 )
@@ -226,7 +225,6 @@ class Amcl:
         self._unpublished = None
         if belief is None or not self.is_active:
             return
-        yield Publish(topics.HYPOTHESIS_POSES, pose_array(belief, frame))
         places = detection(belief, frame, self.settings.node_name)
         yield Publish(topics.HYPOTHESIS_DETECTION, places)
         yield Publish(topics.HYPOTHESES, markers(belief, frame))

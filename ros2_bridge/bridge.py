@@ -32,12 +32,12 @@ from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
 from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher, log_to_ros
-from ros2_bridge.outputs import AskAdvice, Bond, Command, Output, Publish, Refused
+from ros2_bridge.outputs import AskAdvice, Bond, Command, Output, Publish, Reading, Refused
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
 from zenoh_link.node import Node
-from zenoh_link.wire import Asked, Received
+from zenoh_link.wire import Asked, Publisher, Received
 
 _log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         for service, ros_type in loop.services.types().items():
             node.serve(service, ros_type, core.inbox)
         for topic in names.read():
-            node.subscribe(topic, core.inbox, own=topic != names.tf)
+            node.subscribe(topic, core.inbox)
         _log.info("%s is running in ROS domain %d", full_name, name.domain_id)
         loop.run()
 
@@ -113,10 +113,12 @@ class BridgeLoop:
         self._next_status_s = 0.0
         self._places_until_s: float | None = None
         self._status: Status | None = None
-        self._laser = node.publisher(keys.LASER_READING)
-        self._odometry = node.publisher(keys.ODOMETRY_READING)
-        self._observations = node.publisher(keys.OBSERVATION_READING)
-        self._maps = node.publisher(keys.MAP_READING, may_wait=True)
+        self._readings: dict[type[Reading], Publisher] = {
+            LaserReading: node.publisher(keys.LASER_READING),
+            OdometryReading: node.publisher(keys.ODOMETRY_READING),
+            Observation: node.publisher(keys.OBSERVATION_READING),
+            MapReading: node.publisher(keys.MAP_READING, may_wait=True),
+        }
         node.on_other = self._on_ros
         node.serve(keys.MAP_READING, self._on_map_query)
         kept = _KEPT_MESSAGES
@@ -232,15 +234,9 @@ class BridgeLoop:
                     self._bond.begin()
                 case Bond():
                     self._bond.end()
-                case MapReading():
-                    self._map = output
-                    self._maps.put(output)
-                case LaserReading():
-                    self._laser.put(output)
-                case OdometryReading():
-                    self._odometry.put(output)
-                case Observation():
-                    self._observations.put(output)
+                case LaserReading() | OdometryReading() | Observation() | MapReading():
+                    self._map = output if isinstance(output, MapReading) else self._map
+                    self._readings[type(output)].put(output)
                 case AskAdvice():
                     self._ask_advice()
                 case Configure():

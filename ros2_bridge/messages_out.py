@@ -74,12 +74,6 @@ def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: s
     return new(types.TF_MESSAGE, transforms=[one])
 
 
-def pose_array(belief: Belief, frame: str) -> Any:
-    """Return all places as a `geometry_msgs/PoseArray`, most probable first."""
-    poses = [pose(one.pose) for one in belief.hypotheses]
-    return new(types.POSE_ARRAY, header=header(belief.stamp_ns, frame), poses=poses)
-
-
 def path(poses: Iterable[PoseTuple], stamp_ns: int, frame: str) -> Any:
     """Return a `nav_msgs/Path`."""
     stamped = header(stamp_ns, frame)

@@ -19,7 +19,6 @@ from ros2_bridge.topics import Topic, service_qos
 from zenoh_link.inbox import Inbox
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
-_NODE_NUMBER = 0
 _HEARTBEAT_S = 0.5
 _LEVELS = (10, 20, 30, 40, 50)
 """Of a log; the same numbers in ROS and Python."""
@@ -69,7 +68,6 @@ class RosPublisher:
         self._one_at_a_time = threading.Lock()
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
         if topic.qos.latched:
-            heartbeat = None if topic.qos.best_effort else _HEARTBEAT_S
             self._publisher = ext.declare_advanced_publisher(
                 session,
                 key,
@@ -77,7 +75,7 @@ class RosPublisher:
                 cache=ext.CacheConfig(max_samples=topic.qos.depth),
                 publisher_detection=True,
                 sample_miss_detection=ext.MissDetectionConfig(
-                    heartbeat=None, sporadic_heartbeat=heartbeat
+                    heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
                 ),
             )
         else:
@@ -105,10 +103,10 @@ class RosNode:
     def __init__(self, session: zenoh.Session, name: wire.NodeName, *, humble: bool) -> None:
         self._session, self._name, self._humble = session, name, humble
         self._id = str(session.info.zid())
-        self._numbers = itertools.count(_NODE_NUMBER + 1)
+        self._numbers = itertools.count(1)
         self._kept: list[Any] = []
         """Tokens and advanced subscribers, which end with their last reference."""
-        self._announce(name.token(self._id, _NODE_NUMBER))
+        self._announce(name.token(self._id))
 
     def publisher(self, topic: Topic) -> RosPublisher:
         key, token = self._endpoint(
@@ -118,13 +116,10 @@ class RosNode:
         self._announce(token)
         return publisher
 
-    def subscribe(self, topic: Topic, inbox: Inbox[Any], *, own: bool) -> None:
+    def subscribe(self, topic: Topic, inbox: Inbox[Any]) -> None:
         """Put the topic's messages into an inbox as `FromRos`; if it is full, drop the oldest.
 
-        Args:
-            topic: the topic, from any release of ROS.
-            inbox: takes the messages.
-            own: include messages that this session publishes.
+        Messages of any release of ROS are received, but not those that this session publishes.
         """
 
         def on_sample(sample: zenoh.Sample) -> None:
@@ -140,10 +135,9 @@ class RosNode:
 
         kind = wire.EndpointKind.SUBSCRIBER
         _, token = self._endpoint(kind, topic.name, topic.ros_type, topic.qos)
-        name, origin = self._name.topic(topic.name), zenoh.Locality.ANY
+        name = self._name.topic(topic.name)
         key = wire.data_key(self._name.domain_id, name, wire.dds_type(topic.ros_type), "*")
         if topic.qos.latched:
-            recovery = ext.RecoveryConfig(heartbeat=True, periodic_queries=None)
             self._kept.append(
                 ext.declare_advanced_subscriber(
                     self._session,
@@ -152,14 +146,13 @@ class RosNode:
                     history=ext.HistoryConfig(
                         detect_late_publishers=True, max_samples=topic.qos.depth
                     ),
-                    recovery=None if topic.qos.best_effort else recovery,
+                    recovery=ext.RecoveryConfig(heartbeat=True, periodic_queries=None),
                     subscriber_detection=True,
                 )
             )
         else:
-            if not own:
-                origin = zenoh.Locality.REMOTE
-            self._session.declare_subscriber(key, on_sample, allowed_origin=origin)
+            remote = zenoh.Locality.REMOTE
+            self._session.declare_subscriber(key, on_sample, allowed_origin=remote)
         self._announce(token)
 
     def serve(self, service: str, ros_type: str, inbox: Inbox[Any]) -> None:
@@ -189,7 +182,7 @@ class RosNode:
         name = self._name.topic(topic)
         type_name, hashed = wire.dds_type(ros_type), type_hash(ros_type, humble=self._humble)
         endpoint = wire.Endpoint(kind, name, type_name, hashed, qos)
-        token = self._name.endpoint_token(self._id, _NODE_NUMBER, next(self._numbers), endpoint)
+        token = self._name.endpoint_token(self._id, next(self._numbers), endpoint)
         return wire.data_key(self._name.domain_id, name, type_name, hashed), token
 
     def _announce(self, token: str) -> None:

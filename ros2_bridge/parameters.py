@@ -73,15 +73,18 @@ class Parameters:
         ]
         return new(response_of(types.DESCRIBE_PARAMETERS), descriptors=descriptors)
 
-    def set(self, request: Any) -> Any:
-        """Answer `SetParameters`: each parameter is set, or refused with the reason."""
+    def set(self, request: Any) -> tuple[Any, list[Any]]:
+        """Answer `SetParameters`, and return what was set; the rest is refused with reasons."""
         results = [self._set_all([wanted]) for wanted in request.parameters]
-        return new(response_of(types.SET_PARAMETERS), results=results)
+        both = zip(request.parameters, results, strict=True)
+        taken = [wanted for wanted, result in both if result.successful]
+        return new(response_of(types.SET_PARAMETERS), results=results), taken
 
-    def set_atomically(self, request: Any) -> Any:
-        """Answer `SetParametersAtomically`: set all, or none and return the first reason."""
+    def set_atomically(self, request: Any) -> tuple[Any, list[Any]]:
+        """Answer `SetParametersAtomically`, and return what was set: all, or nothing."""
         result = self._set_all(request.parameters)
-        return new(response_of(types.SET_PARAMETERS_ATOMICALLY), result=result)
+        taken = request.parameters if result.successful else []
+        return new(response_of(types.SET_PARAMETERS_ATOMICALLY), result=result), taken
 
     def replace(self, values: dict[str, Value]) -> list[Any]:
         """Set parameters to valid values; return them as `Parameter` messages."""

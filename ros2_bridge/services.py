@@ -34,28 +34,35 @@ class Services:
         self._amcl, self._clock, self._node = amcl, clock, node
         self._parameters, self._is_new = Parameters(settings), True
         parameters, self._sender = self._parameters, settings.ros2.node_name
+        search = Relocalize(sender=self._sender, command_id=NO_ID)
         self.no_motion_update = Update(sender=self._sender, command_id=NO_ID)
         """Makes a step of the next scan although the robot stands."""
         self.freshness = "unreachable"
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
-            "reinitialize_global_localization": (types.EMPTY, self._search_everywhere),
-            "request_nomotion_update": (types.EMPTY, self._no_motion_update),
-            "~/advise": (types.EMPTY, self._advise),
+            "reinitialize_global_localization": (types.EMPTY, _empty(search)),
+            "request_nomotion_update": (types.EMPTY, _empty(self.no_motion_update)),
+            "~/advise": (types.EMPTY, _empty(AskAdvice())),
             "set_initial_pose": (types.SET_INITIAL_POSE, self._set_initial_pose),
             "~/is_localized": (types.TRIGGER, self._is_localized),
             "~/change_state": (types.CHANGE_STATE, self._change_state),
             "~/get_state": (types.GET_STATE, self._get_state),
             "~/get_available_states": (types.GET_AVAILABLE_STATES, self._get_states),
-            "~/get_available_transitions": (types.GET_AVAILABLE_TRANSITIONS, self._get_transitions),
-            "~/get_transition_graph": (types.GET_AVAILABLE_TRANSITIONS, self._get_graph),
+            "~/get_available_transitions": (
+                types.GET_AVAILABLE_TRANSITIONS,
+                lambda _request: _transitions(self.lifecycle.available()),
+            ),
+            "~/get_transition_graph": (
+                types.GET_AVAILABLE_TRANSITIONS,
+                lambda _request: _transitions(TRANSITION_GRAPH),
+            ),
             "~/get_parameters": (types.GET_PARAMETERS, _only(parameters.get)),
             "~/get_parameter_types": (types.GET_PARAMETER_TYPES, _only(parameters.kinds)),
             "~/list_parameters": (types.LIST_PARAMETERS, _only(parameters.names)),
             "~/describe_parameters": (types.DESCRIBE_PARAMETERS, _only(parameters.describe)),
-            "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
+            "~/set_parameters": (types.SET_PARAMETERS, self._setting(parameters.set)),
             "~/set_parameters_atomically": (
                 types.SET_PARAMETERS_ATOMICALLY,
-                self._set_parameters_atomically,
+                self._setting(parameters.set_atomically),
             ),
         }
 
@@ -102,39 +109,22 @@ class Services:
         states = [_state(state) for state in State]
         return new(response_of(types.GET_AVAILABLE_STATES), available_states=states), []
 
-    def _get_transitions(self, _request: Any) -> Answer:
-        return _transitions(self.lifecycle.available())
-
-    def _get_graph(self, _request: Any) -> Answer:
-        return _transitions(TRANSITION_GRAPH)
-
-    def _search_everywhere(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [Relocalize(sender=self._sender, command_id=NO_ID)]
-
-    def _advise(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [AskAdvice()]
-
-    def _no_motion_update(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [self.no_motion_update]
-
     def _set_initial_pose(self, request: Any) -> Answer:
         outputs = list(self._amcl.on_initial_pose(request.pose))
         return new(response_of(types.SET_INITIAL_POSE)), outputs
 
-    def _set_parameters(self, request: Any) -> Answer:
-        live, response = self._parameters.live, self._parameters.set(request)
-        both = zip(request.parameters, response.results, strict=True)
-        taken = self._use([wanted for wanted, result in both if result.successful])
-        return response, taken + self._reconfigured(live)
+    def _setting(self, change: Callable[[Any], tuple[Any, list[Any]]]) -> Callable[[Any], Answer]:
+        """Return a handler of calls that set parameters; `change` also returns those it has set."""
 
-    def _set_parameters_atomically(self, request: Any) -> Answer:
-        live, response = self._parameters.live, self._parameters.set_atomically(request)
-        taken = self._use(request.parameters if response.result.successful else [])
-        return response, taken + self._reconfigured(live)
+        def handle(request: Any) -> Answer:
+            before = self._parameters.live
+            response, taken = change(request)
+            outputs, live = self._use(taken), self._parameters.live
+            if live != before:
+                outputs.append(Configure(sender=self._sender, settings=live))
+            return response, outputs
 
-    def _reconfigured(self, before: LiveSettings) -> list[Output]:
-        live = self._parameters.live
-        return [] if live == before else [Configure(sender=self._sender, settings=live)]
+        return handle
 
     def on_live_settings(self, found: LiveSettings) -> list[Output]:
         """Reconcile the node's parameters with the system's live settings.
@@ -175,6 +165,11 @@ class Services:
             start_state=_state(step.start),
             goal_state=_state(step.goal),
         )
+
+
+def _empty(output: Output) -> Callable[[Any], Answer]:
+    """Return a handler of `Empty` calls, which have one output."""
+    return lambda _request: (new(response_of(types.EMPTY)), [output])
 
 
 def _only(respond: Callable[[Any], Any]) -> Callable[[Any], Answer]:

@@ -28,7 +28,6 @@ AMCL_POSE = Topic("amcl_pose", types.POSE_STAMPED, _LAST)
 PARTICLE_CLOUD = Topic("particle_cloud", types.PARTICLE_CLOUD, Qos(depth=5, best_effort=True))
 DIAGNOSTICS = Topic("/diagnostics", types.DIAGNOSTIC_ARRAY, Qos())
 HYPOTHESES = Topic("~/hypotheses", types.MARKER_ARRAY, _LAST)
-HYPOTHESIS_POSES = Topic("~/hypotheses/poses", types.POSE_ARRAY, _LAST)
 HYPOTHESIS_DETECTION = Topic("~/hypotheses/detection", types.DETECTION, _LAST)
 ADVICE = Topic("~/advice", types.PATH, _LAST)
 STATE = Topic("~/state", types.STRING, _LAST)
@@ -100,5 +99,5 @@ class Topics:
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),
-            *(HYPOTHESES, HYPOTHESIS_POSES, HYPOTHESIS_DETECTION, ADVICE, STATE, PROBABILITY),
+            *(HYPOTHESES, HYPOTHESIS_DETECTION, ADVICE, STATE, PROBABILITY),
         )

@@ -39,7 +39,7 @@ class Qos:
     Args:
         depth: length of the queue.
         best_effort: messages may be lost; otherwise reliable.
-        latched: late subscribers get the last `depth` messages (`transient local`).
+        latched: late subscribers get the last `depth` messages (`transient local`); reliable.
     """
 
     depth: int = 10
@@ -75,15 +75,13 @@ class NodeName:
             name = f"{self.name}/{name[2:]}"
         return f"{self.namespace}/{name}"
 
-    def token(self, session_id: str, node_number: int) -> str:
-        start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{node_number}/NN"
-        return f"{start}/{self._owner()}"
+    def token(self, session_id: str) -> str:
+        """Return the node's token; the node is number 0, the only one of its session."""
+        return f"{GRAPH}/{self.domain_id}/{session_id}/0/0/NN/{self._owner()}"
 
-    def endpoint_token(
-        self, session_id: str, node_number: int, number: int, endpoint: "Endpoint"
-    ) -> str:
-        """Return the token of one of the node's endpoints; numbers are unique in a session."""
-        start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{number}/{endpoint.kind}"
+    def endpoint_token(self, session_id: str, number: int, endpoint: "Endpoint") -> str:
+        """Return the token of one of the node's endpoints; numbers above 0, each used once."""
+        start = f"{GRAPH}/{self.domain_id}/{session_id}/0/{number}/{endpoint.kind}"
         about = f"{_chunk(endpoint.topic)}/{endpoint.type_name}/{endpoint.type_hash}"
         return f"{start}/{self._owner()}/{about}/{endpoint.qos}"
 

@@ -152,7 +152,6 @@ def replay(
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Refuse a run on another map.")
     ] = None,
-    as_json: common.AsJson = False,
 ) -> None:
     """Recompute a flight recording, and print what happened.
 
@@ -160,9 +159,7 @@ def replay(
     """
     from clustermcl.replay import print_replay  # noqa: PLC0415 - see the package
 
-    same = print_replay(
-        folder, first_step=first_step, last_step=last_step, map_file=map_file, as_json=as_json
-    )
+    same = print_replay(folder, first_step=first_step, last_step=last_step, map_file=map_file)
     sys.exit(0 if same else EXIT_DIFFERENT)
 
 

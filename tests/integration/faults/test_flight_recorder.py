@@ -1,17 +1,18 @@
 """Workers and coordinators are killed, and a replay of the recording gives the beliefs."""
 
-import json
 import os
 import shutil
 import signal
 import subprocess
+from importlib.metadata import version
 from itertools import groupby, pairwise
 from pathlib import Path
 
 import msgspec
 
-from clustermcl.as_json import JsonObject, belief_object, dumped
 from clustermcl.stack import COORDINATOR
+from coordinator.recorder.records import Happened
+from coordinator.recorder.replay import Believed, CoordinatorActs, replayed
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
@@ -30,28 +31,13 @@ def replay(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return ran("replay", str(folder), *words)
 
 
-def objects(done: subprocess.CompletedProcess[str]) -> list[JsonObject]:
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
-def as_object(belief: Belief) -> JsonObject:
-    """A received belief as the replay prints it; JSON keeps every bit of a number."""
-    published: JsonObject = json.loads(dumped(belief_object(belief)))
-    return {**published, "term": belief.term}
-
-
-def assert_same(published: list[Belief], lines: list[JsonObject]) -> None:
+def assert_same(published: list[Belief], computed: list[Belief]) -> None:
     """All received beliefs of each term are replayed, except those not yet on disk at the end."""
-    replayed = [line for line in lines if line["kind"] == "belief"]
     last_term = max(belief.term for belief in published)
     for term, beliefs in groupby(published, key=lambda belief: belief.term):
-        computed = [
-            {key: line[key] for key in as_object(published[0])}
-            for line in replayed
-            if line["term"] == term
-        ]
-        missing = [belief.step for belief in beliefs if as_object(belief) not in computed]
-        assert missing == [step for step in missing if step > computed[-1]["step"]], "in the middle"
+        of_term = [belief for belief in computed if belief.term == term]
+        missing = [belief.step for belief in beliefs if belief not in of_term]
+        assert missing == [step for step in missing if step > of_term[-1].step], "in the middle"
         assert len(missing) <= (0 if term == last_term else most_lost())
 
 
@@ -60,14 +46,13 @@ def most_lost() -> float:
     return STEPS_PER_S * stretched_s(LOST_S)
 
 
-def repeated(lines: list[JsonObject]) -> list[int]:
+def repeated(computed: list[Belief]) -> list[int]:
     """So many steps before the last of the term before each later term's first belief is.
 
     It takes over at its start or, without a worker then, when the first one appears.
     """
-    replayed = [line for line in lines if line["kind"] == "belief"]
-    terms = [list(beliefs) for _, beliefs in groupby(replayed, key=lambda line: line["term"])]
-    return [before[-1]["step"] - after[0]["step"] for before, after in pairwise(terms)]
+    terms = [list(beliefs) for _, beliefs in groupby(computed, key=lambda belief: belief.term)]
+    return [before[-1].step - after[0].step for before, after in pairwise(terms)]
 
 
 def kill_a_worker(tested: System) -> None:
@@ -95,16 +80,18 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     assert len({belief.term for belief in published}) == 3
 
     grid_map = simulated_world(Simulated(WORLD)).map
-    done = replay(folder, "--json", "--map", str(write_map(grid_map, tmp_path, "map")))
+    done = replay(folder, "--map", str(write_map(grid_map, tmp_path, "map")))
     assert (done.stderr, done.returncode) == ("", 0)
-    lines = objects(done)
-    assert_same(published, lines)
-    acts = [line for line in lines if line["kind"] == "coordinator"]
-    assert [line["term"] for line in acts] == sorted({belief.term for belief in published})
-    assert acts[0]["took_over_after_step"] is None
-    assert all(abs(late) <= most_lost() for late in repeated(lines)), "each carries on"
-    assert {"worker joined", "worker left", "command"} <= {line["kind"] for line in lines}
-    assert lines[-1]["different"] == 0
+    assert done.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
+    happenings = [each for _, each in replayed(folder, version("clustermcl"))]
+    computed = [each.belief for each in happenings if isinstance(each, Believed)]
+    assert_same(published, computed)
+    acts = [each for each in happenings if isinstance(each, CoordinatorActs)]
+    assert [each.term for each in acts] == sorted({belief.term for belief in published})
+    assert acts[0].after_step is None
+    assert all(abs(late) <= most_lost() for late in repeated(computed)), "each carries on"
+    kinds = {each.kind for each in happenings if isinstance(each, Happened)}
+    assert {"worker joined", "worker left", "command"} <= kinds
 
     while_it_ran = replay(copy)
     assert while_it_ran.returncode == 0

@@ -83,7 +83,7 @@ class RosRobot:
                 received.append(decode(state.payload, topic.ros_type))
 
         reported = replace(topic, name=topic.name.replace("~/", "amcl/"))
-        self.node.subscribe(reported, _List({topic.name: 1}), own=False)
+        self.node.subscribe(reported, _List({topic.name: 1}))
         return received
 
     def call(

@@ -25,7 +25,6 @@ SENT = {
     "MP /rosout rcl_interfaces::msg::dds_::Log_ :1:,1000:,:,:,,",
     "MP /amcl/transition_event lifecycle_msgs::msg::dds_::TransitionEvent_ ::,10:,:,:,,",
     "MP /amcl/hypotheses visualization_msgs::msg::dds_::MarkerArray_ :1:,1:,:,:,,",
-    "MP /amcl/hypotheses/poses geometry_msgs::msg::dds_::PoseArray_ :1:,1:,:,:,,",
     "MP /amcl/hypotheses/detection vision_msgs::msg::dds_::Detection3D_ :1:,1:,:,:,,",
     "MP /amcl/advice nav_msgs::msg::dds_::Path_ :1:,1:,:,:,,",
     "MP /amcl/state std_msgs::msg::dds_::String_ :1:,1:,:,:,,",

@@ -387,8 +387,8 @@ def test_all_places_are_published_with_their_probabilities() -> None:
     (reported,) = published(outputs, topics.HYPOTHESIS_DETECTION)
     results = [(one.hypothesis.class_id, one.hypothesis.score) for one in reported.results]
     assert results == [("1", 0.95), ("2", 0.05)]
-    (places,) = published(outputs, topics.HYPOTHESIS_POSES)
-    assert [(one.position.x, one.position.y) for one in places.poses] == [PLACE[:2], (0.0, 0.0)]
+    given = [one.pose.pose.position for one in reported.results]
+    assert [(one.x, one.y) for one in given] == [PLACE[:2], (0.0, 0.0)]
     (drawn,) = published(outputs, topics.HYPOTHESES)
     assert drawn.markers[0].action == 3  # all of before go
     assert [one.ns for one in drawn.markers[1:4]] == ["arrow", "ellipse", "percentage"]

@@ -232,7 +232,7 @@ def parameter(name: str, number: int, **value: Any) -> Any:
 def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
     one = parameter(name, number, **value)
     request = new(request_of(types.SET_PARAMETERS), parameters=[one])
-    return parameters.set(request).results[0]
+    return parameters.set(request)[0].results[0]
 
 
 def test_parameter_values_are_returned_with_their_types() -> None:

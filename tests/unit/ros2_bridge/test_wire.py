@@ -59,7 +59,7 @@ def token(number: int, *, humble: bool = False, name: NodeName = ROBOT) -> str:
     kind, topic, ros_type, qos = ENDPOINTS[number]
     hashed = type_hash(ros_type, humble=humble)
     endpoint = Endpoint(kind, topic, dds_type(ros_type), hashed, qos)
-    return name.endpoint_token(SESSION, 0, number, endpoint)
+    return name.endpoint_token(SESSION, number, endpoint)
 
 
 def first_samples() -> dict[str, dict[str, Any]]:
@@ -67,7 +67,7 @@ def first_samples() -> dict[str, dict[str, Any]]:
 
 
 def test_the_tokens_are_those_of_the_recorded_robot() -> None:
-    assert [ROBOT.token(SESSION, 0), *map(token, ENDPOINTS)] == GOLDEN["tokens"]
+    assert [ROBOT.token(SESSION), *map(token, ENDPOINTS)] == GOLDEN["tokens"]
 
 
 def test_the_keys_are_those_of_the_recorded_robot() -> None:
@@ -135,8 +135,8 @@ def test_a_namespace_is_part_of_keys_and_tokens() -> None:
     assert amcl.topic("/tf") == "/tf"
     assert amcl.topic("~/get_state") == "/robot1/amcl/get_state"
     assert data_key(7, amcl.topic("scan"), "T_", "*") == "7/robot1/scan/T_/*"
-    assert amcl.token("abc", 0) == "@ros2_lv/7/abc/0/0/NN/%/%robot1/amcl"
-    assert node_in_token(amcl.token("abc", 0)) == "/robot1/amcl"
+    assert amcl.token("abc") == "@ros2_lv/7/abc/0/0/NN/%/%robot1/amcl"
+    assert node_in_token(amcl.token("abc")) == "/robot1/amcl"
     assert node_in_token(GOLDEN["tokens"][0]) == "/robot"
     assert node_in_token(GOLDEN["tokens"][1]) is None
 
