@@ -82,7 +82,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
             self.sender,
             self.version,
             self.now_ns,
-            Term.of(self.term, self.known, self.kept),
+            Term(self.term),
             StateRecovery(
                 self.sender,
                 self.now_ns,
@@ -93,6 +93,8 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
             CoordinatorState.of(self.sender, self.filter_settings, self.settings, self.bridge),
             LastPlace.of(kept) if kept else None,
         )
+        for checkpoint in filter(None, (self.known, self.kept)):
+            made.term.on_term(checkpoint.term)
         if self.usual_delay_ns is not None:
             made.state.pose.begin(self.usual_delay_ns, self.now_ns)
         return made

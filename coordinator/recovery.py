@@ -8,16 +8,14 @@ import math
 from collections.abc import Iterable
 
 import msgspec
-import numpy as np
 
-from coordinator.belief.given_places import PriorPose, diagonal
+from coordinator.belief.given_places import PriorPose, diagonal, moved_pose
 from coordinator.checkpoint import CheckpointState
 from coordinator.events import WorkerSnapshot
 from coordinator.instructions import AskState, FetchScans
 from coordinator.part import Part
-from particle_filter.poses import between, compose
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, TakeOver
 
@@ -41,14 +39,6 @@ class Term(Part):
     """A higher term that a worker has received."""
     claimed_ns: int = 0
     """When a worker first reported a higher term [ns]."""
-
-    @classmethod
-    def of(cls, number: int, *known: Checkpoint | None) -> "Term":
-        """Return a term above the terms of all known states; `number`: by the clock [us]."""
-        term = cls(number)
-        for checkpoint in filter(None, known):
-            term.on_term(checkpoint.term)
-        return term
 
     def on_term(self, number: int) -> bool:
         """Process another coordinator's term; return whether this one's was raised.
@@ -134,15 +124,14 @@ class LastPlace(msgspec.Struct, frozen=True):
         The motion by odometry is added, unless the odometry was reset; then the robot has probably
         not moved.
         """
-        pose = np.array(self.pose)
+        pose = self.pose
         if not _was_reset(self.odom_from_robot, scan.odom_from_robot):
-            moved = between(np.array(self.odom_from_robot), np.array(scan.odom_from_robot))
-            pose = compose(pose, moved)
+            pose = moved_pose(pose, self.odom_from_robot, scan.odom_from_robot)
         spread = covariance_matrix(self.covariance) + covariance_matrix(MOVED_BY_HAND)
         return PriorPose(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
-            pose=pose_tuple(pose),
+            pose=pose,
             covariance=covariance_tuple(spread),
             probability=probability,
         )

@@ -55,6 +55,11 @@ def candidate(
     return Place(share=probability, pose=mean, covariance=covariance, sample=sample)
 
 
+def moved_pose(pose: PoseTuple, then: PoseTuple, now: PoseTuple) -> PoseTuple:
+    """Return a pose after the robot has moved by odometry from `then` to `now`."""
+    return pose_tuple(compose(np.array(pose), between(np.array(then), np.array(now))))
+
+
 class GivenPose(msgspec.Struct, frozen=True):
     """A pose that an operator gave."""
 
@@ -65,10 +70,9 @@ class GivenPose(msgspec.Struct, frozen=True):
 
     def is_repeated_by(self, later: "GivenPose", rules: BeliefSettings) -> bool:
         """Return whether a later pose is the same place, moved by odometry, and soon after."""
-        moved = between(np.array(self.odom_from_robot), np.array(later.odom_from_robot))
-        expected = compose(np.array(self.pose), moved)
+        expected = moved_pose(self.pose, self.odom_from_robot, later.odom_from_robot)
         is_soon = 0 <= later.first_step - self.first_step < NEWS_AFTER_STEPS
-        return is_soon and later.is_near([pose_tuple(expected)], rules)
+        return is_soon and later.is_near([expected], rules)
 
     def is_near(self, others: Sequence[PoseTuple], rules: BeliefSettings) -> bool:
         """Return whether one of the other poses is at the same place."""
@@ -104,8 +108,7 @@ def with_prior_pose(
         settings: settings of the filter.
     """
     rules = settings.belief
-    moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
-    now = pose_tuple(compose(np.array(prior.pose), moved))
+    now = moved_pose(prior.pose, prior.odom_from_robot, odom_from_robot)
     means = [place.pose for place in found]
     is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
     there = int(np.argmax(is_there)) if is_there.any() else None

@@ -23,11 +23,6 @@ from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Particles
 
-NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
-NO_WEIGHTS = ArrayBlob(dtype="float64", shape=(0,), data=b"")
-NO_PARTICLES = ArrayBlob(dtype="float32", shape=(0, 3), data=b"")
-
 
 class Head(msgspec.Struct, frozen=True, kw_only=True):
     """The first message of each file, from which a replay makes the coordinator."""
@@ -130,12 +125,13 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
         case int() | float() | str() | None | (int() | float() | str(), *_):
             return value  # most values; a list that begins with a number or a name is small
         case Particles():
-            return replace(value, map_from_robot=NO_POSES, log_weights=NO_WEIGHTS)
+            poses, weights = _emptied(value.map_from_robot), _emptied(value.log_weights)
+            return replace(value, map_from_robot=poses, log_weights=weights)
         case Scan():
-            return replace(value, ranges=NO_BEAMS, others=())
+            return replace(value, ranges=_emptied(value.ranges), others=())
         case FoundPlaces():
             none = ArrayBlob.of(np.zeros(len(value), np.int32), "int32")
-            return replace(value, count=none, particles=NO_PARTICLES)
+            return replace(value, count=none, particles=_emptied(value.particles))
         case msgspec.Struct():
             fields = {name: getattr(value, name) for name in _bulky_fields(type(value))}
             changed = _changed(fields)
@@ -146,6 +142,10 @@ def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
             return value | _changed(value)
         case _:
             return value
+
+
+def _emptied(blob: ArrayBlob) -> ArrayBlob:
+    return replace(blob, shape=(0, *blob.shape[1:]), data=b"")
 
 
 @cache

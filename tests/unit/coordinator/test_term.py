@@ -1,14 +1,16 @@
 from coordinator.recovery import APART_US, UNSEEN_NS, Term
 from protocol.terms import MAX_RELAYED_AHEAD_US, check_term
-from protocol.work import Checkpoint, OrderAnswer, TakeOver
+from protocol.work import OrderAnswer, TakeOver
 
-KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")
+KNOWN = 8
+"""Term of another coordinator."""
 
 
 def test_a_term_is_raised_above_all_received_terms_before_it_begins() -> None:
-    term = Term.of(5, KNOWN)
+    term = Term(5)
+    assert term.on_term(KNOWN)
     raised = term.number
-    assert raised > KNOWN.term
+    assert raised > KNOWN
     assert not term.on_term(raised), "that is its own"
     assert term.on_term(raised + 20)
     assert term.number > raised + 20
@@ -16,13 +18,13 @@ def test_a_term_is_raised_above_all_received_terms_before_it_begins() -> None:
 
 
 def test_a_raised_term_lies_above_the_epochs_of_the_other_term() -> None:
-    term = Term.of(KNOWN.term + 3, None)
-    assert term.on_term(KNOWN.term), "it began a moment before, and may have given jobs since"
-    assert term.number >= KNOWN.term + APART_US
+    term = Term(KNOWN + 3)
+    assert term.on_term(KNOWN), "it began a moment before, and may have given jobs since"
+    assert term.number >= KNOWN + APART_US
 
 
 def test_a_term_that_has_begun_is_outranked_by_the_highest_received_term() -> None:
-    term = Term.of(5, None)
+    term = Term(5)
     term.begun = True
     assert not term.on_term(5)
     assert term.outranked_by is None
@@ -32,7 +34,7 @@ def test_a_term_that_has_begun_is_outranked_by_the_highest_received_term() -> No
 
 
 def test_a_workers_term_deposes_no_coordinator_but_raises_the_term_later() -> None:
-    term = Term.of(5)
+    term = Term(5)
     term.begun = True
     term.on_worker_term(9, now_ns=0)
     term.on_worker_term(8, now_ns=1)
@@ -44,7 +46,7 @@ def test_a_workers_term_deposes_no_coordinator_but_raises_the_term_later() -> No
 
 
 def test_a_claimed_term_leaves_room_for_higher_terms() -> None:
-    term = Term.of(1_000)
+    term = Term(1_000)
     claimed = OrderAnswer(sender="w", order=1, jobs=(), term=MAX_RELAYED_AHEAD_US)
     for _ in range(100):
         check_term(claimed, clock_ns=0)
