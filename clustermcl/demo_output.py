@@ -143,27 +143,19 @@ class DemoSummary:
         if self._ended:
             causes = ", ".join(f"{count} {cause}" for cause, count in self._ended.most_common())
             yield f"Dropped places: {causes}."
+        if self.found_step is not None:
+            yield f"First localized at the true pose: step {self.found_step}."
         if self.localized_steps:
             since = self._newest - self.localized_steps + 1
             yield f"From step {since} on the robot was localized."
 
 
-def comparison_object(advised: DemoSummary, wandering: DemoSummary) -> JsonObject:
-    """Return the first steps that were localized at the true pose, of two equal robots."""
-    return {"found_step": advised.found_step, "wandering_found_step": wandering.found_step}
-
-
-def comparison_line(advised: DemoSummary, wandering: DemoSummary) -> str:
-    """Return the same as text."""
-    a, w = (
-        "never" if one.found_step is None else f"at step {one.found_step}"
-        for one in (advised, wandering)
-    )
-    return f"First localized at the true pose: advised {a}, wandering {w}."
-
-
 def result_object(
-    belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
+    belief: Belief,
+    truth: PoseTuple | None,
+    status: Status,
+    wall_s: float,
+    found_step: int | None,
 ) -> JsonObject:
     """Return the last belief, its error, and the numbers of steps as a JSON object."""
     best = belief.hypotheses[0] if belief.hypotheses else None
@@ -173,6 +165,7 @@ def result_object(
         "steps": status.steps_applied,
         "steps_lost": status.steps_lost,
         "wall_s": wall_s,
+        "found_step": found_step,
         "final_error_m": error.distance_m if error else None,
         "final_error_rad": error.heading_rad if error else None,
     }

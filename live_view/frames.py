@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
+from protocol.answers import Belief, Hypothesis
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
 from protocol.steps import LaserBeams, MapMessage, Scan, Seen
@@ -20,8 +20,6 @@ Frame: TypeAlias = dict[str, Any]
 
 ROW_PLACES = 16
 """Limit for the places of a step in plot and trails; the most probable are kept."""
-SIMULATOR = "robot_simulator"
-"""Name of the simulator in a status; only a simulated robot can be kidnapped and driven."""
 MAX_BEAMS = 360
 """Limit for the drawn beams of a laser; of more beams, only every second, third, ... is drawn."""
 MAX_PARTICLES = 250
@@ -148,62 +146,6 @@ def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np
     """Return (count, 2) offsets of one metre along each beam, in the robot's axes [cm]."""
     angles = first_rad + apart_rad * np.arange(count)
     return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def pose_frame(answer: PoseAnswer) -> Frame:
-    """Return the present pose with its state, ages and standard deviations [m, m, rad]."""
-    frame: Frame = {
-        "state": answer.state,
-        "freshness": answer.freshness,
-        "age_s": answer.age_s,
-        "scan_age_s": answer.scan_age_s,
-        "step": answer.step,
-        "p": answer.probability,
-        "pose": answer.pose,
-        "workers": answer.workers,
-        "elsewhere": answer.elsewhere_probability,
-        "off_map": answer.off_map_probability,
-    }
-    if answer.covariance is not None:
-        xx, _, _, _, yy, _, _, _, heading = answer.covariance
-        frame["sigma"] = [float(np.sqrt(max(value, 0.0))) for value in (xx, yy, heading)]
-    return frame
-
-
-def status_frame(status: Status) -> Frame:
-    return {
-        "state": status.state,
-        "freshness": status.freshness,
-        "age_s": status.age_s,
-        "scan_age_s": status.scan_age_s,
-        "step": status.step,
-        "applied": status.steps_applied,
-        "lost": status.steps_lost,
-        "reports_missing": status.reports_missing,
-        "workers": [
-            {"name": name, "jobs": jobs, **_rates(name, status)}
-            for name, jobs in status.workers.items()
-        ],
-        "simulated": any(health.sender == SIMULATOR for health in status.processes),
-        "sources": [
-            {
-                "name": source.name,
-                "nat": round(source.recent_nat, 1),
-                "broken": round(source.broken_probability, 3),
-            }
-            for health in status.processes
-            for source in health.sources
-        ],
-        "dropped": {cause: count for cause, count in status.counters.items() if count},
-    }
-
-
-def _rates(name: str, status: Status) -> Frame:
-    for health in status.processes:
-        if health.sender == name:
-            rates = {what: round(rate, 1) for what, rate in health.rates_per_s.items()}
-            return {"rates": rates, "mb": round(health.memory_bytes / 1e6)}
-    return {}
 
 
 def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:

@@ -27,8 +27,9 @@ SLOTS = 8
 class Picture:
     """The newest frame of each topic, made from messages, and an archive of earlier frames.
 
-    The topics are ``system``, ``map``, ``step``, ``pose``, ``status``, ``events``, and ``cloud N``:
-    the particles of cluster N, or None once the cluster has ended. The topic ``history`` has the
+    The topics are ``system``, ``map``, ``step``, ``events``, ``pose`` and ``status``, which are the
+    system's own answers, and ``cloud N``: the particles of cluster N, or None once the cluster has
+    ended. The topic ``history`` has the
     newest rows and the number of the oldest kept step. It is sent when a page is opened and when
     the steps restart; in between, the page itself adds each new step.
 
@@ -139,17 +140,15 @@ class Picture:
     def on_pose(self, answer: PoseAnswer) -> None:
         """Show the robot's present pose; ignore an answer of an earlier coordinator."""
         if answer.term >= self._term:
-            frame = frames.pose_frame(answer)
-            self._set("pose", frame)
-            self._archive.add(self._last_step, "pose", frame)
+            self._set("pose", answer)
+            self._archive.add(self._last_step, "pose", answer)
 
     def on_status(self, status: Status) -> None:
         """Show the status of a running system."""
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        frame = frames.status_frame(status)
-        self._set("status", frame)
-        self._archive.add(self._last_step, "status", frame)
+        self._set("status", status)
+        self._archive.add(self._last_step, "status", status)
 
     def on_events(self, published: JobEvents) -> bool:
         """Add events; return False if earlier events are missing and have to be queried."""

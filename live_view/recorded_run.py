@@ -200,4 +200,6 @@ def best_pose(belief: Belief) -> PoseAnswer:
         covariance=belief.covariance,
         workers=0,
         term=belief.term,
+        elsewhere_probability=belief.elsewhere_probability,
+        off_map_probability=belief.off_map_probability,
     )

@@ -38,7 +38,7 @@ const others = new OtherRobots(() => {
 const steering = steer(view, {
   send: (message) => connection.send(message),
   mayCommand: () => Boolean(system.commands) && isLive(),
-  isSimulated: () => Boolean(now.status?.simulated),
+  isSimulated: () => Boolean(now.status?.processes.some((process) => process.sender === "robot_simulator")),
   travel,
 });
 
@@ -100,14 +100,14 @@ const TAKE = {
   },
   pose(frame) {
     [now.pose, now.poseAt] = [frame, RECORDED.includes(system.link) ? null : performance.now()];
-    [now.elsewhere, now.offMap] = [frame.elsewhere ?? now.elsewhere, frame.off_map ?? now.offMap];
+    [now.elsewhere, now.offMap] = [frame.elsewhere_probability, frame.off_map_probability];
     if (travel.at === null) showPanelSoon();
   },
   status(frame) {
     now.status = frame;
     if (now.pose && frame.step === now.pose.step) {
       const { age_s, scan_age_s, freshness, state } = frame;
-      Object.assign(now.pose, { age_s, scan_age_s, freshness, state, workers: frame.workers.length });
+      Object.assign(now.pose, { age_s, scan_age_s, freshness, state, workers: Object.keys(frame.workers).length });
       now.poseAt = performance.now();
     }
     showLink();
@@ -242,7 +242,7 @@ function showLink() {
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
   else if (system.link === "no system") text = `The router answers, but no coordinator localizes ${system.robot} yet: waiting.`;
   else if (system.link === "replaying") text = "Reading the recording: more steps follow.";
-  else if (isLive() && now.status?.workers.length === 0) text = "No worker is alive: odometry alone moves the pose.";
+  else if (isLive() && now.status && !Object.keys(now.status.workers).length) text = "No worker is alive: odometry alone moves the pose.";
   $("banner").hidden = !text;
   $("banner-text").textContent = text;
   $("link").className = isLive() || isPast ? "dot up" : "dot";

@@ -47,14 +47,14 @@ export function showStep(frame) {
 export function showPose(frame, at, ago = "") {
   [pose, poseAt, before] = [frame, at, ago];
   const [x, y, heading] = pose.pose ?? [];
-  const sigma = pose.sigma ?? [];
+  const sigma = pose.covariance ? [0, 4, 8].map((at) => Math.sqrt(Math.max(pose.covariance[at], 0))) : [];
   const shown = (value, error, unit) => value === undefined ? ["–"]
     : [value, element("small", error === undefined ? ` ${unit}` : ` ± ${error} ${unit}`)];
   $("x").replaceChildren(...shown(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
   $("y").replaceChildren(...shown(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
   const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
   $("heading").replaceChildren(...shown(degrees(heading), degrees(sigma[2]), "°"));
-  $("probability").textContent = pose.pose ? percent(pose.p) : "–";
+  $("probability").textContent = pose.pose ? percent(pose.probability) : "–";
   showAge();
 }
 
@@ -160,29 +160,33 @@ function grouped(events) {
 }
 
 export function showWorkers(status) {
+  const workers = Object.entries(status.workers), rounded = (value) => Number(value.toFixed(1));
   $("system").hidden = false;
-  $("worker-count").textContent = status.workers.length || "none is alive";
-  $("workers").replaceChildren(...status.workers.map((worker) => {
+  $("worker-count").textContent = workers.length || "none is alive";
+  $("workers").replaceChildren(...workers.map(([name, itsJobs]) => {
     const jobs = element("span", "", "jobs"), row = element("li");
-    for (const job of worker.jobs) jobs.append(element("span", job, "job"));
-    if (!worker.jobs.length) jobs.append(element("span", "idle", "idle"));
-    row.append(element("span", worker.name), jobs);
-    const rates = Object.entries(worker.rates ?? {}).map(([what, rate]) => `${rate} ${what}/s`);
-    if (worker.mb) rates.push(`${worker.mb} MB`);
+    for (const job of itsJobs) jobs.append(element("span", job, "job"));
+    if (!itsJobs.length) jobs.append(element("span", "idle", "idle"));
+    row.append(element("span", name), jobs);
+    const health = status.processes.find((process) => process.sender === name);
+    const rates = Object.entries(health?.rates_per_s ?? {}).map(([what, rate]) => `${rounded(rate)} ${what}/s`);
+    if (health?.memory_bytes) rates.push(`${Math.round(health.memory_bytes / 1e6)} MB`);
     if (rates.length) row.append(element("span", rates.join(" · "), "rates"));
     return row;
   }));
-  $("sources-box").hidden = !status.sources?.length;
-  $("sources").replaceChildren(...(status.sources ?? []).map((source) => {
-    const row = element("li"), said = element("span", `${source.nat} nat · broken ${Math.round(100 * source.broken)} %`);
-    row.classList.toggle("broken", source.broken > 0.5);
-    row.append(element("span", source.name), said);
+  const sources = status.processes.flatMap((process) => process.sources);
+  $("sources-box").hidden = !sources.length;
+  $("sources").replaceChildren(...sources.map(({ name, recent_nat, broken_probability }) => {
+    const said = element("span", `${rounded(recent_nat)} nat · broken ${Math.round(100 * broken_probability)} %`);
+    const row = element("li");
+    row.classList.toggle("broken", broken_probability > 0.5);
+    row.append(element("span", name), said);
     return row;
   }));
-  const dropped = Object.entries(status.dropped).map(([cause, count]) => `${cause}: ${count}`);
-  if (status.lost) dropped.unshift(`${status.lost} steps lost`);
+  const dropped = Object.entries(status.counters).filter(([, count]) => count).map(([cause, count]) => `${cause}: ${count}`);
+  if (status.steps_lost) dropped.unshift(`${status.steps_lost} steps lost`);
   if (status.reports_missing) dropped.unshift(`${status.reports_missing} reports missing`);
-  $("health").textContent = `${status.applied} steps applied${dropped.length ? "; " + dropped.join(", ") : ""}`;
+  $("health").textContent = `${status.steps_applied} steps applied${dropped.length ? "; " + dropped.join(", ") : ""}`;
 }
 
 function barOf(probability) {

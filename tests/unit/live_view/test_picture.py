@@ -122,7 +122,7 @@ def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
     assert shown["step"]["scan"] == [300, 0]
     assert [place["cluster"] for place in shown["step"]["places"]] == [1, 2]
     assert shown["pose"]["pose"] == [1.0, 2.0, 0.5]
-    assert shown["status"]["applied"] == 6
+    assert shown["status"]["steps_applied"] == 6
     assert shown["cloud 1"]["cluster"] == 1
     assert [event["number"] for event in past["events"]] == [3]
 
@@ -188,21 +188,11 @@ def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Pict
     assert picture.has_wanted_map
 
 
-def test_a_status_shows_each_workers_jobs_and_the_dropped_messages(picture: Picture) -> None:
-    picture.on_status(status())
-    shown = picture.changes()["status"]
-    assert [(w["name"], w["jobs"]) for w in shown["workers"]] == [
-        ("w-0", ("c1", "c2")), ("w-1", ()),
-    ]  # fmt: skip
-    assert (shown["dropped"], shown["sources"]) == ({"late": 2}, [])
+def test_status_and_pose_are_shown_as_the_system_answers(picture: Picture) -> None:
     picture.on_status(status(processes=(simulator(),)))
-    eye = {"name": "eye exit", "nat": 9.4, "broken": 0.8}
-    assert picture.changes()["status"]["sources"] == [eye]
-
-
-def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> None:
     picture.on_pose(pose(5))
-    assert picture.changes()["pose"]["sigma"] == pytest.approx([0.2, 0.3, 0.1])
+    shown = picture.changes()
+    assert (shown["status"], shown["pose"]) == (status(processes=(simulator(),)), pose(5))
 
 
 def test_the_probability_of_being_elsewhere_is_shown(picture: Picture) -> None:
