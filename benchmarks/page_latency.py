@@ -43,8 +43,8 @@ class Listener:
     def __init__(self, session: zenoh.Session) -> None:
         self._inbox: Events = Inbox({"scan": 1024, "belief": 1024})
         self._scans_ns: dict[int, int] = {}
-        subscribe(session, keys.SCAN, self._inbox, "scan")
-        subscribe(session, keys.BELIEF, self._inbox, "belief")
+        subscribe(session, keys.SCAN, Scan, self._inbox, "scan")
+        subscribe(session, keys.BELIEF, Belief, self._inbox, "belief")
 
     def late_ms(self, steps: int) -> list[float]:
         """From scan to belief of the steps that come next."""

@@ -283,7 +283,7 @@ class Client(RobotCommands):
     ) -> Iterator[A | None]:
         """Subscribe; yield each message on the key, and None after a short wait without one."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
-        subscribe(self._session, key, inbox, key)
+        subscribe(self._session, key, kind, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)
 
     def _decoded(

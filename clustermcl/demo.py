@@ -191,9 +191,9 @@ class _Audience:
         self._truths: dict[int, PoseTuple] = {}
         self.summary = DemoSummary()
         self._truth = Publisher(session, keys.TRUTH) if run.reference else None
-        subscribe(session, keys.BELIEF, self._inbox, "belief")
-        subscribe(session, keys.EVENTS, self._inbox, "events")
-        subscribe(session, keys.TRUTH, self._inbox, "truth")
+        subscribe(session, keys.BELIEF, Belief, self._inbox, "belief")
+        subscribe(session, keys.EVENTS, JobEvents, self._inbox, "events")
+        subscribe(session, keys.TRUTH, TruePose, self._inbox, "truth")
         watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
 
     def wait_for_workers(self, count: int) -> None:

@@ -82,12 +82,9 @@ class Listener:
         self._inbox: Events = Inbox(_KEPT)
         self._last: Scan | None = None
         self.steps = 0
-        for kind, key in (
-            ("scan", keys.SCAN),
-            ("odometry", keys.ODOMETRY),
-            ("belief", keys.BELIEF),
-        ):
-            subscribe(session, key, self._inbox, kind)
+        subscribe(session, keys.SCAN, Scan, self._inbox, "scan")
+        subscribe(session, keys.ODOMETRY, OdometryReading, self._inbox, "odometry")
+        subscribe(session, keys.BELIEF, Belief, self._inbox, "belief")
 
     def write(self, path: Path, stop: StopFlag) -> None:
         """Write received messages until `stop` is set and all messages are written."""

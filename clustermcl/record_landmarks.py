@@ -41,7 +41,6 @@ LEAST_SIGMA_M = 0.02
 """Least standard deviation: errors of map and mount do not average out [m]."""
 _MOST_WAITING = 64
 _KEPT = {"odometry": 4096, "belief": 64, "observation": 256}
-_KEYS = tuple(zip(_KEPT, (keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING), strict=True))
 
 _log = logging.getLogger(__name__)
 
@@ -69,8 +68,9 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
     causes = CauseCounter()
     within_s = settings.zenoh.connect_timeout_s
     with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
-        for kind, key in _KEYS:
-            subscribe(session, key, inbox, kind)
+        subscribe(session, keys.ODOMETRY, OdometryReading, inbox, "odometry")
+        subscribe(session, keys.BELIEF, Belief, inbox, "belief")
+        subscribe(session, keys.OBSERVATION_READING, Observation, inbox, "observation")
         for received in received_until(stop, inbox):
             try:
                 _take(survey, received)

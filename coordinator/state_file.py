@@ -17,9 +17,8 @@ from urllib.parse import quote
 import msgspec
 
 from coordinator.checkpoint import state_in
-from protocol.codec import decode, encode
+from protocol.codec import decode, encode, max_bytes
 from protocol.errors import MalformedMessageError
-from protocol.limits import max_bytes
 from protocol.terms import check_term
 from protocol.work import Checkpoint
 

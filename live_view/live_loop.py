@@ -22,7 +22,7 @@ from protocol.errors import UnreachableError
 from protocol.job_events import JobEvents
 from protocol.message import Message
 from protocol.steps import MapMessage, Scan, TruePose
-from protocol.work import TrackReport
+from protocol.work import Reported, TrackReport
 from zenoh_link.node import Node
 from zenoh_link.wire import Link, Received
 
@@ -77,9 +77,14 @@ class LiveLoop:
             keys.EVENTS, JobEvents, self._on_events, kind=keys.EVENTS, kept=_KEPT_MESSAGES
         )
         # These messages do not wake the loop: they are drawn with a belief, or soon after.
-        polled = (keys.SCAN, keys.ALL_REPORTS, keys.TRUTH, keys.POSE)
         self._scans, self._reports, self._truth, self._pose = (
-            node.poll(key, key, _KEPT_MESSAGES) for key in polled
+            node.poll(key, message, kind=key, kept=_KEPT_MESSAGES)
+            for key, message in (
+                (keys.SCAN, Scan),
+                (keys.ALL_REPORTS, Reported),
+                (keys.TRUTH, TruePose),
+                (keys.POSE, PoseAnswer),
+            )
         )
 
     def run(self, stop: StopFlag) -> None:

@@ -4,6 +4,7 @@ Only msgpack can limit a list's length before it allocates it. `msgspec.msgpack`
 faster, but would allocate a list of four billion items.
 """
 
+from functools import cache
 from threading import Lock
 from typing import Any, TypeVar, get_args
 
@@ -11,7 +12,6 @@ import msgpack
 import msgspec
 
 from protocol.errors import MalformedMessageError
-from protocol.limits import max_bytes
 from protocol.message import Message
 from protocol.validity import problem_of
 
@@ -35,6 +35,13 @@ M = TypeVar("M")
 
 _prepared: set[object] = set()
 _preparing = Lock()
+
+
+@cache
+def max_bytes(expected: Any) -> int:
+    """Return the size limit of a message class or a union of message classes [bytes]."""
+    kinds: tuple[type[Message], ...] = get_args(expected) or (expected,)
+    return max(kind.max_bytes for kind in kinds)
 
 
 def encode(message: Message) -> bytes:

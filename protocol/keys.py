@@ -4,10 +4,6 @@ The session puts Zenoh's `namespace`, the robot's name, in front of every key. S
 one router never share a key.
 """
 
-from dataclasses import dataclass
-from enum import StrEnum
-from functools import lru_cache
-
 from protocol.errors import MalformedMessageError
 from protocol.names import is_name, name_rule
 
@@ -39,13 +35,6 @@ RELOCALIZE = "command/relocalize"
 COORDINATOR_ALIVE = "coordinator/alive"
 CHECKPOINT = "checkpoint"
 
-_CONSTANT = frozenset((
-    ODOMETRY_READING, LASER_READING, MAP_READING, OBSERVATION_READING, SCAN, ODOMETRY,
-    SCAN_HISTORY, MAP, TRUTH,
-    BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE, UPDATE, CONFIGURE, BELIEF, POSE, HYPOTHESES,
-    EVENTS, STATUS, ADVICE, SET_POSE, RELOCALIZE, COORDINATOR_ALIVE, CHECKPOINT,
-))  # fmt: skip
-
 ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"
 ALL_WORKERS_HEALTH = "worker/*/health"
@@ -58,79 +47,42 @@ def scan_history(first: int, last: int | None) -> str:
 
 
 def worker_alive(name: str) -> str:
-    return f"worker/{name}/{WorkerTopic.ALIVE}"
+    return f"worker/{name}/alive"
 
 
 def worker_order(name: str) -> str:
     """Return the key of queries that carry a work order."""
-    return f"worker/{name}/{WorkerTopic.ORDER}"
+    return f"worker/{name}/order"
 
 
 def worker_state(name: str) -> str:
     """Return the key of queries for a worker's jobs, and of a `TakeOver`."""
-    return f"worker/{name}/{WorkerTopic.STATE}"
+    return f"worker/{name}/state"
 
 
 def worker_advice(name: str) -> str:
     """Return the key of queries that carry an `AdviceQuestion`."""
-    return f"worker/{name}/{WorkerTopic.ADVICE}"
+    return f"worker/{name}/advice"
 
 
 def worker_report(name: str) -> str:
-    return f"worker/{name}/{WorkerTopic.REPORT}"
+    return f"worker/{name}/report"
 
 
 def worker_health(name: str) -> str:
-    return f"worker/{name}/{WorkerTopic.HEALTH}"
-
-
-# --- keys as they arrive ------------------------------------------------------------------------
-
-
-class WorkerTopic(StrEnum):
-    """The last part of a worker's key, ``worker/{name}/{topic}``."""
-
-    ALIVE = "alive"
-    ORDER = "order"
-    STATE = "state"
-    ADVICE = "advice"
-    REPORT = "report"
-    HEALTH = "health"
-
-
-@dataclass(frozen=True)
-class WorkerKey:
-    """A worker's name and the topic, parsed from a key."""
-
-    worker: str
-    topic: WorkerTopic
-
-
-@lru_cache(maxsize=1024)
-def parsed(key: str) -> str | WorkerKey:
-    """Parse a key: return a constant of this module, or a `WorkerKey`.
-
-    Raises:
-        MalformedMessageError: the protocol has no such key, or the worker's name is invalid.
-    """
-    if key in _CONSTANT:
-        return key
-    match key.split("/"):
-        case ["worker", name, topic] if topic in set(WorkerTopic):
-            if not is_name(name):
-                problem = f"{name!r}: not {name_rule()}"
-                raise MalformedMessageError(expected="worker name", problem=problem)
-            return WorkerKey(name, WorkerTopic(topic))
-    raise MalformedMessageError(expected="key", problem=key)
+    return f"worker/{name}/health"
 
 
 def worker_name(key: str) -> str:
     """Return the name of the worker that a key belongs to.
 
     Raises:
-        MalformedMessageError: the key is not a worker's.
+        MalformedMessageError: the key is not a worker's, or the name is invalid.
     """
-    match parsed(key):
-        case WorkerKey(worker=name):
+    match key.split("/"):
+        case ["worker", name, _] if is_name(name):
             return name
+        case ["worker", name, _]:
+            problem = f"{name!r}: not {name_rule()}"
+            raise MalformedMessageError(expected="worker name", problem=problem)
     raise MalformedMessageError(expected="worker's key", problem=key)

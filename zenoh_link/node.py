@@ -19,7 +19,7 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, UnreachableError
-from protocol.message import Message
+from protocol.message import SMALL_BYTES, Message
 from zenoh_link import wire
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
@@ -166,11 +166,13 @@ class Node:
 
         self.inbox.keep(kind, kept)
         self._on_received[kind] = on_received
-        self.declare(lambda session: wire.subscribe(session, key, self.inbox, kind, own=own))
+        self.declare(
+            lambda session: wire.subscribe(session, key, message, self.inbox, kind, own=own)
+        )
 
-    def poll(self, key: str, kind: str, kept: int) -> wire.Unread:
-        """Keep the newest messages on `key` without waking the loop."""
-        unread = wire.Unread(key, self.inbox, kind, kept)
+    def poll(self, key: str, message: Any, kind: str, kept: int) -> wire.Unread:
+        """Keep the newest messages on `key` without waking the loop; arguments as `subscribe`."""
+        unread = wire.Unread(key, message, self.inbox, kind, kept)
         self.declare(unread.declare)
         return unread
 
@@ -180,10 +182,12 @@ class Node:
             self._stale.on_event(payload, time.monotonic_ns())
             self.attempt(handler, payload)
 
-    def serve(self, key: str, handler: Callable[[wire.Asked], object]) -> None:
+    def serve(
+        self, key: str, handler: Callable[[wire.Asked], object], limit_bytes: int = SMALL_BYTES
+    ) -> None:
         """Call `handler` with each query on `key`; it answers, or raises before it answers."""
         self._on_asked[key] = handler
-        self.declare(lambda session: wire.serve(session, key, self.inbox))
+        self.declare(lambda session: wire.serve(session, key, self.inbox, limit_bytes))
 
     def watch(self, key: str, handler: Callable[[wire.Token], object]) -> None:
         """Call `handler` when a liveliness token on `key` appears or disappears."""

@@ -12,10 +12,9 @@ from typing import Any, TypeAlias, TypeVar
 import zenoh
 from zenoh import handlers
 
-from protocol.codec import decode, encode
+from protocol.codec import decode, encode, max_bytes
 from protocol.errors import RefusedError, UnreachableError
-from protocol.limits import max_bytes_on
-from protocol.message import Message
+from protocol.message import SMALL_BYTES, Message
 from zenoh_link.inbox import Inbox
 
 ENCODING = "application/msgpack"
@@ -111,16 +110,27 @@ class Publisher:
 
 
 def subscribe(
-    session: zenoh.Session, key: str, inbox: Inbox[Any], kind: str, *, own: bool = True
+    session: zenoh.Session,
+    key: str,
+    message: Any,
+    inbox: Inbox[Any],
+    kind: str,
+    *,
+    own: bool = True,
 ) -> None:
-    """Put messages published on `key` into the inbox, as states of one kind."""
+    """Put what is published on `key` into the inbox, as states of one kind.
+
+    `message` is the class of the messages, or a union; a payload beyond its limit is refused
+    before it is copied.
+    """
+    most = max_bytes(message)
 
     def on_sample(sample: zenoh.Sample) -> None:
-        name = str(sample.key_expr)
-        if len(sample.payload) > max_bytes_on(name):
+        if len(sample.payload) > most:
             inbox.count_refused(kind)
         else:
-            received = Received(name, sample.payload.to_bytes(), time.monotonic_ns(), kind)
+            payload = sample.payload.to_bytes()
+            received = Received(str(sample.key_expr), payload, time.monotonic_ns(), kind)
             inbox.put_newest(kind, received)
 
     origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
@@ -132,13 +142,15 @@ class Unread:
 
     Args:
         key: key expression.
+        message: class of the messages, or a union.
         inbox: counts messages that are too large.
         kind: name of that count.
         count: most messages kept; the oldest is dropped.
     """
 
-    def __init__(self, key: str, inbox: Inbox[Any], kind: str, count: int) -> None:
+    def __init__(self, key: str, message: Any, inbox: Inbox[Any], kind: str, count: int) -> None:
         self._key, self._inbox, self._kind, self._count = key, inbox, kind, count
+        self._max_bytes = max_bytes(message)
         self._subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]] | None = None
 
     def declare(self, session: zenoh.Session) -> None:
@@ -148,14 +160,16 @@ class Unread:
     def drain(self) -> Iterator[bytes]:
         """Yield the payloads received since the last call, oldest first."""
         while self._subscriber and (sample := self._subscriber.try_recv()) is not None:
-            if len(sample.payload) > max_bytes_on(str(sample.key_expr)):
+            if len(sample.payload) > self._max_bytes:
                 self._inbox.count_refused(self._kind)
             else:
                 yield sample.payload.to_bytes()
 
 
-def serve(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
-    """Put queries on `key` into the inbox; refuse them at once while it is full.
+def serve(
+    session: zenoh.Session, key: str, inbox: Inbox[Any], limit_bytes: int = SMALL_BYTES
+) -> None:
+    """Put queries on `key` into the inbox; refuse them at once if too large or while it is full.
 
     The queryable is not declared complete: of several complete ones a router queries only one,
     which may have a stale session.
@@ -164,7 +178,7 @@ def serve(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
     def on_query(query: zenoh.Query) -> None:
         name, payload = str(query.key_expr), b""
         if query.payload is not None:
-            if len(query.payload) > max_bytes_on(name):
+            if len(query.payload) > limit_bytes:
                 inbox.count_refused("query")
                 Asked(name, b"", query).refuse("too large")
                 return

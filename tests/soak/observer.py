@@ -13,6 +13,7 @@ from protocol import keys
 from protocol.answers import Belief, PoseAnswer
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.work import Reported
 from tests.soak.driver import TRUTH_KEY, TrueMotion
 from tests.soak.eight_rooms import copies_in_all_rooms, eight_rooms
 from tests.soak.promises import AgeTrue, Answered, Outages, Question, StepsOnce, TruthHeld, Verdict
@@ -69,7 +70,7 @@ class Observer:
         self._subscribe(TRUTH_KEY, TrueMotion, lambda _, motion: self._on_truth(motion))
         self._subscribe(keys.LASER_READING, LaserReading, lambda *_: None)
         self._subscribe(keys.ODOMETRY_READING, OdometryReading, lambda *_: None)
-        self._reports = self.node.poll(keys.ALL_REPORTS, "report", _KEPT)
+        self._reports = self.node.poll(keys.ALL_REPORTS, Reported, "report", _KEPT)
 
     def _subscribe(self, key: str, message: type[M], handler: Callable[[int, M], object]) -> None:
         def on_message(decoded: M, received: Received) -> None:

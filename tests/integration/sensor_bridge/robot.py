@@ -35,7 +35,7 @@ class Robot:
         self._session, self.bridge = session, bridge
         self._inbox: Events = Inbox({"health": 10})
         self._health: Health | None = None
-        subscribe(session, keys.BRIDGE_HEALTH, self._inbox, "health")
+        subscribe(session, keys.BRIDGE_HEALTH, Health, self._inbox, "health")
 
     def publish(self, reading: Reading) -> None:
         is_laser = isinstance(reading, LaserReading)

@@ -45,7 +45,7 @@ def beliefs_of(
     received: list[Belief] = []
     alive: set[str] = set()
     with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=PATIENCE_S) as session:
-        subscribe(session, keys.BELIEF, inbox, "belief")
+        subscribe(session, keys.BELIEF, Belief, inbox, "belief")
         watch(session, keys.ALL_WORKERS_ALIVE, inbox)
         coordinator_started = False
         silent_s = 0.0

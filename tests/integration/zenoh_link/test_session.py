@@ -13,7 +13,7 @@ from process_runtime.stop import StopFlag, StoppedError
 from protocol import keys
 from protocol.answers import CommandDone
 from protocol.errors import UnreachableError
-from protocol.limits import max_bytes_on
+from protocol.steps import Scan
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
 from tests.integration.routers import open_router
@@ -145,7 +145,7 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
     open_client: OpenClient,
 ) -> None:
     inbox: Events = Inbox({"state": 1})
-    unread = Unread(keys.SCAN, inbox, "state", count=3)
+    unread = Unread(keys.SCAN, Scan, inbox, "state", count=3)
     unread.declare(open_client())
     speaker, received, rounds = open_client(), list[bytes](), list[int]()
 
@@ -160,7 +160,7 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
     wait_until(reads_the_last)
     assert received == [bytes([rounds[-1], number]) for number in (5, 6, 7)]
     assert list(unread.drain()) == []
-    speaker.put(keys.SCAN, bytes(max_bytes_on(keys.SCAN) + 1))
+    speaker.put(keys.SCAN, bytes(Scan.max_bytes + 1))
     wait_until(lambda: not list(unread.drain()) and inbox.dropped() == {"state too large": 1})
     assert inbox.get(0.0) is None
 
