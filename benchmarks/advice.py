@@ -101,7 +101,7 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
             sure = belief.state == "localized"
             found = sure and belief.pose is not None and is_right(belief.pose, truth)
             wrong += sure and not found
-            over = not simulation.follows or made >= until or sure
+            over = not simulation.robot.follows or made >= until or sure
             if over and begun:
                 ways.append((begun[0], begun[1], log_of_truth(belief, truth) - begun[2]))
                 begun = None

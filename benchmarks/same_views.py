@@ -26,7 +26,6 @@ from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.steps import Scan
 from protocol.work import Place
-from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.halls import hall_symmetric
 from robot_simulator.worlds.office import office
@@ -116,10 +115,10 @@ CASES = {
 def steps_of(case: Case, seed: int, settings: Settings) -> Iterator[tuple[Scan, PoseTuple]]:
     """Steps with the true poses."""
     world = case.world()
-    simulation = Simulation(world, seed, lidar=LidarModel(range_max_m=world.lidar_range_m))
+    simulation = Simulation(world, seed)
     maker = StepMaker(settings.bridge, map_digest="", sender="benchmark")
     for tick in simulation:
-        simulation.drive_by_hand(*case.drive(tick.laser.stamp_ns * 1e-9))
+        simulation.robot.drive_by_hand(*case.drive(tick.laser.stamp_ns * 1e-9))
         for reading in tick.readings:
             scan = maker.on_reading(reading)
             if scan is not None:

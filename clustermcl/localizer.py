@@ -173,7 +173,7 @@ class ClusterMCL(RobotCommands):
             `dropped`).
         """
         if force:
-            self._maker.force_next()
+            self._maker.gate.open_next()
         message = reading.as_message(self._stamp_ns, self._robot_from_laser)
         self._stamp_ns = message.stamp_ns + _BETWEEN_READINGS_NS
         scan = self._maker.on_reading(message)

@@ -75,7 +75,8 @@ class Stack:
         if settings.ros2.enabled:
             others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")
-        self._supervisor = Supervisor([*others, self._child("worker"), source])
+        self._others = [*others, self._child("worker"), source]
+        self._supervisor = Supervisor()
 
     def start_all(self) -> None:
         self.start_without_coordinator()
@@ -83,7 +84,8 @@ class Stack:
 
     def start_without_coordinator(self) -> None:
         """Start all processes but the coordinator; without it, the source makes no step."""
-        self._supervisor.start()
+        for child in self._others:
+            self._supervisor.add(child)
 
     def start_coordinator(self) -> None:
         self._supervisor.add(self._coordinator)

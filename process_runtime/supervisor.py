@@ -93,35 +93,21 @@ class ChildExit:
 class Supervisor:
     """Child processes that are restarted and never outlive this process.
 
-    The kernel ends a child when the *thread* that started it ends: call `start` and `poll` from
+    The kernel ends a child when the *thread* that started it ends: call `add` and `poll` from
     one long-lived thread. A command that rejects its settings (exit code 2 soon after its start)
     is not restarted. A child that stops giving signs of life is killed and restarted.
+
+    Args:
+        hung_after_s: a child without a sign of life for this time is killed [s].
     """
 
-    def __init__(
-        self, children: Sequence[ChildSpec], *, hung_after_s: float = HUNG_AFTER_S
-    ) -> None:
-        """Create the supervisor; `start` starts the children.
-
-        Args:
-            children: the processes to keep alive.
-            hung_after_s: a child without a sign of life for this time is killed [s].
-
-        Raises:
-            ValueError: two have the same name.
-        """
-        if len({child.name for child in children}) < len(children):
-            raise ValueError("two children have the same name")
+    def __init__(self, *, hung_after_s: float = HUNG_AFTER_S) -> None:
         self._hung_after_s = hung_after_s
-        self._children = [_Child(spec, hung_after_s) for spec in children]
+        self._children: list[_Child] = []
         self._leaving: list[_Child] = []
 
-    def start(self) -> None:
-        for child in self._children:
-            child.start()
-
     def add(self, spec: ChildSpec) -> None:
-        """Start one more child, after those that it depends on.
+        """Start a child and keep it alive.
 
         Raises:
             ValueError: a child with this name exists.
@@ -160,18 +146,11 @@ class Supervisor:
 
     def stop(self, within_s: float = _TERMINATE_WITHIN_S) -> None:
         """End all children: SIGTERM, then SIGKILL after `within_s` [s]."""
-        children = [*self._children, *self._leaving]
-        running = [child.process for child in children if child.process]
-        for process in running:
-            process.send_signal(signal.SIGTERM)
-        deadline_s = time.monotonic() + within_s
-        while any(process.poll() is None for process in running):
-            if time.monotonic() >= deadline_s:
-                for process in running:
-                    process.send_signal(signal.SIGKILL)
-            time.sleep(_POLL_S / 5)
+        children, self._children = [*self._children, *self._leaving], []
         for child in children:
-            child.forget()
+            child.leave(time.monotonic() + within_s)
+        while children := [child for child in children if not child.has_left(time.monotonic())]:
+            time.sleep(_POLL_S / 5)
 
 
 class _Process(Protocol):
@@ -401,7 +380,7 @@ def run_forked(
     _check_single_threaded()
     gc.collect()
     gc.freeze()  # else the collector writes to, and so copies, every shared page
-    supervisor = Supervisor([], hung_after_s=hung_after_s)
+    supervisor = Supervisor(hung_after_s=hung_after_s)
     try:
         while True:
             jobs, now_s = supervisor.jobs(), time.monotonic()

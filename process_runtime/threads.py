@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 
 from process_runtime.stop import StopFlag, StoppedError
 
@@ -27,32 +28,21 @@ def run_in_threads(
     Raises:
         Exception: the error of a part.
     """
-    flags = [_PartFlag() for _ in parts]
+    flags, checked = [StopFlag() for _ in parts], set[StopFlag]()
+    for flag in flags:
+        flag.on_look = partial(checked.add, flag)
     give_sign, stop.on_look = stop.on_look, lambda: None
     with ThreadPoolExecutor(len(parts)) as pool:
         running = [pool.submit(part, flag) for part, flag in zip(parts, flags, strict=True)]
         try:
             while not stop.wait(_POLL_S) and not any(part.done() for part in running):
                 on_turn()
-                if all(flag.was_checked for flag in flags):
+                if len(checked) == len(flags):
                     give_sign()
-                    for flag in flags:
-                        flag.was_checked = False
+                    checked.clear()
         finally:
             for flag in flags:
                 flag.set()
     for part in running:
         with suppress(StoppedError):
             part.result()
-
-
-class _PartFlag(StopFlag):
-    """The stop flag of one part, which also notes that the part checks it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.was_checked = False
-        self.on_look = self._on_look
-
-    def _on_look(self) -> None:
-        self.was_checked = True

@@ -54,11 +54,7 @@ class SettingsError(ClusterMclError):
         super().__init__(problem if where is None else f"{where}: {problem}")
 
 
-class ProtocolError(ClusterMclError):
-    """A peer sent something that this process cannot act on."""
-
-
-class MalformedMessageError(ProtocolError):
+class MalformedMessageError(ClusterMclError):
     """Bytes from the wire are not a valid message of the expected type.
 
     Args:
@@ -80,7 +76,7 @@ class MalformedMessageError(ProtocolError):
         return f"malformed {self.expected}: {self.kind}"
 
 
-class MapMismatchError(ProtocolError):
+class MapMismatchError(ClusterMclError):
     """A process localizes in another map, so its poses cannot be compared with the others'."""
 
     def __init__(self, *, worker: str, expected: str, found: str) -> None:
@@ -88,7 +84,7 @@ class MapMismatchError(ProtocolError):
         super().__init__(f"{worker!r} has map {found:.12}, expected {expected:.12}")
 
 
-class OldTermError(ProtocolError):
+class OldTermError(ClusterMclError):
     """An order comes from a coordinator that has been replaced by another one."""
 
     def __init__(self, *, term: int, ruling: int) -> None:

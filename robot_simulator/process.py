@@ -66,7 +66,7 @@ def run_simulator(invocation: Invocation) -> None:
     source = SimulatedSource(simulation, steps=arguments.steps)
     trim_heap()  # of what its roads and distances were computed from
     if arguments.by_hand:
-        simulation.drive_by_hand(0.0, 0.0)
+        simulation.robot.drive_by_hand(0.0, 0.0)
 
     def extend(node: Node) -> OnStep:
         truth, operator = node.publisher(keys.TRUTH), _Operator(simulation, node.name)
@@ -108,9 +108,9 @@ class _Follower:
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
-        if belief.state == "ambiguous" and not (self._asks or self._simulation.follows):
+        if belief.state == "ambiguous" and not (self._asks or self._simulation.robot.follows):
             self._asks = True
-            self._simulation.drive_by_hand(0.0, 0.0)
+            self._simulation.robot.drive_by_hand(0.0, 0.0)
             self._node.ask(
                 keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S
             )
@@ -122,12 +122,12 @@ class _Follower:
             _log.info("drive an advised way of %.1f m", advice.ways[0].length_m)
             self._simulation.follow(np.array(advice.ways[0].poses), begin)
         else:
-            self._simulation.wander()
+            self._simulation.robot.wander()
 
     def _on_failure(self, problem: str) -> None:
         _log.warning("no advice: %s", problem or "no answer")
         self._asks = False
-        self._simulation.wander()
+        self._simulation.robot.wander()
 
 
 class _Operator:
@@ -148,7 +148,7 @@ class _Operator:
     def drive(self, asked: Asked) -> None:
         command = decode(asked.payload, Drive)
         if command.by_hand:
-            self._simulation.drive_by_hand(command.speed_m_s, command.turn_rate_rad_s)
+            self._simulation.robot.drive_by_hand(command.speed_m_s, command.turn_rate_rad_s)
         else:
-            self._simulation.wander()
+            self._simulation.robot.wander()
         asked.answer(CommandDone(sender=self._sender))

@@ -1,6 +1,6 @@
 """Simulated sensors: wheel odometry with its errors, and a laser scanner."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
@@ -65,15 +65,12 @@ class LidarModel:
     """Parameters of a laser scanner.
 
     Args:
-        beams: number of beams in a scan.
+        beams: number of beams in a scan, at least two.
         field_of_view_rad: angle from the first beam (right) to the last (left).
         range_max_m: maximum range.
         range_noise_m: standard deviation of a range.
         drop_out_share: share of the beams that do not return although they hit something.
         robot_from_laser: mount on the robot: x [m], y [m], heading [rad].
-
-    Raises:
-        ValueError: there are fewer than two beams.
     """
 
     beams: int = 181
@@ -82,18 +79,16 @@ class LidarModel:
     range_noise_m: float = 0.02
     drop_out_share: float = 0.01
     robot_from_laser: PoseTuple = (0.1, 0.0, 0.0)
-    angles: NDArray[np.float64] = field(init=False, repr=False, compare=False)
-    """(beams,) directions in the laser's frame [rad]."""
 
     @property
     def angle_step_rad(self) -> float:
         return self.field_of_view_rad / (self.beams - 1)
 
-    def __post_init__(self) -> None:
-        if self.beams < 2:
-            raise ValueError(f"a scan has at least two beams, not {self.beams}")
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """(beams,) directions in the laser's frame [rad]."""
         half = self.field_of_view_rad / 2
-        object.__setattr__(self, "angles", np.linspace(-half, half, self.beams))
+        return np.linspace(-half, half, self.beams)
 
 
 class Lidar:

@@ -48,7 +48,7 @@ class Simulation:
     Args:
         world: the world.
         seed: seed of all random numbers.
-        lidar: parameters of the scanner; None: the defaults, with the world's range.
+        lidar: parameters of the scanner; None: the defaults.
         start: start pose, instead of the world's start pose and route; None: those of the world.
         remembered_s: time for which past poses are kept for `truth_at`.
 
@@ -73,10 +73,9 @@ class Simulation:
         pose = begin if begin is not None else self._free_space.random_pose(rngs[0])
         pose = self._free_space.where_it_fits(pose, RADIUS_M)
         route = np.array(world.route if start is None else (), np.float64).reshape(-1, 2)
-        self._robot = Robot(self._free_space, pose, route, rngs[1])
+        self.robot = Robot(self._free_space, pose, route, rngs[1])
         self._odometer = Odometer(rngs[2])
-        model = lidar if lidar is not None else LidarModel(range_max_m=world.lidar_range_m)
-        self._lidar = Lidar(model, world.truth, rngs[3])
+        self._lidar = Lidar(lidar or LidarModel(), world.truth, rngs[3])
         self._observation_rng = rngs[5]
         self._now_ns = 0
         self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
@@ -86,7 +85,7 @@ class Simulation:
     @property
     def map_from_robot(self) -> PoseTuple:
         """True pose at the end of the last tick."""
-        return self._robot.map_from_robot
+        return self.robot.map_from_robot
 
     def __iter__(self) -> Iterator[Tick]:
         return self
@@ -107,11 +106,8 @@ class Simulation:
                 is used if the robot does not fit there. None: a random pose far away.
         """
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
-        self._robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
+        self.robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
         return self.map_from_robot
-
-    def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
 
     def follow(self, way: Poses, begin: PoseTuple) -> None:
         """Drive along a way, or turn once if it has no length; then drive to random goals.
@@ -121,17 +117,9 @@ class Simulation:
             begin: that pose in the map.
         """
         if np.ptp(way[:, :2], axis=0).any():
-            self._robot.follow(compose(np.array(begin), way)[1:, :2])
+            self.robot.follow(compose(np.array(begin), way)[1:, :2])
         else:
-            self._robot.turn_round()
-
-    @property
-    def follows(self) -> bool:
-        """Whether the robot is on the way that `follow` gave it, and was not blocked."""
-        return self._robot.follows
-
-    def wander(self) -> None:
-        self._robot.wander()
+            self.robot.turn_round()
 
     def truth_at(self, stamp_ns: int) -> PoseTuple:
         """Return the true pose at a past time.
@@ -152,8 +140,8 @@ class Simulation:
             stamp_ns=self._now_ns,
             odom_from_robot=self._odometer.odom_from_robot,
         )
-        before = self._robot.map_from_robot
-        drive = self._robot.move(_PIECE_NS * 1e-9)
+        before = self.robot.map_from_robot
+        drive = self.robot.move(_PIECE_NS * 1e-9)
         self._odometer.read(drive)
         self._pieces.append((before, drive))
         self._now_ns += _PIECE_NS

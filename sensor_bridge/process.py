@@ -233,12 +233,12 @@ class Bridge:
             return
         is_laser = isinstance(reading, LaserReading)
         if self._is_live and is_laser and maker.stands and self._flow.wants_standing_step(now_ns):
-            maker.force_next()
-        maker.hold(self._flow.is_full(now_ns))
-        held_back = maker.held_back
+            maker.gate.open_next()
+        maker.gate.is_held = self._flow.is_full(now_ns)
+        held_back = maker.gate.held_back
         scan = maker.on_reading(reading)
-        if maker.held_back > held_back:
-            health.happened(HELD_BACK, maker.held_back - held_back)
+        if maker.gate.held_back > held_back:
+            health.happened(HELD_BACK, maker.gate.held_back - held_back)
         health.happened("scans" if is_laser else "odometry")
         if maker.dropped != self._refused:
             self._count_refused(maker.dropped, reading.stamp_ns)
@@ -395,7 +395,7 @@ class Bridge:
         if command_id not in self._updates:
             self._updates.append(command_id)
             if self._maker is not None:
-                self._maker.force_next()
+                self._maker.gate.open_next()
         asked.answer(CommandDone(sender=self._node.name))
 
     def _warn(self, cause: str, detail: str) -> None:

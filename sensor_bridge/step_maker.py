@@ -108,6 +108,7 @@ class StepMaker:
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry and restarts of the
             clock are counted here too. Scans that the gate held back are not.
+        gate: decides which scans become steps.
     """
 
     def __init__(
@@ -130,7 +131,7 @@ class StepMaker:
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
-        self._gate = MotionGate(settings)
+        self.gate = MotionGate(settings)
         self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
         self._use_stages = (
             OdometryContinuity(self.dropped),
@@ -161,7 +162,7 @@ class StepMaker:
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._pending_observations.moved(stamp_ns, odom_from_robot):
-            self._gate.open_next()
+            self.gate.open_next()
 
     def finish(self) -> Scan | None:
         """Make a step from each waiting scan after the last reading; call until it returns None."""
@@ -181,38 +182,25 @@ class StepMaker:
         return self._synchroniser.odometry
 
     @property
-    def held_back(self) -> int:
-        """Scans that made no step because of `hold`."""
-        return self._gate.held_back
-
-    @property
     def stands(self) -> bool:
         """Whether the robot still is where it was at the last step."""
-        return self.odometry is not None and self._gate.has_hardly_moved(self.odometry[1])
-
-    def hold(self, is_held: bool) -> None:
-        """Make no steps of scans while `is_held`, because too many steps are undecided."""
-        self._gate.is_held = is_held
+        return self.odometry is not None and self.gate.has_hardly_moved(self.odometry[1])
 
     def configure(self, live: LiveSettings) -> None:
         """Use these settings from the next step on."""
         self._live_settings = live
-        self._gate.settings = section_with(self._settings, live)
-
-    def force_next(self) -> None:
-        """Make a step of the next usable scan, however little the robot has moved."""
-        self._gate.open_next()
+        self.gate.settings = section_with(self._settings, live)
 
     def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest = map_digest
         self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
-        self._gate.reset()
+        self.gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
         """Continue after the last step of an earlier process."""
         self._next_step = last.step + 1
-        self._gate.resume(last.odom_from_robot)
+        self.gate.resume(last.odom_from_robot)
         for stamp_ns, pose in ((last.stamp_ns, last.odom_from_robot), odometry):
             reading = OdometryReading(sender=self._sender, stamp_ns=stamp_ns, odom_from_robot=pose)
             self._pass([reading], self._use_stages)
@@ -222,7 +210,7 @@ class StepMaker:
         pose = reading.odom_from_robot
         assert pose is not None  # of the synchroniser
         self._move(reading.stamp_ns, pose)
-        if not self._gate.on_scan(pose):
+        if not self.gate.on_scan(pose):
             self._lasers[reading.laser].unused = reading
             return
         beams, seen = beams_of(reading), self._pending_observations.take(self._next_step, pose)

@@ -107,7 +107,7 @@ class JobTable:
         """Begin and end jobs to match an order.
 
         Raises:
-            ValueError: a job's particles have an invalid shape; no job is changed.
+            ValueError: the map has no free cell to search; no job is changed.
         """
         kept = {
             job_id: job

@@ -96,9 +96,6 @@ def running(
 
     Args:
         snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
-
-    Raises:
-        ValueError: the job's particles have an invalid shape.
     """
     match assignment.job:
         case work.TrackJob() as job:
@@ -128,8 +125,6 @@ class Tracking(RunningJob):
         self._is_new = not job.exact
         poses = job.start.map_from_robot.array().astype(np.float64)
         log_weights = job.start.log_weights.array().astype(np.float64)
-        if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
-            raise ValueError(f"no particle set: poses {poses.shape}, weights {log_weights.shape}")
         if job.exact:
             self._particle_set = ParticleSet(poses, log_weights)
             particles = job.particles or len(poses)

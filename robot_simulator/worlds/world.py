@@ -32,7 +32,6 @@ class World:
         truth: the true map, which differs from `map` if `map` is outdated.
         start: start pose of the robot: x [m], y [m], heading [rad]; None: random.
         route: points that the robot visits before it drives to random goals.
-        lidar_range_m: range of the laser.
         landmarks: of the map.
         sensor: the robot's other sensor; None: it has only a laser.
     """
@@ -41,7 +40,6 @@ class World:
     truth: GridMap
     start: PoseTuple | None = None
     route: tuple[Waypoint, ...] = ()
-    lidar_range_m: float = 12.0
     landmarks: tuple[Landmark, ...] = ()
     sensor: Camera | Gnss | None = None
 

@@ -100,10 +100,11 @@ class Fleet:
         if pool:
             words = ("--fleet", str(folder / POOL), "--name", POOL)
             children.append(self._child(f"{POOL}/{WORKERS}", "worker", file, *words))
-        self._supervisor = Supervisor(children)
+        self._children, self._supervisor = children, Supervisor()
 
     def start(self) -> None:
-        self._supervisor.start()
+        for child in self._children:
+            self._supervisor.add(child)
 
     def poll(self) -> None:
         """Restart processes that are due, and add new exits to `exits`."""

@@ -63,9 +63,9 @@ def gone(pids: Sequence[int]) -> bool:
 def test_a_child_that_ends_is_started_again(
     program: str, code: int, supervisors: list[Supervisor]
 ) -> None:
-    supervisor = Supervisor([ChildSpec("quick", python(program))])
+    supervisor = Supervisor()
     supervisors.append(supervisor)
-    supervisor.start()
+    supervisor.add(ChildSpec("quick", python(program)))
     first = supervisor.pids()["quick"]
     ended = poll_until_exit(supervisor)
     assert (ended.name, ended.code, ended.restart_in_s) == ("quick", code, 0.1)
@@ -78,9 +78,9 @@ def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
     tmp_path: Path, supervisors: list[Supervisor]
 ) -> None:
     command = python_module("zenoh_link.router", "--set", "seed=none")
-    supervisor = Supervisor([ChildSpec("router", command, log=tmp_path / "router.log")])
+    supervisor = Supervisor()
     supervisors.append(supervisor)
-    supervisor.start()
+    supervisor.add(ChildSpec("router", command, log=tmp_path / "router.log"))
     words = "router: --set: seed = 'none': expected a whole number >= 0"
     assert poll_until_exit(supervisor) == ChildExit("router", 2, None, words)
     assert supervisor.poll(time.monotonic() + 1000.0) == []
@@ -95,9 +95,10 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
         ChildSpec("router", router_command(short_folder), log=tmp_path / "router.log"),
         ChildSpec("stubborn", python_script(PROGRAMS / "stubborn.py"), log=log),
     ]
-    supervisor = Supervisor(children)
+    supervisor = Supervisor()
     supervisors.append(supervisor)
-    supervisor.start()
+    for child in children:
+        supervisor.add(child)
     pids = list(supervisor.pids().values())
     wait_until(lambda: "deaf" in log.read_text())
     started_s = time.monotonic()
@@ -107,9 +108,12 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
     assert supervisor.poll(time.monotonic() + 1000.0) == []
 
 
-def test_two_children_of_the_same_name_are_refused() -> None:
-    with pytest.raises(ValueError, match="same name"):
-        Supervisor([ChildSpec("a", ["x"]), ChildSpec("a", ["y"])])
+def test_two_children_of_the_same_name_are_refused(supervisors: list[Supervisor]) -> None:
+    supervisor = Supervisor()
+    supervisors.append(supervisor)
+    supervisor.add(ChildSpec("a", python("")))
+    with pytest.raises(ValueError, match="'a' already"):
+        supervisor.add(ChildSpec("a", python("")))
 
 
 def start_supervising(start_process: StartProcess, folder: str) -> RunningProcess:

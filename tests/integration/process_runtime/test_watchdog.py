@@ -121,7 +121,7 @@ def test_a_missing_or_slow_watchdog_delays_no_process(tmp_path: Path) -> None:
 
 @pytest.fixture
 def supervisor() -> Iterator[Supervisor]:
-    made = Supervisor([ChildSpec("hanging", python_script(HANGING))], hung_after_s=2.0)
+    made = Supervisor(hung_after_s=2.0)
     yield made
     made.stop()
 
@@ -133,7 +133,7 @@ def test_the_supervisor_kills_and_restarts_a_child_that_hangs(supervisor: Superv
         ended.extend(supervisor.poll(time.monotonic()))
         return bool(ended)
 
-    supervisor.start()
+    supervisor.add(ChildSpec("hanging", python_script(HANGING)))
     first = supervisor.pids()["hanging"]
     alive_until_s = time.monotonic() + 3.0
     wait_until(lambda: look() or time.monotonic() > alive_until_s)

@@ -168,12 +168,12 @@ def test_a_failure_of_the_replayed_coordinator_is_one_line(tmp_path: Path) -> No
 def pickled_attack(marker: Path) -> bytes:
     """A pickle of the product's own classes alone that starts a process while it is read.
 
-    Opcode ADDITEMS calls `.add()` of any object: `Supervisor([]).add(ChildSpec(command))`.
+    Opcode ADDITEMS calls `.add()` of any object: `Supervisor().add(ChildSpec(command))`.
     """
     command = b"".join(b"V%s\na" % word.encode() for word in ("touch", str(marker)))
     module = b"cprocess_runtime.supervisor\n"
     spec = module + b"ChildSpec\n(Vx\n]" + command + b"tR"
-    return b"\x80\x04" + module + b"Supervisor\n]\x85R(" + spec + b"\x90."
+    return b"\x80\x04" + module + b"Supervisor\n)R(" + spec + b"\x90."
 
 
 def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None:

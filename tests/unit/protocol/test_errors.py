@@ -8,7 +8,7 @@ import pytest
 from protocol.errors import AlreadyRunningError, SettingsError
 
 REPOSITORY = Path(__file__).parents[3]
-ABSTRACT = {"ClusterMclError", "ProtocolError"}
+ABSTRACT = {"ClusterMclError"}
 """Base classes, never raised themselves."""
 
 

@@ -65,11 +65,11 @@ def test_a_robot_put_into_a_wall_stands_next_to_it() -> None:
 
 def test_a_robot_driven_by_hand_follows_commands_and_then_stands() -> None:
     simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
-    simulation.drive_by_hand(0.6, 0.0)
+    simulation.robot.drive_by_hand(0.6, 0.0)
     x = [tick.map_from_robot[0] for tick in islice(simulation, 30)]
     assert x[10] > x[0] + 0.1
     assert x[-1] == x[-5]  # 3 s later it has stood still for long
-    simulation.drive_by_hand(-0.6, 1.0)
+    simulation.robot.drive_by_hand(-0.6, 1.0)
     after = list(islice(simulation, 10))[-1].map_from_robot
     assert after[0] < x[-1]
     assert after[2] > 0.3
@@ -79,17 +79,17 @@ def test_a_robot_driven_by_hand_hits_no_wall() -> None:
     simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
     free_space = FreeSpace(ROOM)
     for _ in range(20):
-        simulation.drive_by_hand(9.0, 0.0)
+        simulation.robot.drive_by_hand(9.0, 0.0)
         for tick in islice(simulation, 10):
             assert free_space.clearance_m(*tick.map_from_robot[:2]) >= robot.RADIUS_M - 0.01
 
 
 def test_after_manual_driving_the_robot_wanders_again() -> None:
     simulation = Simulation(world("cross_feature"), 2)
-    simulation.drive_by_hand(0.0, 0.0)
+    simulation.robot.drive_by_hand(0.0, 0.0)
     stands = [tick.map_from_robot for tick in islice(simulation, 30)]
     assert stands[0][:2] == stands[-1][:2]
-    simulation.wander()
+    simulation.robot.wander()
     path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
     assert np.ptp(path[:, :2], axis=0).max() > 1.0
 
@@ -123,16 +123,16 @@ def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
     simulation = Simulation(world_from_map(ROOM), 3, start=(1.0, 2.0, 0.0))
     way = np.array([(0.0, 0.0, 0.0), (0.0, 0.5, 1.57), (0.0, 1.0, 1.57)])
     simulation.follow(way, (3.0, 2.0, -pi / 2))  # ends at (4, 2)
-    while simulation.follows:
+    while simulation.robot.follows:
         next(simulation)
     assert hypot(simulation.map_from_robot[0] - 4.0, simulation.map_from_robot[1] - 2.0) < 0.45
-    simulation.drive_by_hand(0.0, 0.0)
+    simulation.robot.drive_by_hand(0.0, 0.0)
     for _ in range(20):
         next(simulation)
     before = simulation.map_from_robot
     simulation.follow(np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 2 * pi), 9), before)
     turned = 0.0
-    while simulation.follows:
+    while simulation.robot.follows:
         last = simulation.map_from_robot[2]
         next(simulation)
         turned += (simulation.map_from_robot[2] - last) % (2 * pi)

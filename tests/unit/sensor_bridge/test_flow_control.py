@@ -81,11 +81,11 @@ def test_without_a_coordinator_there_is_no_back_pressure() -> None:
 def test_scans_held_back_are_counted_and_step_numbers_have_no_gap() -> None:
     maker, made = a_maker(), list[Scan | None]()
     for number, reading in enumerate(driving(0.0, 1.0, 2.0, 2.1, 3.0)):
-        maker.hold(number in (1, 2))
+        maker.gate.is_held = number in (1, 2)
         made.append(maker.on_reading(reading))
     steps = [scan and (scan.step, scan.odom_from_robot[0]) for scan in made]
     assert steps == [(0, 0.0), None, None, (1, 2.1), (2, 3.0)]
-    assert maker.held_back == 2
+    assert maker.gate.held_back == 2
 
 
 def test_before_the_first_belief_a_standing_robot_makes_no_step() -> None:

@@ -64,7 +64,7 @@ def test_one_step_is_forced_and_the_next_is_measured_from_there() -> None:
     maker = a_maker()
     first, second, *others = driving(0.0, 0.15, 0.2, 0.34, 0.36)
     maker.on_reading(first)
-    maker.force_next()
+    maker.gate.open_next()
     maker.on_reading(second)
     assert [maker.on_reading(other) is not None for other in others] == [False, False, True]
 

@@ -372,14 +372,6 @@ def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -
     assert answers(handled(tracking, asked(2)))[2].order == 2
 
 
-def test_invalid_particles_are_refused_and_change_nothing(tracking: Worker) -> None:
-    broken = msgspec.structs.replace(cloud(), log_weights=cloud().map_from_robot)
-    refused = handled(tracking, asked(2, track("c1", broken)))
-    assert "no particle set" in answers(refused)[2].problem
-    assert answers(refused)[2].order == 1
-    assert jobs(tracking) == ["c0"]
-
-
 def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
     refused = handled(fresh, on_broken_order(3, error))

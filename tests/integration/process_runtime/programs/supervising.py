@@ -10,9 +10,9 @@ from process_runtime.supervisor import ChildSpec, Supervisor
 
 def body(invocation: Invocation) -> None:
     """Supervise until stopped; every change of the process ids is one JSON line."""
-    children = [ChildSpec(name, command) for name, command in json.loads(sys.argv[-1])]
-    supervisor = Supervisor(children)
-    supervisor.start()
+    supervisor = Supervisor()
+    for name, command in json.loads(sys.argv[-1]):
+        supervisor.add(ChildSpec(name, command))
     known: dict[str, int] = {}
     while not invocation.stop.wait(0.02):
         supervisor.poll(time.monotonic())
