@@ -4,6 +4,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -47,18 +48,14 @@ def load_settings(
         InputFileError: the file cannot be read or is not TOML.
         SettingsError: a setting is unknown, of the wrong type or out of its range.
     """
-    given: dict[str, Any] = dict(beneath)
-    origin: dict[str, str] = dict.fromkeys(beneath, beneath_from)
+    given = {name: (value, beneath_from) for name, value in beneath.items()}
     if path is not None:
-        from_file = _read(path)
-        given |= from_file
-        origin |= dict.fromkeys(from_file, str(path))
-    assigned = _parse_assignments(assignments)
-    given |= assigned
-    origin |= dict.fromkeys(assigned, _COMMAND_LINE)
-    for name, value in given.items():
-        _check(TABLE[name], value, origin[name])
-    return msgspec.convert(_nested(given), Settings)
+        given |= {name: (value, str(path)) for name, value in _read(path).items()}
+    given |= {name: (value, _COMMAND_LINE) for name, value in _parsed(assignments).items()}
+    settings = Settings()
+    for name, (value, where) in given.items():
+        settings = with_setting(settings, name, value, where)
+    return settings
 
 
 def with_setting(settings: Settings, name: str, value: object, where: str) -> Settings:
@@ -68,12 +65,11 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
         SettingsError: the setting is unknown, of the wrong type or out of its range.
     """
     _check_known(name, where)
-    _check(TABLE[name], value, where)
-    section, dot, key = name.rpartition(".")
-    if not dot:
-        return msgspec.structs.replace(settings, **{key: value})
-    part = msgspec.structs.replace(getattr(settings, section), **{key: value})
-    return msgspec.structs.replace(settings, **{section: part})
+    section, _, key = name.rpartition(".")
+    changed = {key: _converted(TABLE[name], value, where)}
+    if section:
+        changed = {section: msgspec.structs.replace(getattr(settings, section), **changed)}
+    return msgspec.structs.replace(settings, **changed)
 
 
 def content_of(path: Path) -> bytes:
@@ -124,7 +120,7 @@ def _read(path: Path) -> dict[str, Any]:
     return leaves
 
 
-def _parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
+def _parsed(assignments: Sequence[str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
@@ -169,29 +165,13 @@ def _hint(name: str, known: Sequence[str]) -> str:
     return f", did you mean {near[0]}?" if near else "; 'clustermcl settings --all' lists all"
 
 
-def _check(setting: SettingInfo, value: object, where: str) -> None:
-    """Check a value with msgspec; the error has the setting's name, the value and its type."""
-    fits = not isinstance(value, int | float) or abs(value) <= _LARGEST  # NaN does not
-    try:
-        msgspec.convert({setting.name.rpartition(".")[2]: value}, setting.section)
-    except msgspec.ValidationError:
-        fits = False
-    if not fits:
-        problem = f"{setting.name} = {_shown(value)}: expected {setting.expected}"
-        raise SettingsError(key=setting.name, problem=problem, where=where)
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    tables: dict[str, Any] = {}
-    for name, value in values.items():
-        section, dot, key = name.rpartition(".")
-        if dot:
-            tables.setdefault(section, {})[key] = value
-        else:
-            tables[key] = value
-    return tables
+def _converted(setting: SettingInfo, value: object, where: str) -> Any:
+    """Have msgspec check a value; the error has the setting's name, the value and its type."""
+    key = setting.name.rpartition(".")[2]
+    if not isinstance(value, int | float) or abs(value) <= _LARGEST:  # NaN is not
+        with suppress(msgspec.ValidationError):
+            return getattr(msgspec.convert({key: value}, setting.section), key)
+    shown = repr(value)
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    problem = f"{setting.name} = {shown}: expected {setting.expected}"
+    raise SettingsError(key=setting.name, problem=problem, where=where)

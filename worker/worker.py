@@ -309,14 +309,10 @@ class Worker:
 
     def _continue(self) -> list[Instruction]:
         """Follow the waiting order and take the held scans, or request what they need."""
-        waiting, settings = self._waiting, self._ordered
-        if waiting is not None:
-            settings, digest = waiting.settings, waiting.order.map_digest
-        elif self._held and self._model is not None:
-            digest = self._model_digest
-        else:
+        waiting, wanted = self._waiting, self._wanted()
+        if wanted is None:
             return []
-        assert settings is not None  # scans are held only after an order was followed
+        settings, digest = wanted
         sensor = filter_with(settings, self._live).sensor
         has_model = self._has_model(digest, sensor)
         if waiting is not None and (has_model or not waiting.order.begin):
@@ -329,6 +325,13 @@ class Worker:
         if self._map is None or self._map.digest != digest:
             return [FetchMap()]
         return [BuildModel(self._map, sensor)]
+
+    def _wanted(self) -> tuple[FilterSettings, str] | None:
+        """Return the settings and the map's digest of the waiting order, or of the held scans."""
+        if self._waiting is not None:
+            return self._waiting.settings, self._waiting.order.map_digest
+        # Scans are held only after an order was followed.
+        return (self._ordered, self._model_digest) if self._held and self._ordered else None
 
     def _has_model(self, map_digest: str, sensor: SensorSettings) -> bool:
         model = self._model
@@ -353,14 +356,11 @@ class Worker:
     def on_map(self, message: MapMessage) -> list[Instruction]:
         """Use the map that `FetchMap` requested."""
         self._preparing = False
-        if self._waiting is None and self._model is not None and self._held:
-            expected = self._model_digest
-        elif self._waiting is not None:
-            expected = self._waiting.order.map_digest
-        else:
+        wanted = self._wanted()
+        if wanted is None:
             return []
-        if message.digest != expected:
-            error = MapMismatchError(worker=self._name, expected=expected, found=message.digest)
+        if message.digest != wanted[1]:
+            error = MapMismatchError(worker=self._name, expected=wanted[1], found=message.digest)
             return self._refuse_waiting(error)
         self._map = message
         return self._continue()
