@@ -153,7 +153,7 @@ def _followed(
             output = DemoOutput(run.title, as_json=options.as_json)
             pause = functools.partial(_pause, stop, stack, 0.0)
             audience = _Audience(session, run, output, pause, may_stand=options.by_hand)
-            with recorded(session, options.record), output.live():
+            with recorded(session, meeting, options.record), output.live():
                 audience.wait_for_workers(meeting.worker.count or 1)
                 if page is not None:
                     # Only then, so that the browser shows the first search.

@@ -19,7 +19,6 @@ from coordinator.pose_tracker import recent_odometry
 from coordinator.state_file import with_checksum, without_checksum
 from evaluation.in_process import InProcess, InProcessState
 from grid_maps.grid_map import GridMap
-from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
@@ -73,7 +72,7 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         """Return a picture of the map, all places, and the scan at the most probable place."""
         slots = {place.cluster: place.cluster for place in self.hypotheses}
         frame = step_frame(self, slots, self.scan, None)
-        return drawn_picture(to_message(self.map, _SENDER), frame)
+        return drawn_picture(self.map, frame)
 
     def plot(self, ax: Any = None) -> Any:
         """Draw `picture` in axes of matplotlib, with x and y in metres.
@@ -91,7 +90,7 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
             from matplotlib import pyplot  # noqa: PLC0415 - an extra
 
             ax = pyplot.figure().gca()
-        ax.imshow(self.picture(), extent=extent_m(to_message(self.map, _SENDER)))
+        ax.imshow(self.picture(), extent=extent_m(self.map))
         ax.set(xlabel="x [m]", ylabel="y [m]", title=f"step {self.step}: {self.state}")
         return ax
 

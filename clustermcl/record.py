@@ -3,31 +3,31 @@
 import logging
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import zenoh
 
 from grid_maps.map_message import from_message
-from process_runtime.logs import CauseCounter
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError
+from protocol.errors import ClusterMclError
+from protocol.message import Message
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from recordings.run_log import RunLog
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Events, Received, ask, subscribe
+from zenoh_link.node import Node
+from zenoh_link.wire import ask
+
+M = TypeVar("M", bound=Message)
 
 _POLL_S = 0.1
 _MAP_TIMEOUT_S = 30.0
 _HISTORY_TIMEOUT_S = 2.0
-_KEPT = {"scan": 1024, "odometry": 4096, "belief": 1024}
 
 _log = logging.getLogger(__name__)
 
@@ -37,15 +37,13 @@ def run_record(settings: Settings, path: Path) -> int:
     stop = StopFlag()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    within_s = settings.zenoh.connect_timeout_s
-    with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
-        listener = Listener(session)
-        listener.write(path, stop)
-        return listener.steps
+    recorder = Recorder(settings, stop)
+    recorder.write(path)
+    return recorder.steps
 
 
 @contextmanager
-def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
+def recorded(session: zenoh.Session, settings: Settings, path: Path | None) -> Iterator[None]:
     """Record in a thread within the ``with`` block; without a path, record nothing.
 
     Raises:
@@ -54,9 +52,10 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
     if path is None:
         yield
         return
-    stop, listener = StopFlag(), Listener(session)
+    stop = StopFlag()
+    recorder = Recorder(settings, stop, session)
     with ThreadPoolExecutor(1, "record") as pool:
-        writing = pool.submit(listener.write, path, stop)
+        writing = pool.submit(recorder.write, path)
         try:
             yield
         finally:
@@ -64,54 +63,62 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
     writing.result()
 
 
-def received_until(stop: StopFlag, inbox: Events) -> Iterator[Received]:
-    """Yield received messages until the flag is set and the inbox is empty."""
-    while True:
-        event = inbox.get(0.0 if stop.is_set() else _POLL_S)
-        if isinstance(event, Received):
-            yield event
-        elif stop.is_set():
-            return
+def listen(
+    node: Node, key: str, message: type[M], handler: Callable[[M], object], kept: int
+) -> None:
+    """Call `handler` with each message on `key`, of which at most `kept` wait."""
+    node.subscribe(key, message, lambda one, _received: handler(one), kind=key, kept=kept)
 
 
-class Listener:
-    """A subscriber that writes scans, odometry, beliefs and the map to a file."""
+def handle_until_stopped(node: Node) -> None:
+    """Handle received messages until the node's stop flag is set and its inbox is empty."""
+    while node.turn(0.0 if node.stop.is_set() else _POLL_S) or not node.stop.is_set():
+        pass
 
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session, self._causes = session, CauseCounter()
-        self._inbox: Events = Inbox(_KEPT)
+
+class Recorder:
+    """Writes scans, odometry, beliefs and the map to a file.
+
+    Args:
+        settings: the robot and the router.
+        stop: flag that ends the recording.
+        session: a session to use; None: open one.
+
+    Raises:
+        UnreachableError: no router answers in time.
+    """
+
+    def __init__(
+        self, settings: Settings, stop: StopFlag, session: zenoh.Session | None = None
+    ) -> None:
+        self._log: RunLog
         self._last: Scan | None = None
         self.steps = 0
-        subscribe(session, keys.SCAN, Scan, self._inbox, "scan")
-        subscribe(session, keys.ODOMETRY, OdometryReading, self._inbox, "odometry")
-        subscribe(session, keys.BELIEF, Belief, self._inbox, "belief")
+        self._node = node = Node("record", "recorder", settings, stop, peers=None, session=session)
+        listen(node, keys.SCAN, Scan, self._on_scan, 1024)
+        listen(node, keys.ODOMETRY, OdometryReading, self._on_odometry, 4096)
+        listen(node, keys.BELIEF, Belief, self._on_belief, 1024)
+        node.open(settings.zenoh.connect_timeout_s)
 
-    def write(self, path: Path, stop: StopFlag) -> None:
-        """Write received messages until `stop` is set and all messages are written."""
-        with RunLog.to(path) as log:
-            for received in received_until(stop, self._inbox):
-                try:
-                    self._write(log, received)
-                except MalformedMessageError as error:
-                    self._causes.warn(_log, error.cause, error, time.monotonic())
+    def write(self, path: Path) -> None:
+        """Write received messages until the flag is set and all messages are written."""
+        with closing(self._node), RunLog.to(path) as self._log:
+            handle_until_stopped(self._node)
 
-    def _write(self, log: RunLog, received: Received) -> None:
-        match received.key:
-            case keys.SCAN:
-                self._on_scan(log, decode(received.payload, Scan))
-            case keys.ODOMETRY:
-                log.on_odometry(decode(received.payload, OdometryReading))
-            case keys.BELIEF:
-                log.on_belief(decode(received.payload, Belief))
+    def _on_odometry(self, reading: OdometryReading) -> None:
+        self._log.on_odometry(reading)
 
-    def _on_scan(self, log: RunLog, scan: Scan) -> None:
+    def _on_belief(self, belief: Belief) -> None:
+        self._log.on_belief(belief)
+
+    def _on_scan(self, scan: Scan) -> None:
         last = self._last
         if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
             return  # the scan was published again
         for one in (*self._lost_before(scan), scan):
-            if log.wants_map(one):
-                self._write_map(log, one)
-            log.on_scan(one)
+            if self._log.wants_map(one):
+                self._write_map(one)
+            self._log.on_scan(one)
             self.steps += 1
         self._last = scan
 
@@ -121,14 +128,15 @@ class Listener:
             return ()
         selector = keys.scan_history(self._last.step + 1, scan.step - 1)
         try:
-            return ask(self._session, selector, ScanHistory, timeout_s=_HISTORY_TIMEOUT_S).scans
+            session, timeout_s = self._node.session, _HISTORY_TIMEOUT_S
+            return ask(session, selector, ScanHistory, timeout_s=timeout_s).scans
         except ClusterMclError as error:
-            self._causes.warn(_log, "steps lost", error, time.monotonic())
+            self._node.causes.warn(_log, "steps lost", error, time.monotonic())
             return ()
 
-    def _write_map(self, log: RunLog, scan: Scan) -> None:
+    def _write_map(self, scan: Scan) -> None:
         try:
-            message = ask(self._session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
-            log.on_map(from_message(message), scan.stamp_ns)
+            message = ask(self._node.session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
+            self._log.on_map(from_message(message), scan.stamp_ns)
         except ClusterMclError as error:
-            self._causes.warn(_log, "no map", error, time.monotonic())
+            self._node.causes.warn(_log, "no map", error, time.monotonic())

@@ -1,33 +1,28 @@
 """`clustermcl record-landmarks`: add unknown landmarks that a localized robot sees to a file."""
 
 import logging
-import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from clustermcl.record import received_until
+from clustermcl.record import handle_until_stopped, listen
 from grid_maps.landmarks import load_landmarks
 from particle_filter.arrays import Pose
 from particle_filter.poses import between, compose
 from particle_filter.trajectory import Trajectory
-from process_runtime.logs import CauseCounter
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError
 from protocol.pose_arrays import covariance_matrix
 from protocol.reading_checks import observation_problem
 from protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Events, Received, subscribe
+from zenoh_link.node import Node
 
 MIN_OBSERVATIONS = 5
 """A landmark that was observed at fewer steps is not written."""
@@ -40,7 +35,6 @@ LEAST_RIGHT = 0.7
 LEAST_SIGMA_M = 0.02
 """Least standard deviation: errors of map and mount do not average out [m]."""
 _MOST_WAITING = 64
-_KEPT = {"odometry": 4096, "belief": 64, "observation": 256}
 
 _log = logging.getLogger(__name__)
 
@@ -64,33 +58,17 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
     check_output_file(path)
     known = {each.name for each in load_landmarks(path)} if path.exists() else set()
     survey = LandmarkSurvey(known)
-    inbox: Events = Inbox(_KEPT)
-    causes = CauseCounter()
-    within_s = settings.zenoh.connect_timeout_s
-    with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
-        subscribe(session, keys.ODOMETRY, OdometryReading, inbox, "odometry")
-        subscribe(session, keys.BELIEF, Belief, inbox, "belief")
-        subscribe(session, keys.OBSERVATION_READING, Observation, inbox, "observation")
-        for received in received_until(stop, inbox):
-            try:
-                _take(survey, received)
-            except MalformedMessageError as error:
-                causes.warn(_log, error.cause, error, time.monotonic())
+    with closing(Node("record-landmarks", "recorder", settings, stop, peers=None)) as node:
+        listen(node, keys.ODOMETRY, OdometryReading, survey.on_odometry, 4096)
+        listen(node, keys.BELIEF, Belief, survey.on_belief, 64)
+        listen(node, keys.OBSERVATION_READING, Observation, survey.on_observation, 256)
+        node.open(settings.zenoh.connect_timeout_s)
+        handle_until_stopped(node)
     entries = yaml.safe_load(path.read_bytes())["landmarks"] if path.exists() else []
     if added := list(survey.entries()):
         file = {"landmarks": [*entries, *added]}
         write_output_file(path, yaml.safe_dump(file, sort_keys=False, allow_unicode=True))
     return len(added)
-
-
-def _take(survey: "LandmarkSurvey", received: Received) -> None:
-    match received.key:
-        case keys.ODOMETRY:
-            survey.on_odometry(decode(received.payload, OdometryReading))
-        case keys.BELIEF:
-            survey.on_belief(decode(received.payload, Belief))
-        case keys.OBSERVATION_READING:
-            survey.on_observation(decode(received.payload, Observation))
 
 
 class LandmarkSurvey:

@@ -11,9 +11,7 @@ import typer
 from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
-from grid_maps.landmarks import landmarks_of_map
 from protocol.errors import printable
-from recordings.map_file import load_map
 
 
 @dataclass
@@ -45,9 +43,7 @@ class Comparison:
         return f"{of}: all as recorded, bit for bit"
 
 
-def print_replay(
-    folder: Path, *, first_step: int | None, last_step: int | None, map_file: Path | None
-) -> bool:
+def print_replay(folder: Path, *, first_step: int | None, last_step: int | None) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one.
 
     The events and beliefs of some steps are printed.
@@ -56,15 +52,11 @@ def print_replay(
         folder: folder of the recording.
         first_step: first step to print; None: the first in the recording.
         last_step: last step to print; None: the last in the recording.
-        map_file: map of the recording; None: any map is accepted.
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step
-    digest = None
-    if map_file:
-        digest = load_map(map_file).with_landmarks(landmarks_of_map(map_file)).digest
     comparison, step = Comparison(), -1
-    for wall_ns, happening in replayed(folder, version("clustermcl"), digest):
+    for wall_ns, happening in replayed(folder, version("clustermcl")):
         comparison.add(happening)
         if isinstance(happening, Believed):
             step = happening.belief.step

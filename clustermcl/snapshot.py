@@ -4,10 +4,8 @@ import time
 from pathlib import Path
 
 from clustermcl.client import Client
-from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture
 from live_view.frames import place_frames, scan_frame
-from live_view.map_reduction import reduced
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
@@ -35,8 +33,7 @@ def save_snapshot(file: Path, settings: Settings) -> None:
         raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
     check_output_file(file)
     with Client(settings, stop=stop_on_signals()) as client:
-        grid_map = reduced(to_message(client.map(), "snapshot"))
-        scan = _next_scan(client)
+        grid_map, scan = client.map(), _next_scan(client)
         places = client.hypotheses().hypotheses
     slots = {place.cluster: slot for slot, place in enumerate(places)}
     frame = {"places": place_frames(places, slots), **scan_frame(scan), "truth": None}

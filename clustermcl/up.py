@@ -9,8 +9,8 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, temporary_folder
+from clustermcl.verbosity import say
 from live_view.admission import parsed_address
-from process_runtime.logs import is_quiet
 from process_runtime.main import outermost
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
@@ -30,13 +30,13 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
         with closing(stack):
             stack.start_all()
-            _print(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            _print(f"query it with: {_query_command(settings)}")
+            say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
+            say(f"query it with: {_query_command(settings)}")
             while not stop.wait(_POLL_S):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
                         raise ProcessEndedError(ended)
-                    _print(
+                    say(
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
@@ -63,7 +63,7 @@ def _recorded(settings: Settings) -> Settings:
     try:
         folder = str(default_state_folder() / "flight-recorder")
     except RuntimeError as error:  # the user has no home directory
-        _print(f"nothing is recorded: {error}; set recorder.folder")
+        say(f"nothing is recorded: {error}; set recorder.folder")
         return settings
     recorder = msgspec.structs.replace(settings.recorder, folder=folder)
     return msgspec.structs.replace(settings, recorder=recorder)
@@ -115,10 +115,3 @@ def _check_map(named: str, recording: str = "") -> None:
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     load_map_with_obstacles(map_file)
-
-
-def _print(text: str) -> None:
-    if is_quiet():
-        return
-    sys.stderr.write(f"clustermcl: {text}\n")
-    sys.stderr.flush()

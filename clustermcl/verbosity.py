@@ -1,6 +1,7 @@
 """The options `--quiet` and `--verbose` of the command, and what they mean for processes."""
 
 import logging
+import sys
 
 from process_runtime.logs import configure_logging, is_quiet
 
@@ -15,6 +16,13 @@ def set_verbosity(*, quiet: bool = False, verbose: bool = False) -> None:
 
 def is_verbose() -> bool:
     return logging.getLogger().level < logging.WARNING
+
+
+def say(text: str) -> None:
+    """Print a line to standard error, unless `quiet`."""
+    if not is_quiet():
+        sys.stderr.write(f"clustermcl: {text}\n")
+        sys.stderr.flush()
 
 
 def log_settings() -> list[str]:

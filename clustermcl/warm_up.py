@@ -1,12 +1,11 @@
 """`clustermcl warm-up`: compute what later starts read from disk."""
 
 import os
-import sys
 import time
 from pathlib import Path
 
+from clustermcl.verbosity import say
 from particle_filter import kernel_library, kernels
-from process_runtime.logs import is_quiet
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.sources import is_published
@@ -19,22 +18,16 @@ def run_warm_up(settings: Settings) -> None:
     """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file."""
     begun_s = time.monotonic()
     if kernel_library.library() is None:
-        _print("compiling the kernels, some 20 s")
+        say("compiling the kernels, some 20 s")
     compile_kernels(settings.sensor)
     if kernels.cache_problems:
         folder = Path(os.environ.get("NUMBA_CACHE_DIR", "the folder of compiled kernels"))
         raise OutputError(path=folder, problem=kernels.cache_problems[0])
-    _print(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
+    say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
     bridge = settings.bridge
     file = map_file_of(bridge.map, bridge.source)
     if not file or is_published(file, bridge.source, ros2=settings.ros2.enabled):
         return
     grid_map, begun_s = load_map_with_obstacles(file), time.monotonic()
     sensor_model(grid_map, settings.sensor, chosen_cache_folder(settings.worker.cache_folder))
-    _print(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")
-
-
-def _print(text: str) -> None:
-    if not is_quiet():
-        sys.stderr.write(f"clustermcl: {text}\n")
-        sys.stderr.flush()
+    say(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")

@@ -9,7 +9,6 @@ from PIL import Image, ImageDraw, ImageFont
 
 from benchmarks.experiments.baselines import ALGORITHMS
 from coordinator.belief.outcome import belief_after
-from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
@@ -48,7 +47,7 @@ def moment(algorithm: str, step: int) -> Image.Image:
     *_, (scan, outcome) = ALGORITHMS[algorithm]((scan for scan, _ in steps), model, settings)
     slots = {hypothesis.cluster: index for index, hypothesis in enumerate(outcome.hypotheses)}
     frame = step_frame(belief_after(scan, outcome, "story"), slots, scan, steps[-1][1])
-    picture = drawn_picture(to_message(place.map, "story"), frame, SIDE_PX)
+    picture = drawn_picture(place.map, frame, SIDE_PX)
     for line, words in enumerate((NAMES[algorithm], f"step {step}", outcome.state)):
         font = ImageFont.load_default(16)
         ImageDraw.Draw(picture).text((12, 10 + 20 * line), words, "#1a2027", font)

@@ -1,17 +1,17 @@
 """Draws a picture of the map and the places where the robot may be."""
 
 import math
-import zlib
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from particle_filter.arrays import FREE, OCCUPIED
+from grid_maps.grid_map import GridMap, coarse
+from live_view.map_reduction import MAX_SIDE
+from particle_filter.arrays import FREE, OCCUPIED, Cells
 from particle_filter.poses import compose
 from protocol.message import ellipse_axes
-from protocol.steps import MapMessage
 
 PALETTE = (
     "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
@@ -39,12 +39,12 @@ class View(NamedTuple):
 
 
 def drawn_picture(
-    grid_map: MapMessage, step: Mapping[str, Any] | None, long_side_px: int = LONG_SIDE_PX
+    grid_map: GridMap, step: Mapping[str, Any] | None, long_side_px: int = LONG_SIDE_PX
 ) -> Image.Image:
     """Draw the whole map, and the places, the scan and the true pose of a step.
 
     Args:
-        grid_map: map of at most 4,096 cells a side.
+        grid_map: the map; a cell of a very large one stands for several.
         step: frame of the step, from `step_frame`; None: draw the map only.
         long_side_px: long side of the map in the picture, without margins.
     """
@@ -61,7 +61,7 @@ def drawn_picture(
     return smoothed(canvas)
 
 
-def map_canvas(grid_map: MapMessage, long_side_px: int = LONG_SIDE_PX) -> tuple[Image.Image, View]:
+def map_canvas(grid_map: GridMap, long_side_px: int = LONG_SIDE_PX) -> tuple[Image.Image, View]:
     """Return a drawing of the map, to be drawn on and then smoothed by `smoothed`."""
     view, size = _view_of(grid_map, long_side_px)
     canvas = Image.new("RGB", size, _UNKNOWN_RGB)
@@ -75,22 +75,22 @@ def smoothed(canvas: Image.Image) -> Image.Image:
     return canvas.resize(size, Image.Resampling.LANCZOS)
 
 
-def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
+def extent_m(grid_map: GridMap) -> tuple[float, float, float, float]:
     """Return the left, right, lower and upper edge of a map's picture [m]."""
     view, (width, height) = _view_of(grid_map, LONG_SIDE_PX)
     right_m = view.left_m + width / view.px_per_m
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
 
 
-def _corners(grid_map: MapMessage) -> list[tuple[float, float]]:
+def _corners(grid_map: GridMap) -> list[tuple[float, float]]:
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
-    width, height = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
+    width, height = grid_map.size_m
     sides = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
     return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
 
 
-def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[View, tuple[int, int]]:
+def _view_of(grid_map: GridMap, long_side_px: int) -> tuple[View, tuple[int, int]]:
     xs, ys = zip(*_corners(grid_map), strict=True)
     long_m = max(max(xs) - min(xs), max(ys) - min(ys))
     px_per_m = _FINER * long_side_px / long_m
@@ -100,27 +100,26 @@ def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[View, tuple[int, 
     return view, (math.ceil(right + margin), math.ceil(bottom + margin))
 
 
-def _map_picture(grid_map: MapMessage) -> Image.Image:
+def _map_picture(cells: Cells) -> Image.Image:
     """Return a picture with one pixel for each cell; its first line has the lowest y."""
-    cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
-    cells = cells.reshape(grid_map.rows, grid_map.cols)
     colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
     colours[cells == FREE], colours[cells == OCCUPIED] = _FREE_RGB, _OCCUPIED_RGB
     return Image.fromarray(colours)
 
 
-def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: View) -> None:
+def _paste_map(canvas: Image.Image, grid_map: GridMap, view: View) -> None:
     """Draw the cells, rotated by the heading of the grid in the map."""
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
-    k, cell = 1.0 / view.px_per_m, 1.0 / grid_map.cell_m
+    every = -(-max(grid_map.cells.shape) // MAX_SIDE)
+    k, cell = 1.0 / view.px_per_m, 1.0 / (every * grid_map.cell_m)
     # From a pixel (u, v) to the map frame, and from there to its cell.
     dx, dy = view.left_m - x0, view.top_m - y0
     coefficients = (
         c * k * cell, -s * k * cell, (c * dx + s * dy) * cell,
         -s * k * cell, -c * k * cell, (-s * dx + c * dy) * cell,
     )  # fmt: skip
-    turned = _map_picture(grid_map).transform(
+    turned = _map_picture(coarse(grid_map.cells, every)).transform(
         canvas.size, Image.Transform.AFFINE, coefficients, fillcolor=_UNKNOWN_RGB
     )
     canvas.paste(turned)

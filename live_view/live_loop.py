@@ -110,7 +110,7 @@ class LiveLoop:
                 if node.turn(0.0) is None:
                     break
         self._draw_waiting()
-        node.drain(self._pose, self._on_pose)
+        node.drain(self._pose, lambda data: self.picture.on_pose(decode(data, PoseAnswer)))
         if (now_s := time.monotonic()) >= self._next_reports_s:
             self._next_reports_s = now_s + _REPORTS_EVERY_S
             node.drain(self._reports, self._on_report)
@@ -124,21 +124,13 @@ class LiveLoop:
 
         A scan may arrive after its belief, because Zenoh delivers each key in its own thread.
         """
-        self.node.drain(self._scans, self._on_scan)
-        self.node.drain(self._truth, self._on_truth)
+        picture = self.picture
+        self.node.drain(self._scans, lambda data: picture.on_scan(decode(data, Scan)))
+        self.node.drain(self._truth, lambda data: picture.on_truth(decode(data, TruePose)))
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         self._draw_waiting()
         self.picture.on_belief(belief)
-
-    def _on_scan(self, payload: bytes) -> None:
-        self.picture.on_scan(decode(payload, Scan))
-
-    def _on_truth(self, payload: bytes) -> None:
-        self.picture.on_truth(decode(payload, TruePose))
-
-    def _on_pose(self, payload: bytes) -> None:
-        self.picture.on_pose(decode(payload, PoseAnswer))
 
     def _on_report(self, payload: bytes) -> None:
         if may_have_particles(payload):

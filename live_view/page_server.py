@@ -87,9 +87,7 @@ def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
     Raises:
         SettingsError: the address cannot be used.
     """
-    token = "" if options.address.is_loopback else secrets.token_urlsafe(18)
-    commands = options.obeys_commands
-    with PageServer(options.address, token, rooms, commands=commands) as server:
+    with PageServer(options, rooms) as server:
         print_link(server.link)
         if options.open_browser:
             webbrowser.open(server.link)
@@ -100,28 +98,21 @@ class PageServer:
     """A web server that runs in a thread within its ``with`` block.
 
     Args:
-        address: address to listen at; port 0 selects a free port.
-        token: token that each browser must present; empty: none.
+        options: address to listen at, whose port 0 selects a free port; whether to obey commands.
         rooms: a room for each robot; the path ``/`` leads to the first.
-        commands: whether commands are accepted.
 
     Raises:
         SettingsError: the address is not of this machine, or in use.
     """
 
-    def __init__(
-        self,
-        address: Address,
-        token: str,
-        rooms: Sequence[Room],
-        *,
-        commands: bool,
-    ) -> None:
+    def __init__(self, options: PageOptions, rooms: Sequence[Room]) -> None:
+        address = options.address
+        token = "" if address.is_loopback else secrets.token_urlsafe(18)
         self._listening = _listening(address)
         port = int(self._listening.getsockname()[1])
         self._admission = Admission(Address(address.host, port), token)
         self._rooms = {room.name: room for room in rooms}
-        self._first, self._commands = rooms[0], commands
+        self._first, self._commands = rooms[0], options.obeys_commands
         self._files = static_files()
         self._stopping = asyncio.Event()
         self._started: Future[asyncio.AbstractEventLoop] = Future()

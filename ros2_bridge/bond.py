@@ -28,19 +28,13 @@ PERIOD_S, TIMEOUT_S = 0.1, 4.0
 
 
 class BondThread:
-    """Sends heartbeats between `begin` and `end`; a context manager that ends them."""
+    """Sends heartbeats between `begin` and `end`."""
 
     def __init__(self, publisher: RosPublisher, node_name: str) -> None:
         self._publisher, self._node_name = publisher, node_name
         self.instance_id = ""
         self._over: threading.Event | None = None
         self._thread: threading.Thread | None = None
-
-    def __enter__(self) -> "BondThread":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.end()
 
     def begin(self, instance_id: str = "") -> None:
         """Begin a bond, or continue that of a killed bridge; this has no effect during a bond."""
@@ -93,7 +87,7 @@ class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class RestartFile:
-    """Exists while the bridge runs and after it was killed; the ``with`` block removes it.
+    """Exists while the bridge runs and after it was killed.
 
     Args:
         path: path of the file; None: no file.
@@ -104,10 +98,7 @@ class RestartFile:
         self._kept: BridgeState | None = None
         self._again_s = 0.0
 
-    def __enter__(self) -> "RestartFile":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def remove(self) -> None:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 

@@ -80,8 +80,9 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         full_name = name.topic(name.name)
         resources.enter_context(log_to_ros(publishers[topics.ROSOUT.name], full_name))
         bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
-        resources.enter_context(bond)
-        file = resources.enter_context(restart_file(settings, full_name))
+        resources.callback(bond.end)
+        file = restart_file(settings, full_name)
+        resources.callback(file.remove)
         loop = BridgeLoop(settings, core, publishers, bond, file)
         for service, ros_type in loop.services.types().items():
             node.serve(service, ros_type, core.inbox)

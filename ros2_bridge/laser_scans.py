@@ -22,6 +22,7 @@ from ros2_bridge.outputs import Refused
 
 MAX_WAITING = 10
 """Limit for the scans of one laser that wait for tf, as in AMCL."""
+_NOT_LOOKED_UP = TransformMissingError("arrived too late", cause="too many scans", may_come=False)
 
 
 @dataclass(eq=False)
@@ -30,6 +31,8 @@ class _Waiting:
     frame: str
     stamp_ns: int
     since_ns: int
+    missing: TransformMissingError
+    """Which transform was missing when it was last looked up."""
 
 
 class LaserScans:
@@ -54,13 +57,14 @@ class LaserScans:
         Raises:
             ValueError: its stamp is not a valid ROS time.
         """
-        waiting = _Waiting(scan, frame_name(scan.header.frame_id), stamp_of(scan.header), now_ns)
+        frame, stamp_ns = frame_name(scan.header.frame_id), stamp_of(scan.header)
+        waiting = _Waiting(scan, frame, stamp_ns, now_ns, _NOT_LOOKED_UP)
         self._waiting.append(waiting)
-        of_laser = [one for one in self._waiting if one.frame == waiting.frame]
+        of_laser = [one for one in self._waiting if one.frame == frame]
         if len(of_laser) <= MAX_WAITING:
             return []
         self._waiting.remove(of_laser[0])
-        return [self._refused(of_laser[0], self._missing(of_laser[0]), now_ns)]
+        return [self._refused(of_laser[0], now_ns)]
 
     def ready(self, now_ns: int) -> list[LaserReading | Refused]:
         """Remove scans whose transforms are known or late; return their readings or refusals."""
@@ -71,12 +75,13 @@ class LaserScans:
                 done.append(self._reading(waiting))
                 self._missing_since_ns.pop(waiting.frame, None)
             except TransformMissingError as missing:
+                waiting.missing = missing
                 self._missing_since_ns.setdefault(waiting.frame, waiting.since_ns)
                 tolerance_ns = self.settings.transform_tolerance_s * 1e9
                 if missing.may_come and now_ns - waiting.since_ns < tolerance_ns:
                     still.append(waiting)
                 else:
-                    done.append(self._refused(waiting, missing, now_ns))
+                    done.append(self._refused(waiting, now_ns))
             except ValueError as problem:
                 done.append(Refused("laser scan refused", str(problem)))
         self._waiting = still
@@ -92,21 +97,12 @@ class LaserScans:
             raise ValueError(f"{waiting.frame!r}: {problem.replace('_', ' ')}")
         return reading
 
-    def _missing(self, waiting: _Waiting) -> TransformMissingError:
-        try:
-            self._reading(waiting)
-        except TransformMissingError as missing:
-            return missing
-        except ValueError:
-            pass
-        return TransformMissingError("arrived too late", cause="too many scans", may_come=False)
-
-    def _refused(self, waiting: _Waiting, missing: TransformMissingError, now_ns: int) -> Refused:
+    def _refused(self, waiting: _Waiting, now_ns: int) -> Refused:
         since_ns = self._missing_since_ns.get(waiting.frame, waiting.since_ns)
         waited = f"waited for {(now_ns - since_ns) / 1e9:.1f} s"
         return Refused(
-            f"laser scan without transform: {missing.cause}",
-            f"laser {waiting.frame!r}, {waited}: {missing}",
+            f"laser scan without transform: {waiting.missing.cause}",
+            f"laser {waiting.frame!r}, {waited}: {waiting.missing}",
         )
 
 

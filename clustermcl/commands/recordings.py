@@ -149,9 +149,6 @@ def replay(
     last_step: Annotated[
         int | None, typer.Option("--to", metavar="STEP", help="Print up to this step.")
     ] = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Refuse a run on another map.")
-    ] = None,
 ) -> None:
     """Recompute a flight recording, and print what happened.
 
@@ -159,7 +156,7 @@ def replay(
     """
     from clustermcl.replay import print_replay  # noqa: PLC0415 - see the package
 
-    same = print_replay(folder, first_step=first_step, last_step=last_step, map_file=map_file)
+    same = print_replay(folder, first_step=first_step, last_step=last_step)
     sys.exit(0 if same else EXIT_DIFFERENT)
 
 

@@ -40,15 +40,12 @@ class Believed:
 Happening: TypeAlias = Happened | CoordinatorActs | Believed
 
 
-def replayed(
-    folder: Path, version: str, map_digest: str | None = None
-) -> Iterator[tuple[int, Happening]]:
+def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     """Replay the recordings in a folder, one coordinator after another by their start.
 
     Args:
         folder: folder of the recordings.
         version: version of this software.
-        map_digest: digest of the only map that is allowed; None: any map.
 
     Yields:
         The wall clock [ns] and what happened.
@@ -58,14 +55,14 @@ def replayed(
     """
     is_empty = True
     for files in _by_series(folder):
-        coordinator = yield from _replayed_series(files, version, map_digest)
+        coordinator = yield from _replayed_series(files, version)
         is_empty = is_empty and coordinator is None
     if is_empty:
         raise RecordingError(folder, "all files in it are cut off at their beginning")
 
 
 def _replayed_series(
-    files: list[Path], version: str, allowed_map: str | None
+    files: list[Path], version: str
 ) -> Generator[tuple[int, Happening], None, Coordinator | None]:
     """Replay the files of one coordinator, oldest first; return it at the end.
 
@@ -86,7 +83,7 @@ def _replayed_series(
             else:
                 assert coordinator is not None  # each file begins with a head
                 wall_ns, events = head.wall_ns + entry.recorded.now_ns - head.now_ns, events + 1
-                for happening in _replay(path, coordinator, entry, events, allowed_map):
+                for happening in _replay(path, coordinator, entry, events):
                     yield wall_ns, happening
         if log.cut:
             yield wall_ns, Happened("cut off", f"{path.name}: {log.cut}")
@@ -101,7 +98,7 @@ def _thawed(path: Path, head: Head) -> Coordinator:
 
 
 def _replay(
-    path: Path, coordinator: Coordinator, entry: "_Entry", number: int, allowed_map: str | None
+    path: Path, coordinator: Coordinator, entry: "_Entry", number: int
 ) -> Iterator[Happening]:
     """Pass an event, the coordinator's `number`-th, to the coordinator."""
     recorded, had_begun = entry.recorded, coordinator.term.begun
@@ -111,10 +108,6 @@ def _replay(
     except Exception as error:  # a recorded bug, or a forged file
         problem = f"the coordinator fails at event {number}: {type(error).__name__}: {error}"
         raise RecordingError(path, problem) from error
-    digest = coordinator.map_digest
-    if digest and allowed_map is not None and digest != allowed_map:
-        problem = f"recorded in the map {digest!r}, but this one is {allowed_map!r}"
-        raise RecordingError(path, problem)
     if coordinator.term.begun and not had_begun:
         yield _begins(instructions)
     yield from happened_to(instructions)

@@ -7,9 +7,7 @@ from PIL import Image, ImageDraw
 
 from evaluation.map_check.report import MapReport, Place
 from grid_maps.grid_map import GridMap
-from grid_maps.map_message import to_message
 from live_view.drawing import View, map_canvas, smoothed
-from live_view.map_reduction import reduced
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
 from protocol.steps import Landmark
@@ -29,7 +27,7 @@ def drawn_report(
     A diamond is a landmark. A circle around a place: no drive distinguishes it from its
     look-alikes.
     """
-    canvas, view = map_canvas(reduced(to_message(grid_map, "report")))
+    canvas, view = map_canvas(grid_map)
     draw = ImageDraw.Draw(canvas, "RGBA")
     for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
         _draw_place(draw, view, place)

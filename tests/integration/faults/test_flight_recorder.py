@@ -14,14 +14,11 @@ from clustermcl.stack import COORDINATOR
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, replayed
 from process_runtime.settings import RecorderSettings
-from process_runtime.sources import Simulated
 from protocol.answers import Belief
-from robot_simulator.worlds.catalogue import simulated_world
-from tests.integration.faults.live_robot import WORLD, with_live_robot
+from tests.integration.faults.live_robot import with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.system.commands import ran
 from tests.integration.waiting import stretched_s, wait_until
-from tests.maps import write_map
 
 LOST_S, STEPS_PER_S = 0.5, 10.0
 """A kill -9 loses the beliefs of this time, which wait for the disk; here some five a second."""
@@ -79,8 +76,7 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     published = list(tested.beliefs)
     assert len({belief.term for belief in published}) == 3
 
-    grid_map = simulated_world(Simulated(WORLD)).map
-    done = replay(folder, "--map", str(write_map(grid_map, tmp_path, "map")))
+    done = replay(folder)
     assert (done.stderr, done.returncode) == ("", 0)
     assert done.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
     happenings = [each for _, each in replayed(folder, version("clustermcl"))]
@@ -96,9 +92,3 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     while_it_ran = replay(copy)
     assert while_it_ran.returncode == 0
     assert while_it_ran.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
-
-    other = write_map(simulated_world(Simulated("office")).map, tmp_path, "other")
-    refused = replay(folder, "--map", str(other))
-    assert refused.returncode == 2
-    assert grid_map.digest in refused.stderr
-    assert len(refused.stderr.splitlines()) == 1

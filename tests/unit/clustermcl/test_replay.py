@@ -4,7 +4,6 @@ from datetime import datetime
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -14,7 +13,6 @@ from coordinator.belief import bayes_update
 from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
-from grid_maps.grid_map import GridMap
 from live_view.admission import parsed_address
 from live_view.page_server import PageOptions
 from live_view.recorded_run import view_recording
@@ -23,7 +21,6 @@ from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError, RecordingError
 from recordings.run_log import RunLog
 from robot_simulator.worlds.catalogue import world
-from tests.maps import write_map
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, head, write_file
 
@@ -188,11 +185,3 @@ def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None
     with pytest.raises(RecordingError):
         view_recording(tmp_path, PageOptions(address=parsed_address("127.0.0.1:0")))
     assert not marker.exists()
-
-
-def test_the_map_must_be_the_one_of_the_recording(recording: Path, tmp_path: Path) -> None:
-    file = write_map(
-        GridMap(np.array([[0, 0], [0, 1]], np.int8), 0.1, (0.0, 0.0, 0.0)), tmp_path, "map"
-    )
-    text = complaint(recording, "--map", file)
-    assert "recorded in the map 'map', but this one is '" in text

@@ -1,29 +1,23 @@
 import re
-import zlib
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
+from grid_maps.grid_map import GridMap
 from live_view.drawing import PALETTE, drawn_picture, percent
 from live_view.picture import SLOTS
 from live_view.saved_page import static_files
-from protocol.steps import MapMessage
-from tests.unit.live_view.messages import map_message
 
 WHITE, GREY, DARK = (255, 255, 255), (227, 230, 234), (42, 50, 59)
 CELL_M, MARGIN = 0.5, 24
 
 
-def room(*, turned: float = 0.0) -> MapMessage:
+def room(*, turned: float = 0.0) -> GridMap:
     """20 m wide, 10 m high; the low right quarter is a wall."""
     cells = np.zeros((20, 40), np.int8)
     cells[:10, 20:] = 1
-    packed = zlib.compress(cells.tobytes())
-    return msgspec.structs.replace(
-        map_message(), rows=20, cols=40, map_from_grid=(-4.0, 2.0, turned), zlib_cells=packed
-    )
+    return GridMap(cells, CELL_M, (-4.0, 2.0, turned))
 
 
 def step(**changed: Any) -> dict[str, Any]:
