@@ -24,10 +24,6 @@ MAX_BEAMS = 360
 """Limit for the drawn beams of a laser; of more beams, only every second, third, ... is drawn."""
 MAX_PARTICLES = 250
 """Limit for the drawn particles of a cluster; of more particles, a resampled set is drawn."""
-MARK = b"track_report/"
-"""Text near the beginning of each encoded track report; only track reports have particles."""
-MIN_BYTES = 3000
-"""A size between that of a report without particles and that of one with a hundred."""
 
 
 def map_frame(message: MapMessage) -> Frame:
@@ -160,11 +156,6 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
         }
         for numbered in events
     ]
-
-
-def may_have_particles(payload: bytes) -> bool:
-    """Return whether an encoded report may have particles, without decoding the report."""
-    return len(payload) >= MIN_BYTES and MARK in payload[:30]
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:

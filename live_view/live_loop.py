@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 import msgspec
 
 from live_view.commands import COMMAND_KEYS, AskAdvice, Command, ShowEarlier, ShowPast
-from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
 from live_view.room import FromBrowser, PageOpened, Room
@@ -133,8 +132,9 @@ class LiveLoop:
         self.picture.on_belief(belief)
 
     def _on_report(self, payload: bytes) -> None:
-        if may_have_particles(payload):
-            self.picture.on_report(decode(payload, TrackReport))
+        reported: type[TrackReport] = Reported  # type: ignore[assignment] # a union
+        if isinstance(report := decode(payload, reported), TrackReport):
+            self.picture.on_report(report)
 
     def _on_events(self, events: JobEvents, _received: Received | None = None) -> None:
         if not self.picture.on_events(events):

@@ -2,16 +2,12 @@
 
 import argparse
 
-import msgspec
-
 from live_view.admission import DEFAULT_PORT, parsed_address
 from live_view.live_loop import LiveLoop
 from live_view.page_server import PageOptions, opened_page
 from process_runtime.main import Invocation, process_main
-from process_runtime.settings import Settings
+from process_runtime.settings_file import with_setting
 from process_runtime.threads import run_in_threads
-from protocol.errors import SettingsError
-from protocol.names import is_name, name_rule
 
 
 def main() -> None:
@@ -66,14 +62,9 @@ def run_live_view(invocation: Invocation) -> None:
         "story": arguments.story,
         "robots": names if len(names) > 1 else [],
     }
-    loops = [LiveLoop(_of_robot(settings, name), about, invocation.stop) for name in names]
+    loops = [
+        LiveLoop(with_setting(settings, "robot.name", name, "--robot"), about, invocation.stop)
+        for name in names
+    ]
     with opened_page(options, [loop.room for loop in loops]):
         run_in_threads([loop.run for loop in loops], invocation.stop)
-
-
-def _of_robot(settings: Settings, name: str) -> Settings:
-    if not is_name(name):
-        problem = f"--robot: {name!r} is not a name: use {name_rule()}"
-        raise SettingsError(key="--robot", problem=problem)
-    robot = msgspec.structs.replace(settings.robot, name=name)
-    return msgspec.structs.replace(settings, robot=robot)

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from live_view.frames import MAX_PARTICLES, cloud_frame, may_have_particles
+from live_view.frames import MAX_PARTICLES, cloud_frame
 from protocol.arrays import ArrayBlob
-from protocol.codec import encode
 from protocol.work import Particles
 from tests.unit.live_view.messages import report
 
@@ -37,11 +36,6 @@ def test_particles_without_weight_are_not_drawn() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     points = cloud_frame(1, cloud(poses, np.array([-np.inf, 0.0])))["points"]
     assert set(points[::3]) == {100}
-
-
-def test_only_reports_with_particles_are_decoded() -> None:
-    assert may_have_particles(encode(report(5, 3)))
-    assert not may_have_particles(encode(report(5, 3, particles=0)))
 
 
 def test_only_names_of_tracking_jobs_have_a_cluster_number() -> None:
