@@ -48,7 +48,7 @@ def simulated(simulation: Simulation) -> Iterator[tuple[Scan, PoseTuple]]:
         for reading in tick.readings:
             scan = maker.on_reading(reading)
             if scan is not None:
-                yield scan, simulation.truth_at(scan.stamp_ns)
+                yield scan, tick.map_from_robot
 
 
 def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple[float, float]:

@@ -122,7 +122,7 @@ def steps_of(case: Case, seed: int, settings: Settings) -> Iterator[tuple[Scan, 
         for reading in tick.readings:
             scan = maker.on_reading(reading)
             if scan is not None:
-                yield scan, simulation.truth_at(scan.stamp_ns)
+                yield scan, tick.map_from_robot
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from clustermcl.as_text import (
 from evaluation.pose_error import pose_error
 from process_runtime.logs import is_quiet
 from protocol.answers import Belief, Status
-from protocol.job_events import Ended, EndedCause, NumberedEvent, event_texts
+from protocol.job_events import Ended, EndedCause, NumberedEvent, event_texts, is_of_search
 from protocol.message import PoseTuple
 
 HELD_PROBABILITY = 0.02
@@ -67,7 +67,7 @@ class DemoOutput:
 
     def on_events(self, events: Iterable[NumberedEvent]) -> None:
         """Show events of clusters; ignore those of searches."""
-        for line in event_texts(each for each in events if not each.event.is_search):
+        for line in event_texts(each for each in events if not is_of_search(each.event)):
             self._events.append(line)
             self._print(line)
 
@@ -129,7 +129,7 @@ class DemoSummary:
 
     def on_event(self, event: NumberedEvent) -> None:
         """Count a cluster that ended, by its cause; ignore other events."""
-        if isinstance(event.event, Ended) and not event.event.is_search:
+        if isinstance(event.event, Ended) and not is_of_search(event.event):
             self._ended[event.event.cause] += 1
 
     def lines(self) -> Iterator[str]:

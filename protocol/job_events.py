@@ -43,11 +43,6 @@ class Began(
     probability: Probability
     """Its probability at the start."""
 
-    @property
-    def is_search(self) -> bool:
-        """False: the start of a search is not an event."""
-        return False
-
 
 class Ended(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="ended"
@@ -63,12 +58,13 @@ class Ended(
     probability: Probability = 0.0
     """Its last probability; 0 for a search."""
 
-    @property
-    def is_search(self) -> bool:
-        return self.cause in ("search over", "search stopped")
-
 
 JobEvent: TypeAlias = Began | Ended
+
+
+def is_of_search(event: JobEvent) -> bool:
+    """Return whether an event is of a search, whose start is not an event."""
+    return event.cause in ("search over", "search stopped")
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -105,7 +101,7 @@ def event_text(event: JobEvent) -> str:
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
         case Ended(job_id, cause, by, probability):
             what = f"{job_id} {_ENDED[cause]} {' and '.join(by)}".rstrip()
-            return what if event.is_search else f"{what} ({probability:.2g})"
+            return what if is_of_search(event) else f"{what} ({probability:.2g})"
 
 
 def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
@@ -117,7 +113,7 @@ def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
         events, lambda n: (n.step, type(n.event), n.event.cause)
     ):
         alike = [numbered.event for numbered in group]
-        if alike[0].is_search:  # one event for each shard
+        if is_of_search(alike[0]):  # one event for each shard
             searches = dict.fromkeys(event.job_id.partition(".")[0] for event in alike)
             yield from (f"step {step}: search {search} {_ENDED[cause]}" for search in searches)
             continue

@@ -1,6 +1,5 @@
 """Simulates a robot in a world: odometry, laser scans and ground truth."""
 
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot
@@ -50,7 +49,6 @@ class Simulation:
         seed: seed of all random numbers.
         lidar: parameters of the scanner; None: the defaults.
         start: start pose, instead of the world's start pose and route; None: those of the world.
-        remembered_s: time for which past poses are kept for `truth_at`.
 
     Raises:
         NoRoomError: the robot fits nowhere in this world.
@@ -63,7 +61,6 @@ class Simulation:
         *,
         lidar: LidarModel | None = None,
         start: PoseTuple | None = None,
-        remembered_s: float = 3600.0,
     ) -> None:
         rngs = [np.random.default_rng([seed, purpose]) for purpose in range(6)]
         self.world = world
@@ -78,9 +75,6 @@ class Simulation:
         self._lidar = Lidar(lidar or LidarModel(), world.truth, rngs[3])
         self._observation_rng = rngs[5]
         self._now_ns = 0
-        self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
-            maxlen=max(int(remembered_s * 1e9 / _PIECE_NS), 1)
-        )
 
     @property
     def map_from_robot(self) -> PoseTuple:
@@ -91,11 +85,11 @@ class Simulation:
         return self
 
     def __next__(self) -> Tick:
-        begin_ns = self._now_ns
-        first = self._drive_on()
-        scan_pose = self._pose_within(-1, _SCAN_SHARE)
+        begin_ns, begin = self._now_ns, self.map_from_robot
+        first, drive = self._drive_on()
+        scan_pose = driven(begin, drive.part(_SCAN_SHARE))
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
-        second = self._drive_on()
+        second, _ = self._drive_on()
         return Tick((first, second), laser, scan_pose, self._observe(laser.stamp_ns, scan_pose))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
@@ -121,36 +115,17 @@ class Simulation:
         else:
             self.robot.turn_round()
 
-    def truth_at(self, stamp_ns: int) -> PoseTuple:
-        """Return the true pose at a past time.
-
-        Raises:
-            ValueError: the time is before the start, after the last tick, or longer ago than
-                `remembered_s`.
-        """
-        index, rest = divmod(stamp_ns - self._now_ns, _PIECE_NS)
-        if not -len(self._pieces) <= index < 0:
-            raise ValueError(f"stamp {stamp_ns} ns is not between the first and the last tick")
-        return self._pose_within(index, rest / _PIECE_NS)
-
-    def _drive_on(self) -> OdometryReading:
-        """Drive until the next odometry reading, and return the reading before the motion."""
+    def _drive_on(self) -> tuple[OdometryReading, Drive]:
+        """Drive until the next odometry reading; return the reading before, and the motion."""
         reading = OdometryReading(
             sender=_SENDER,
             stamp_ns=self._now_ns,
             odom_from_robot=self._odometer.odom_from_robot,
         )
-        before = self.robot.map_from_robot
         drive = self.robot.move(_PIECE_NS * 1e-9)
         self._odometer.read(drive)
-        self._pieces.append((before, drive))
         self._now_ns += _PIECE_NS
-        return reading
-
-    def _pose_within(self, index: int, share: float) -> PoseTuple:
-        """Return the true pose after a share (0 to 1) of a stored motion."""
-        before, drive = self._pieces[index]
-        return driven(before, drive.part(share))
+        return reading, drive
 
     def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
         model = self._lidar.model

@@ -28,6 +28,8 @@ class SimulatedSource:
         self._simulation, self._kidnap_at = simulation, kidnap_at
         self._steps_made = 0
         self._tick: deque[Reading | Observation] = deque()
+        self._truth = simulation.map_from_robot
+        """True pose at the scan of the tick."""
         self.landmarks = simulation.world.landmarks
 
     def next_reading(self) -> Reading | Observation | None:
@@ -36,17 +38,20 @@ class SimulatedSource:
             if self._steps_made == self.steps:
                 return None
             tick = next(self._simulation)
+            self._truth = tick.map_from_robot
             before, scan, after = tick.readings
             self._tick.extend((before, *tick.observations, scan, after))
         return self._tick.popleft()
 
     def step_made(self, scan: Scan) -> PoseTuple:
-        """Count a step, and return the true pose at its scan; then kidnap the robot if due."""
+        """Count a step, and return the true pose at its scan; then kidnap the robot if due.
+
+        A scan becomes a step at the odometry after it, which is of the same tick.
+        """
         self._steps_made += 1
-        truth = self._simulation.truth_at(scan.stamp_ns)
         if scan.step == self._kidnap_at:
             self._simulation.kidnap()
-        return truth
+        return self._truth
 
 
 def simulated_steps(

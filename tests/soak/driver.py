@@ -57,7 +57,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def run_robot(invocation: Invocation) -> None:
     settings, arguments = invocation.settings, invocation.arguments
     world = soak_world(arguments.world)
-    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # ticks have the true pose
+    simulation = Simulation(world, settings.seed)
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
 

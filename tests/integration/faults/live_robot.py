@@ -56,7 +56,7 @@ class Robot:
 
     def __init__(self, session: zenoh.Session, world_name: str) -> None:
         self.has_laser = True
-        self._simulation = Simulation(world(world_name), seed=3, remembered_s=1.0)
+        self._simulation = Simulation(world(world_name), seed=3)
         self._odometry = Publisher(session, keys.ODOMETRY_READING)
         self._laser = Publisher(session, keys.LASER_READING)
         self._truth: dict[int, PoseTuple] = {}

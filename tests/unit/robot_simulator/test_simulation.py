@@ -7,10 +7,12 @@ import pytest
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
+from process_runtime.settings import BridgeSettings
 from robot_simulator import robot
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.sensors import Lidar, LidarModel
 from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import world_from_map
 
@@ -29,13 +31,10 @@ def test_the_same_seed_gives_the_same_ticks() -> None:
     assert first == second
 
 
-def test_the_true_pose_is_known_at_any_past_time() -> None:
-    simulation = Simulation(HALL, 1)
-    ticks = list(islice(simulation, 200))
-    for tick in ticks:
-        assert simulation.truth_at(tick.laser.stamp_ns) == tick.map_from_robot
-    a, b = (simulation.truth_at(8_000_000_000 + ns) for ns in (-1, 1))
-    assert hypot(a[0] - b[0], a[1] - b[1]) < 1e-8  # no jump where one tick meets the next
+def test_each_step_has_the_true_pose_at_its_scan() -> None:
+    truths = {tick.laser.stamp_ns: tick.map_from_robot for tick in islice(Simulation(HALL, 1), 200)}
+    steps = simulated_steps(SimulatedSource(Simulation(HALL, 1), steps=20), BridgeSettings(), "")
+    assert all(truth == truths[scan.stamp_ns] for scan, truth in steps)
 
 
 def test_a_kidnapping_moves_the_robot_far_without_a_jump_of_odometry() -> None:
