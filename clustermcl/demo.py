@@ -253,9 +253,9 @@ class _Audience:
 
     def _on_belief(self, belief: Belief) -> None:
         truth = self._truths.get(belief.step)
-        self.summary.on_belief(belief, truth)
         if self._truth is not None and (truth := self.truth_of(belief)) is not None:
             self._truth.put(TruePose(sender="demo", step=belief.step, pose=truth))
+        self.summary.on_belief(belief, truth)
         self._output.on_belief(belief, truth)
 
 

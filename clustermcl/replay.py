@@ -1,7 +1,7 @@
 """`clustermcl replay`: recompute a flight recording, and print its events and beliefs."""
 
 import math
-from dataclasses import dataclass
+from collections import Counter
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -12,35 +12,6 @@ from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
 from protocol.errors import printable
-
-
-@dataclass
-class Comparison:
-    """Numbers of recomputed beliefs, and of those that differ from the recorded ones."""
-
-    coordinators: int = 0
-    """Number of times that a coordinator process began to lead."""
-    beliefs: int = 0
-    different: int = 0
-    not_recorded: int = 0
-    """Number of recomputed beliefs that the recording does not have."""
-
-    def add(self, happening: Happening) -> None:
-        match happening:
-            case CoordinatorActs():
-                self.coordinators += 1
-            case Believed(same=same):
-                self.beliefs += 1
-                self.different += same is False
-                self.not_recorded += same is None
-
-    def text(self) -> str:
-        of = f"{self.beliefs} beliefs, {self.coordinators} coordinators"
-        if self.different:
-            return f"{of}: {self.different} beliefs differ from the recorded ones"
-        if self.beliefs == self.not_recorded:
-            return f"{of}: no belief was recorded"
-        return f"{of}: all as recorded, bit for bit"
 
 
 def print_replay(folder: Path, *, first_step: int | None, last_step: int | None) -> bool:
@@ -55,15 +26,28 @@ def print_replay(folder: Path, *, first_step: int | None, last_step: int | None)
     """
     first = -math.inf if first_step is None else first_step
     last = math.inf if last_step is None else last_step
-    comparison, step = Comparison(), -1
+    coordinators, step = 0, -1
+    same: Counter[bool | None] = Counter()
     for wall_ns, happening in replayed(folder, version("clustermcl")):
-        comparison.add(happening)
-        if isinstance(happening, Believed):
-            step = happening.belief.step
+        match happening:
+            case CoordinatorActs():
+                coordinators += 1
+            case Believed(belief, is_same):
+                same[is_same] += 1
+                step = belief.step
         if first <= step <= last:
             typer.echo(f"{_clock(wall_ns)} {_as_text(happening)}")
-    typer.echo(comparison.text())
-    return not comparison.different
+    typer.echo(_result(same, coordinators))
+    return not same[False]
+
+
+def _result(same: Counter[bool | None], coordinators: int) -> str:
+    of = f"{same.total()} beliefs, {coordinators} coordinators"
+    if same[False]:
+        return f"{of}: {same[False]} beliefs differ from the recorded ones"
+    if not same[True]:
+        return f"{of}: no belief was recorded"
+    return f"{of}: all as recorded, bit for bit"
 
 
 def _clock(wall_ns: int) -> str:

@@ -39,25 +39,24 @@ class View(NamedTuple):
 
 
 def drawn_picture(
-    grid_map: GridMap, step: Mapping[str, Any] | None, long_side_px: int = LONG_SIDE_PX
+    grid_map: GridMap, step: Mapping[str, Any], long_side_px: int = LONG_SIDE_PX
 ) -> Image.Image:
     """Draw the whole map, and the places, the scan and the true pose of a step.
 
     Args:
         grid_map: the map; a cell of a very large one stands for several.
-        step: frame of the step, from `step_frame`; None: draw the map only.
+        step: frame of the step, from `step_frame`.
         long_side_px: long side of the map in the picture, without margins.
     """
     canvas, view = map_canvas(grid_map, long_side_px)
     draw = ImageDraw.Draw(canvas, "RGBA")
-    if step is not None:
-        places = step["places"]
-        if places:
-            _draw_scan(draw, view, places[0]["pose"], step["scan"])
-        if step["truth"] is not None:
-            _draw_truth(draw, view, step["truth"])
-        for index, place in reversed(list(enumerate(places))):
-            _draw_place(draw, view, place, labelled=index < _LABELLED)
+    places = step["places"]
+    if places:
+        _draw_scan(draw, view, places[0]["pose"], step["scan"])
+    if step["truth"] is not None:
+        _draw_truth(draw, view, step["truth"])
+    for index, place in reversed(list(enumerate(places))):
+        _draw_place(draw, view, place, labelled=index < _LABELLED)
     return smoothed(canvas)
 
 

@@ -35,7 +35,7 @@ def pixel(image: Any, x_m: float, y_m: float) -> tuple[int, int, int]:
 
 
 def test_free_cells_walls_and_unknown_ground_have_different_colours() -> None:
-    image = drawn_picture(room(), None)
+    image = drawn_picture(room(), step(places=[]))
     assert image.size == (1448, 748)
     assert pixel(image, 0.0, 8.0) == WHITE
     assert pixel(image, 12.0, 8.0) == WHITE
@@ -45,7 +45,9 @@ def test_free_cells_walls_and_unknown_ground_have_different_colours() -> None:
 
 
 def test_a_rotated_map_is_drawn_rotated() -> None:
-    image = drawn_picture(room(turned=np.pi / 2), None)  # now 10 m wide, and to the left of x = -4
+    image = drawn_picture(
+        room(turned=np.pi / 2), step(places=[])
+    )  # now 10 m wide, and to the left of x = -4
     assert image.size == (748, 1448)
     right_low, right_high = (700, 1400), (700, 48)
     assert image.getpixel(right_low) == WHITE
