@@ -344,7 +344,7 @@ class ClusterMCL(RobotCommands):
     def _set_belief(self, outcome: Outcome, scan: Scan) -> Belief:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
-        self._maker.on_belief(self.belief)
+        self._maker.sources.on_belief(self.belief)
         return self.belief
 
 

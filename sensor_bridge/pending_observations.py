@@ -80,8 +80,7 @@ class PendingObservations:
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
         self._placed: list[tuple[Source, Placed, Pose, float]] = []
-        self._sources = Sources(landmarks)
-        self.on_belief, self.health = self._sources.on_belief, self._sources.health
+        self.sources = Sources(landmarks)
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def on_observation(self, observation: Observation) -> None:
@@ -129,8 +128,8 @@ class PendingObservations:
             if observation_problem(seen) is not None:
                 self._dropped[TOO_FAR] += 1
                 continue
-            is_broken = self._sources.is_broken(source)
-            self._sources.on_observation(step, source, here, 0.0 if is_broken else seen.share)
+            is_broken = self.sources.is_broken(source)
+            self.sources.on_observation(step, source, here, 0.0 if is_broken else seen.share)
             if is_broken:
                 self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
             else:

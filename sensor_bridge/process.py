@@ -360,8 +360,8 @@ class Bridge:
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         if self._maker is not None:
-            self._maker.on_belief(belief)
-            self._node.health.sources = self._maker.sources
+            self._maker.sources.on_belief(belief)
+            self._node.health.sources = self._maker.sources.health()
         searching = belief.state == "searching"
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
 

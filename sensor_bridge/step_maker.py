@@ -12,9 +12,7 @@ from msgspec.structs import replace
 from particle_filter.poses import between, compose, wrap_angle
 from particle_filter.settings import section_with
 from process_runtime.settings import BridgeSettings
-from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
-from protocol.health import SourceHealth
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
@@ -28,6 +26,7 @@ from protocol.steps import (
     Scan,
 )
 from sensor_bridge.pending_observations import PendingObservations
+from sensor_bridge.sources import Sources
 from sensor_bridge.stages import Clock, Lasers, OdometryContinuity, OutlierFilter, Synchroniser
 
 STANDS = 0.25
@@ -151,14 +150,10 @@ class StepMaker:
         """Add an observation of another sensor to the next step."""
         self._pending_observations.on_observation(observation)
 
-    def on_belief(self, belief: Belief) -> None:
-        """Compare the observations of a step with the belief after it."""
-        self._pending_observations.on_belief(belief)
-
     @property
-    def sources(self) -> tuple[SourceHealth, ...]:
-        """The outlier rate of each source of observations."""
-        return self._pending_observations.health()
+    def sources(self) -> Sources:
+        """The sources of observations, which learn from each step's belief."""
+        return self._pending_observations.sources
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._pending_observations.moved(stamp_ns, odom_from_robot):

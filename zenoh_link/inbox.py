@@ -43,9 +43,7 @@ class Inbox(Generic[EventT]):
         if max_events < 1:
             raise ValueError("an inbox keeps at least one event")
         self._states: dict[str, _Waiting[EventT]] = {}
-        self._bounds: dict[str, int] = {}
-        self._events = _Waiting[EventT]()
-        self._max_events, self._max_bytes = max_events, max_kind_bytes
+        self._events, self._max_bytes = _Waiting[EventT](max_events), max_kind_bytes
         self._arrived = 0
         self._dropped: Counter[str] = Counter()
         self._lock = threading.Lock()
@@ -64,13 +62,12 @@ class Inbox(Generic[EventT]):
         if count < 1:
             raise ValueError("an inbox keeps at least one of each kind")
         with self._lock:
-            self._bounds[kind] = count
-            self._states.setdefault(kind, _Waiting())
+            self._states.setdefault(kind, _Waiting(count)).bound = count
 
     def put(self, event: EventT) -> bool:
         """Append an event; return False if the inbox is full."""
         with self._lock:
-            full = len(self._events.queue) >= self._max_events
+            full = len(self._events.queue) >= self._events.bound
             if full or self._events.bytes + _size(event) > self._max_bytes:
                 self._dropped["event"] += 1
                 return False
@@ -94,11 +91,11 @@ class Inbox(Generic[EventT]):
         """
         with self._lock:
             waiting = self._states[kind]
-            while len(waiting.queue) >= self._bounds[kind] or (
+            while len(waiting.queue) >= waiting.bound or (
                 waiting.queue and waiting.bytes + _size(state) > self._max_bytes
             ):
                 waiting.popleft()
-                if self._bounds[kind] > 1:  # with a bound of 1 replacing is not a loss
+                if waiting.bound > 1:  # with a bound of 1 replacing is not a loss
                     self._dropped[kind] += 1
             self._append(waiting, state)
 
@@ -142,9 +139,10 @@ class Inbox(Generic[EventT]):
 
 
 class _Waiting(Generic[EventT]):
-    """A queue of numbered events and the bytes of their payloads."""
+    """A queue of numbered events, its bound, and the bytes of their payloads."""
 
-    def __init__(self) -> None:
+    def __init__(self, bound: int) -> None:
+        self.bound = bound
         self.queue: deque[tuple[int, EventT]] = deque()
         self.bytes = 0
 
