@@ -3,7 +3,8 @@
     python -m benchmarks.advice [WORLD...] [--seeds N] [--first N]
 
 Both robots of a seed begin at the same pose with the same noise. An advised robot drives the first
-way of `ClusterMCL.advice` while several places are possible, and asks again at its end.
+way of `ClusterMCL.advice` while several places are possible. It asks again after a few steps,
+because the places change while it drives.
 """
 
 import math
@@ -32,8 +33,8 @@ RIGHT_M, RIGHT_RAD = 1.0, 0.5
 """A place nearer than this to the robot is right."""
 RADIUS_M = 0.25
 """Radius that ways are asked for [m]; the simulated robot is smaller."""
-MAX_WAY_STEPS = 120
-"""Steps after which an advised robot asks again at the latest: more than any way needs."""
+ASK_STEPS, MAX_WAY_STEPS = 10, 120
+"""Steps after which an advised robot asks again: usually, and if it drives whole ways."""
 BINS = (0.25, 0.5, 1.0)
 """Limits of the predicted gains that are compared with real ones [nat]."""
 SHARES = (0.0, 0.25, 0.5, 0.75)
@@ -56,8 +57,8 @@ class Run:
     made: int
     """Steps in all."""
     ways: tuple[tuple[float, float, float], ...]
-    """For each way that was driven: predicted information, predicted gain of the right place, and
-    its gain [nat]."""
+    """For each whole way that was driven: predicted information, predicted gain of the right place,
+    and its gain [nat]."""
     checked: int
     """Poses of advised ways at each place and at the true pose."""
     unsafe: int
@@ -107,12 +108,13 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
                 begun = None
             if not found and advised and over and made > waits and belief.state == "ambiguous":
                 answer = mcl.advice(radius_m=RADIUS_M)
-                places, until = (*answer.places, truth), made + MAX_WAY_STEPS
+                places = *answer.places, truth
+                until = made + (MAX_WAY_STEPS if whole else ASK_STEPS)
                 waits = made + (0 if answer.ways else WAIT_STEPS)
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 for way in answer.ways[:1]:
                     simulation.follow(np.array(way.poses + way.rest * whole), truth)
-                    if whole or not way.rest:
+                    if whole:
                         gain = gain_of_truth(answer, way, truth)
                         begun = way.information, gain, log_of_truth(belief, truth)
         if found or made >= limit:

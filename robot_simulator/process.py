@@ -26,6 +26,8 @@ from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received
 
 _ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
+ASK_STEPS = 10
+"""Steps after which a robot on an advised way asks again: the places change while it drives."""
 
 _log = logging.getLogger(__name__)
 
@@ -73,7 +75,7 @@ def run_simulator(invocation: Invocation) -> None:
         node.serve(keys.KIDNAP, operator.kidnap)
         node.serve(keys.DRIVE, operator.drive)
 
-        follower = _Follower(simulation, node) if arguments.advised else None
+        follower = Follower(simulation, node) if arguments.advised else None
 
         def on_step(scan: Scan) -> None:
             pose = source.step_made(scan)
@@ -94,8 +96,8 @@ def run_with_defaults(invocation: Invocation) -> None:
     run_simulator(replace(invocation, arguments=parser.parse_args([])))
 
 
-class _Follower:
-    """Drives along the best advised way while several places are possible, and then asks again.
+class Follower:
+    """Drives along the best advised way while several places are possible, and asks again soon.
 
     The robot stands until the answer arrives, and wanders while no way is advised.
     """
@@ -104,11 +106,12 @@ class _Follower:
         self._simulation, self._node = simulation, node
         self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
         """Numbers and true poses of the last steps."""
-        self._asks = False
+        self._asks, self._ask_step = False, 0
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
-        if belief.state == "ambiguous" and not (self._asks or self._simulation.robot.follows):
+        drives_on = self._simulation.robot.follows and belief.step < self._ask_step
+        if belief.state == "ambiguous" and not (self._asks or drives_on):
             self._asks = True
             self._simulation.robot.drive_by_hand(0.0, 0.0)
             self._node.ask(
@@ -116,7 +119,7 @@ class _Follower:
             )
 
     def _on_advice(self, advice: Advice) -> None:
-        self._asks = False
+        self._asks, self._ask_step = False, advice.step + ASK_STEPS
         begin = dict(self.truths).get(advice.step)
         if advice.ways and begin:
             _log.info("drive an advised way of %.1f m", advice.ways[0].length_m)
