@@ -12,7 +12,6 @@ from particle_filter.exploring import LEAST_M, MOST_M, unseen_way
 from particle_filter.poses import compose
 from particle_filter.roads import MARGIN_M, roads_of
 from particle_filter.sensor_model import LaserScan
-from particle_filter.slices import finished
 from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.test_advice import FLATS, KNOWN, LEFT, model_of
 
@@ -58,7 +57,7 @@ def test_no_way_leads_where_nothing_was_hit_or_where_there_is_no_room() -> None:
 
 def test_the_way_is_also_free_at_the_possible_places() -> None:
     place = np.array([LEFT])
-    roads = finished(roads_of(place, KNOWN[None], RADIUS_M, model_of(FLATS).grid))
+    roads = roads_of(place, KNOWN[None], RADIUS_M, model_of(FLATS).grid)
     free = unseen_way(scan(np.full(180, 9.0)), ViewMemory(), RADIUS_M, None)
     assert np.hypot(*free[-1, :2]) > 8.0
     way = unseen_way(scan(np.full(180, 9.0)), ViewMemory(), RADIUS_M, roads)
