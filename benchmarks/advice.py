@@ -26,6 +26,7 @@ from particle_filter.poses import compose, inverse, wrap_angle
 from protocol.advice import Advice, Way
 from protocol.answers import Belief
 from protocol.message import PoseTuple
+from robot_simulator.process import ASK_STEPS, count_places
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.world import World, world_from_map
 
@@ -33,8 +34,8 @@ RIGHT_M, RIGHT_RAD = 1.0, 0.5
 """A place nearer than this to the robot is right."""
 RADIUS_M = 0.25
 """Radius that ways are asked for [m]; the simulated robot is smaller."""
-ASK_STEPS, MAX_WAY_STEPS = 10, 120
-"""Steps after which an advised robot asks again: usually, and if it drives whole ways."""
+MAX_WAY_STEPS = 120
+"""Steps after which an advised robot asks again on the longest way."""
 BINS = (0.25, 0.5, 1.0)
 """Limits of the predicted gains that are compared with real ones [nat]."""
 SHARES = (0.0, 0.25, 0.5, 0.75)
@@ -96,6 +97,7 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
     obstacles, checks = Obstacles(place.map), [(0, 0)]
     ways: list[tuple[float, float, float]] = []
     begun, until, waits, wrong, made, found = None, -1, -1, 0, 0, False
+    soon = places_asked = 0
     for tick in islice(simulation, 40 * limit):
         for belief in filter(None, map(mcl.update, map(Reading.of, tick.readings))):
             made, truth = made + 1, tick.map_from_robot
@@ -103,13 +105,18 @@ def run(place: World, seed: int, limit: int, *, advised: bool, whole: bool = Fal
             found = sure and belief.pose is not None and is_right(belief.pose, truth)
             wrong += sure and not found
             over = not simulation.robot.follows or made >= until or sure
+            over |= not whole and made >= soon and count_places(belief) != places_asked
             if over and begun:
                 ways.append((begun[0], begun[1], log_of_truth(belief, truth) - begun[2]))
                 begun = None
             if not found and advised and over and made > waits and belief.state == "ambiguous":
                 answer = mcl.advice(radius_m=RADIUS_M)
                 places = *answer.places, truth
-                until = made + (MAX_WAY_STEPS if whole else ASK_STEPS)
+                until, soon, places_asked = (
+                    made + MAX_WAY_STEPS,
+                    made + ASK_STEPS,
+                    count_places(belief),
+                )
                 waits = made + (0 if answer.ways else WAIT_STEPS)
                 checks += [obstacles.count_unsafe(way, places) for way in answer.ways]
                 for way in answer.ways[:1]:

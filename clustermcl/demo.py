@@ -5,7 +5,7 @@ import http.client
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import assert_never
 
@@ -86,7 +86,7 @@ class DemoOptions:
     record: Path | None = None
     by_hand: bool = False
     advised: bool = False
-    """A simulated robot drives advised ways; otherwise it wanders."""
+    """First an equal robot wanders, without a page; then the robot drives advised ways."""
     as_json: bool = False
 
 
@@ -107,14 +107,39 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
     """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C."""
     if options.record is not None:
         check_output_file(options.record)
-    by_hand = ["--by-hand"] if options.by_hand else []
     page = None if options.view_at is None else _page_at(options.view_at)
     if page is None and options.by_hand:
         problem = "--drive needs --view: the robot is driven on the page"
         raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
+    run, wandering = _prepared(options, settings), None
+    if options.advised:
+        alone = replace(options, advised=False, view_at=None, record=None)
+        wandering = _run_to_end(alone, _prepared(alone, settings), None, stop, compared=True)
+    _run_to_end(options, run, page, stop, wandering)
+
+
+def _run_to_end(
+    options: DemoOptions,
+    run: _Run,
+    page: Address | None,
+    stop: StopFlag,
+    wandering: DemoSummary | None = None,
+    *,
+    compared: bool = False,
+) -> DemoSummary:
+    """Run all processes to the last belief, and print the result.
+
+    Args:
+        options: options of the demo.
+        run: its checked inputs.
+        page: address of the page, or None.
+        stop: ends the run.
+        wandering: the run to compare with.
+        compared: whether this is the run to compare with, which a JSON object does not show.
+    """
     started_s = time.monotonic()
-    run = _prepared(options, settings)
+    by_hand = ["--by-hand"] if options.by_hand else []
     driven = ["--advised"] if options.advised else by_hand
     simulator = ["--steps", str(run.steps), *driven] if run.is_simulated else []
     simulator += ["--map", options.map_file] if run.is_simulated and options.map_file else []
@@ -128,9 +153,14 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             page_arguments=_page_arguments(page, run, by_hand) if page else None,
         )
         with closing(stack):
-            typer.echo(_followed(stack, meeting, run, options, page, stop, started_s))
+            text, summary = _followed(
+                stack, meeting, run, options, page, stop, started_s, wandering
+            )
+            if not (compared and options.as_json):
+                typer.echo(text)
             while page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
+    return summary
 
 
 def _followed(
@@ -141,7 +171,8 @@ def _followed(
     page: Address | None,
     stop: StopFlag,
     started_s: float,
-) -> str:
+    wandering: DemoSummary | None,
+) -> tuple[str, DemoSummary]:
     """Start the processes, run until the last belief, and return the result as text."""
     stack.start_without_coordinator()
     wait_s = _CONNECT_WITHIN_S
@@ -166,10 +197,17 @@ def _followed(
     except UnreachableError:
         stack.check()  # raises the error of a process that has ended, which is the cause
         raise
-    wall_s, summary = time.monotonic() - started_s, audience.summary
+    wall_s = time.monotonic() - started_s
+    summary = audience.summary
     if options.as_json:
-        return dumped(result_object(belief, truth, status, wall_s, summary.found_step))
-    return "\n".join([*summary.lines(), *result_lines(belief, truth, status, wall_s)])
+        found = {} if wandering is None else {"wandering_found_step": wandering.found_step}
+        result = result_object(belief, truth, status, wall_s, summary.found_step)
+        return dumped({**result, **found}), summary
+    lines = [*summary.lines(), *result_lines(belief, truth, status, wall_s)]
+    if wandering is not None:
+        step = wandering.found_step
+        lines.append(f"The robot that wandered: {'never' if step is None else f'step {step}'}.")
+    return "\n".join(lines), summary
 
 
 class _Audience:

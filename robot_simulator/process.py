@@ -27,7 +27,10 @@ from zenoh_link.wire import Asked, Received
 
 _ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
 ASK_STEPS = 10
-"""Steps after which a robot on an advised way asks again: the places change while it drives."""
+"""Steps after which a robot on an advised way asks again, if the number of places has changed.
+While it is the same, another of several equally good ways would only make the robot turn back."""
+LEAST_PROBABILITY = 0.01
+"""Of a place that counts, as for advice."""
 
 _log = logging.getLogger(__name__)
 
@@ -96,8 +99,12 @@ def run_with_defaults(invocation: Invocation) -> None:
     run_simulator(replace(invocation, arguments=parser.parse_args([])))
 
 
+def count_places(belief: Belief) -> int:
+    return sum(place.probability >= LEAST_PROBABILITY for place in belief.hypotheses)
+
+
 class Follower:
-    """Drives along the best advised way while several places are possible, and asks again soon.
+    """Drives along the best advised way while several places are possible, and then asks again.
 
     The robot stands until the answer arrives, and wanders while no way is advised.
     """
@@ -106,13 +113,14 @@ class Follower:
         self._simulation, self._node = simulation, node
         self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
         """Numbers and true poses of the last steps."""
-        self._asks, self._ask_step = False, 0
+        self._asks, self._ask_step, self._places = False, 0, 0
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
-        drives_on = self._simulation.robot.follows and belief.step < self._ask_step
+        places, is_soon = count_places(belief), belief.step < self._ask_step
+        drives_on = self._simulation.robot.follows and (is_soon or places == self._places)
         if belief.state == "ambiguous" and not (self._asks or drives_on):
-            self._asks = True
+            self._asks, self._places = True, places
             self._simulation.robot.drive_by_hand(0.0, 0.0)
             self._node.ask(
                 keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S

@@ -47,7 +47,7 @@ def demo(
     ] = False,
     advised: Annotated[
         bool,
-        typer.Option("--advised", help="The simulated robot drives advised ways."),
+        typer.Option("--advised", help="A robot that drives advised ways, and one that wanders."),
     ] = False,
     listen: common.Listen = None,
     record_file: common.RecordFile = None,
