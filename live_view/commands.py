@@ -69,5 +69,5 @@ def parsed_request(text: str | bytes) -> Request:
         if command is None:
             return msgspec.convert(fields, Drawn | ShowPast | ShowEarlier | AskAdvice)
         return msgspec.convert(fields | {"sender": SENDER, "command_id": uuid.uuid4().hex}, command)
-    except (msgspec.DecodeError, UnicodeError) as error:
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:  # nested too deeply
         raise MalformedMessageError(expected="request of the page", problem=str(error)) from None

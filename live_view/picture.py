@@ -29,9 +29,9 @@ class Picture:
 
     The topics are ``system``, ``map``, ``step``, ``events``, ``pose`` and ``status``, which are the
     system's own answers, and ``cloud N``: the particles of cluster N, or None once the cluster has
-    ended. The topic ``history`` has the
-    newest rows and the number of the oldest kept step. It is sent when a page is opened and when
-    the steps restart; in between, the page itself adds each new step.
+    ended. The topic ``history`` has the newest rows and the number of the oldest kept step. It is
+    sent when a page is opened and when the steps restart; in between, the page itself adds each
+    new step.
 
     Args:
         system: constants for the page: the robot's name, the router, whether commands are allowed.

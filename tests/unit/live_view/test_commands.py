@@ -54,6 +54,7 @@ def test_each_command_has_an_id_of_its_own() -> None:
     [
         "",
         "[]",
+        '{"type": "drawn", "x": ' + 970 * "[",
         '{"type": "shutdown"}',
         '{"type": "set_pose"}',
         '{"type": "set_pose", "pose": [1, 2]}',
