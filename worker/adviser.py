@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from process_runtime.parent import die_with_parent
 from protocol.advice import Advice, AdviceQuestion
 from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
 from protocol.steps import Scan
 from worker.worker import Advise
 from zenoh_link.node import Node
@@ -55,9 +56,9 @@ class Adviser:
         self._is_busy = False
         try:
             task.question.answer(outcome.result())
-        except (EOFError, OSError):
+        except (EOFError, OSError, MalformedMessageError):
             self.close()
-            task.question.refuse("the process that computed the advice has ended; ask again")
+            task.question.refuse("the process that computed the advice has failed; ask again")
         if self._waiting is not None:
             waiting, self._waiting = self._waiting, None
             self.advise(waiting)
@@ -97,6 +98,7 @@ class _Child:
 
         Raises:
             EOFError, OSError: the process has ended.
+            MalformedMessageError: its answer is invalid.
         """
         self._connection.send_bytes(encode(task.asked))
         self._connection.send_bytes(encode(task.scan))

@@ -200,6 +200,18 @@ def test_a_killed_child_process_costs_one_answer(node: Node) -> None:
     assert queries[1].answers == [answer_to(asked)]
 
 
+def test_an_invalid_advice_of_the_child_is_refused(
+    node: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    invalid = Advice(sender="x" * 1000)
+    monkeypatch.setattr("worker.advising.advice", lambda *_: invalid)
+    query, asked = Query(), question((0.0, 3.7, -1.57))
+    with closing(Adviser(node)) as adviser:
+        adviser.advise(task(asked, query))
+        turn_until(lambda: bool(query.answers), node)
+    assert "ask again" in str(query.answers)
+
+
 def test_other_settings_get_another_child_process(node: Node) -> None:
     query, asked = Query(), question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
     unsure = replace(SETTINGS, belief=replace(SETTINGS.belief, localized_probability=0.999))
