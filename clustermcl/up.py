@@ -16,6 +16,7 @@ from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.state_folder import default_state_folder
 from process_runtime.stop import stop_on_signals
+from process_runtime.supervisor import ChildExit
 from protocol.errors import SettingsError
 
 _POLL_S = 0.1
@@ -74,13 +75,18 @@ def _check_in_child(settings: Settings) -> None:
 
     Raises:
         SystemExit: the child has printed why the settings are refused.
+        ProcessEndedError: the child was killed.
     """
     if (child := os.fork()) == 0:
         code = outermost("clustermcl", lambda: _check(settings))
         sys.stderr.flush()
         os._exit(code)
     _, status = os.waitpid(child, 0)
-    if code := os.waitstatus_to_exitcode(status):
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        why = "the map may need more memory than there is"
+        raise ProcessEndedError(ChildExit("settings check", code, None, why))
+    if code:
         raise SystemExit(code)
 
 
