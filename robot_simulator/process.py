@@ -11,7 +11,7 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.memory import trim_heap
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
-from protocol.advice import Advice
+from protocol.advice import LEAST_PROBABILITY, Advice
 from protocol.answers import Belief, CommandDone, Drive, Kidnap
 from protocol.codec import decode
 from protocol.errors import SettingsError
@@ -29,8 +29,6 @@ _ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
 ASK_STEPS = 10
 """Steps after which a robot on an advised way asks again, if the number of places has changed.
 While it is the same, another of several equally good ways would only make the robot turn back."""
-LEAST_PROBABILITY = 0.01
-"""Of a place that counts, as for advice."""
 
 _log = logging.getLogger(__name__)
 
