@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 from benchmarks import floor, plain
 from particle_filter import belief
 from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
-from particle_filter.beam_model import beam_log_likelihood
+from particle_filter.beam_model import BeamModel
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
@@ -20,6 +20,7 @@ from particle_filter.motion_noise import along_across_turn
 from particle_filter.places import cluster_by_source_point
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.resampling import resample, systematic
+from particle_filter.sensor_model import Beams
 from particle_filter.settings import MotionSettings, SensorSettings
 from robot_simulator.worlds.catalogue import world
 
@@ -141,14 +142,12 @@ def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
     units = "ray", count * beams
     yield Case(f"rays, floor: the same in C, {about}", *units, ours, in_numpy, exact, check)
     yield Case(f"rays, floor: marching in C, {about}", *units, ours, in_numpy, marching)
-    grid = Grid(cells(), CELL_M, np.zeros(3))
+    grid, settings = Grid(cells(), CELL_M, np.zeros(3)), SensorSettings()
+    model = BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
+    seen = Beams(ranges, angles, np.zeros(3), MAX_RANGE_M)
     yield Case(
         f"beam model, floor: the rays alone in C, {about}", *units,
-        lambda: beam_log_likelihood(
-            poses, ranges, angles, robot_from_laser=np.zeros(3), grid=grid,
-            jumps=jumps, max_range_m=MAX_RANGE_M, settings=SensorSettings(),
-        ),
-        None, exact,
+        lambda: model.log_likelihood(poses, seen), None, exact,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from particle_filter.evidence_model import scan_exponent
+from particle_filter.pyramid import sum_steps
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from robot_simulator.simulation import Simulation
@@ -43,13 +44,15 @@ def main() -> None:
     exponent = scan_exponent(beams.count, model.settings)
     scale = exponent * model.pyramid.log_step
     leaf = model.pyramid.levels[-1]
-    rows, cols = (size - 1 for size in leaf.steps.shape[2:])
-    best = scale * float(leaf.sums(offsets, np.array([(r, 0, cols) for r in range(rows)])).max())
+    rows, cols = (size - 1 for size in leaf.shape[2:])
+    best = scale * float(
+        sum_steps(leaf, offsets, np.array([(r, 0, cols) for r in range(rows)])).max()
+    )
     for axis, level in zip(axes[1:], model.pyramid.levels, strict=True):
-        rows, cols = (size - 1 for size in level.steps.shape[2:])
-        sums = level.sums(offsets, np.array([(r, 0, cols) for r in range(rows)]))
+        rows, cols = (size - 1 for size in level.shape[2:])
+        sums = sum_steps(level, offsets, np.array([(r, 0, cols) for r in range(rows)]))
         below = scale * sums.reshape(rows, cols) - best
-        side_m = level.side * model.grid.cell_m
+        side_m = len(level) * model.grid.cell_m
         left_share = np.mean(below >= -settings.search.margin)
         image = axis.imshow(
             below, cmap="viridis", vmin=-30.0, vmax=0.0, origin="lower",

@@ -26,7 +26,6 @@ LARGE_CELLS = 2**23
 """Number of cells above which a map is cropped; smaller maps keep their digests."""
 RIM_M = 5.0
 """Margin around the known cells, wider than the range of a likelihood field [m]."""
-_STRIP_ROWS = 512
 _DIGEST_VERSION = b"clustermcl map 1\n"
 
 
@@ -134,7 +133,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
     """
     if cells.ndim != 2 or cells.size <= LARGE_CELLS:
         return GridMap(cells, cell_m, map_from_grid)
-    known_rows, known_cols = _known(cells)
+    known_rows, known_cols = (cells.max(axis=axis) > UNKNOWN for axis in (1, 0))
     if not known_rows.any() or not cell_m > 0.0:
         return GridMap(cells, cell_m, map_from_grid)  # raises the error
     rim = ceil(RIM_M / cell_m)
@@ -144,16 +143,6 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
     corner = np.array([cols.start * cell_m, rows.start * cell_m, 0.0])
     x, y, _ = compose(np.array(map_from_grid), corner)
     return GridMap(part, cell_m, (float(x), float(y), map_from_grid[2]))
-
-
-def _known(cells: Cells) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return (rows,) and (cols,) whether each row and each column has a known cell."""
-    rows, cols = np.zeros(cells.shape[0], bool), np.zeros(cells.shape[1], bool)
-    for first in range(0, len(cells), _STRIP_ROWS):
-        known = cells[first : first + _STRIP_ROWS] != UNKNOWN
-        rows[first : first + _STRIP_ROWS] = known.any(axis=1)
-        cols |= known.any(axis=0)
-    return rows, cols
 
 
 def _range(known: NDArray[np.bool_], rim: int) -> slice:

@@ -129,8 +129,7 @@ def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
         cells = _cells(image, header)
     except _BROKEN_IMAGE as error:
         raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
-    strips = (cells[top : top + _STRIP_ROWS] for top in range(0, len(cells), _STRIP_ROWS))
-    if not any(np.any(strip == FREE) for strip in strips):
+    if not any(np.any(row == FREE) for row in cells):
         problem = (
             f"no free space: no pixel is free with free_thresh {header.free_thresh}, "
             f"negate {int(header.negate)}, mode {header.mode}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.grid import Grid
-from particle_filter.kernels import kernel, plain, read_only, to_cells
+from particle_filter.kernels import kernel, plain
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField, cast_ray, checked_jumps, flat, jump_field
@@ -54,23 +54,40 @@ class BeamModel:
         return scan.beams(ranges, usable_beams(ranges, np.inf, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        if not beams.others:
-            return self._of_beams(map_from_robot, beams)
-        seeing = [laser for laser in beams.lasers if len(laser.ranges)]
-        logs = [self._of_beams(map_from_robot, laser) for laser in seeing]
+        """Weigh every particle by how well the length of each beam fits the map from its pose.
+
+        A beam is a mixture of four cases: it hits an obstacle of the map, is cut short by another
+        object, does not return, or is random. The four weights are normalised to one. Beams are
+        independent, so logarithms add. Unlike in the likelihood field, beams without return count
+        as readings of `max_range_m`.
+
+        Raises:
+            ValueError: there are no beams, or a pose is not finite.
+
+        References:
+            Probabilistic Robotics (2005), table 6.1 and eq. 6.4 to 6.11, in logarithms.
+        """
+        if not (beams.count and np.isfinite(map_from_robot).all()):
+            raise ValueError("one beam at least is scored, from finite poses")
+        logs = [
+            _summed_logs(
+                plain(map_from_robot),
+                np.column_stack([np.cos(laser.angles), np.sin(laser.angles), laser.ranges]),
+                plain(laser.robot_from_laser),
+                self.jumps,
+                (self.grid.cell_m, *self.grid.in_cells),
+                self._mixture(laser.max_range_m),
+            )
+            for laser in beams.lasers
+            if len(laser.ranges)
+        ]
         return np.asarray(np.sum(logs, axis=0))
 
-    def _of_beams(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
-        return beam_log_likelihood(
-            map_from_robot,
-            laser.ranges,
-            laser.angles,
-            robot_from_laser=laser.robot_from_laser,
-            grid=self.grid,
-            jumps=self.jumps,
-            max_range_m=laser.max_range_m,
-            settings=self.settings,
-        )
+    def _mixture(self, max_range_m: float) -> _Mixture:
+        of = self.settings
+        weights = np.array([of.hit_weight, of.short_weight, of.max_weight, of.random_weight])
+        hit, short, none, rand = (weights / weights.sum()).tolist()
+        return hit, short, none, rand, of.hit_sigma_m, of.short_decay_per_m, max_range_m
 
     def correction(
         self,
@@ -81,76 +98,6 @@ class BeamModel:
     ) -> float:
         """Return 0: the likelihood already casts every ray."""
         return 0.0
-
-
-def beam_log_likelihood(
-    map_from_robot: Poses,
-    ranges: NDArray[np.floating],
-    angles: NDArray[np.float64],
-    *,
-    robot_from_laser: Pose,
-    grid: Grid,
-    jumps: JumpField,
-    max_range_m: float,
-    settings: SensorSettings,
-) -> LogWeights:
-    """Weigh every particle by how well each beam's length fits the map from its pose.
-
-    A beam is a mixture of four cases: it hits an obstacle of the map, is cut short by another
-    object, does not return, or is random. The four weights are normalised to one. Beams are
-    independent, so logarithms add. Unlike in the likelihood field, beams without return count as
-    readings of `max_range_m`.
-
-    Args:
-        map_from_robot: (N, 3) poses.
-        ranges: (B,) readings [m]; not finite, <= 0 or >= `max_range_m`: no return.
-        angles: (B,) directions of the beams in the laser's frame [rad].
-        robot_from_laser: (3,) pose of the laser on the robot.
-        grid: the map.
-        jumps: `ray_casting.jump_field` of its cells.
-        max_range_m: the smaller of the laser's and the settings' maximum range [m].
-        settings: weights and widths of the mixture.
-
-    Returns:
-        (N,) log-likelihood of the scan for each particle, not normalised.
-
-    Raises:
-        ValueError: there are no beams, a pose is not finite, or the range is not positive.
-
-    References:
-        Probabilistic Robotics (2005), table 6.1 and eq. 6.4 to 6.11, in logarithms.
-    """
-    if len(ranges) == 0 or len(ranges) != len(angles):
-        raise ValueError(f"{len(ranges)} ranges and {len(angles)} angles cannot be scored")
-    if not (max_range_m > 0 and np.isfinite(map_from_robot).all()):
-        raise ValueError("beams are scored from finite poses and with a positive range")
-    readings = np.asarray(ranges, np.float64)
-    returned = np.isfinite(readings) & (readings > 0.0) & (readings < max_range_m)
-    beams = np.empty((len(readings), 3))
-    beams[:, 0], beams[:, 1] = np.cos(angles), np.sin(angles)
-    beams[:, 2] = np.where(returned, readings, max_range_m)
-    return _summed_logs(
-        plain(map_from_robot),
-        plain(beams),
-        plain(robot_from_laser),
-        read_only(jumps),
-        (grid.cell_m, *to_cells(grid.map_from_grid, grid.cell_m)),
-        _mixture(settings, max_range_m),
-    )
-
-
-def _mixture(settings: SensorSettings, max_range_m: float) -> _Mixture:
-    weights = np.array(
-        [
-            settings.hit_weight,
-            settings.short_weight,
-            settings.max_weight,
-            settings.random_weight,
-        ]
-    )
-    hit, short, none, rand = (float(weight) for weight in weights / weights.sum())
-    widths = settings.hit_sigma_m, settings.short_decay_per_m, float(max_range_m)
-    return hit, short, none, rand, *widths
 
 
 @kernel

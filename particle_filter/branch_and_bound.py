@@ -25,7 +25,7 @@ from particle_filter.grid import Grid
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
 from particle_filter.poses import TURN, between, compose
-from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums
+from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums, sum_steps
 from particle_filter.regions import Corners, is_region
 from particle_filter.resampling import optimal_resampling
 from particle_filter.sensor_model import SensorModel
@@ -187,7 +187,7 @@ class BranchAndBoundSearch:
         """Bound the scores of tiles at one level, in slices."""
         parts = []
         for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
-            parts.append(level.sums(offsets, part))
+            parts.append(sum_steps(level, offsets, part))
             yield from self._meter.spend(len(parts[-1]) * len(offsets) // _SUMS_PER_LOOKUP)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
@@ -298,16 +298,13 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
 
 
 def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
-    side = leaf * 2 ** (LEVELS - 1)
-    rows, cols = (-(-size // side) * side // leaf for size in cells.shape)
-    free, count = np.zeros((rows, cols), bool), 0
-    for row in range(rows):  # row by row, because a map may have a quarter of a gigabyte
-        strip = np.zeros((leaf, cols * leaf), bool)
-        at = cells[leaf * row : leaf * (row + 1)] == FREE
-        strip[: at.shape[0], : at.shape[1]] = at
-        count += int(np.count_nonzero(at))
-        free[row] = strip.any(axis=0).reshape(cols, leaf).any(axis=1)
-    return free, count
+    # As unsigned numbers, free cells are the smallest: no array of the map's size is needed.
+    least = cells.view(np.uint8)
+    for axis, size in enumerate(cells.shape):
+        least = np.minimum.reduceat(least, np.arange(0, size, leaf), axis=axis)
+    whole = 2 ** (LEVELS - 1)
+    free = np.pad(least == FREE, [(0, -size % whole) for size in least.shape])
+    return free, cells.size - int(np.count_nonzero(cells))
 
 
 def _inside(
@@ -339,16 +336,10 @@ def _parts(runs: Runs, tiles: int) -> list[Runs]:
     return [runs[first:last] for first, last in pairwise(borders)]
 
 
-@kernel
 def _halved(coarse: Runs) -> Runs:
     """Return runs of the next finer level that cover the same area."""
-    finer = np.empty((2 * len(coarse), 3), np.int64)
-    for i in range(len(coarse)):
-        row, first, count = coarse[i]
-        for down in range(2):
-            finer[2 * i + down, 0] = 2 * row + down
-            finer[2 * i + down, 1] = 2 * first
-            finer[2 * i + down, 2] = 2 * count
+    finer = np.repeat(2 * coarse, 2, axis=0)
+    finer[1::2, 0] += 1
     return finer
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.grid import Grid
-from particle_filter.kernels import ToCells, kernel, plain, read_only
+from particle_filter.kernels import ToCells, kernel, plain
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import (
@@ -30,47 +30,11 @@ from particle_filter.resampling import systematic
 from particle_filter.sensor_model import Beams, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
-
-def occluded_log_likelihood(
-    map_from_robot: Poses,
-    laser_in_robot: Points,
-    hits_in_robot: Points,
-    field: LikelihoodField,
-    jumps: JumpField,
-    margin_m: float,
-    slack_rad: float,
-    stride: int = 1,
-) -> LogWeights:
-    """Return the part of the field's score that belongs to occluded beam ends.
-
-    An end is occluded if its ray and both neighbours of the ray meet an occupied cell more than
-    `margin_m` before it. Such a beam keeps the score of a random reading; the rest is returned.
-
-    Args:
-        map_from_robot: (N, 3) poses.
-        laser_in_robot: (2,) start of the rays [m].
-        hits_in_robot: (B, 2) ends of the rays [m].
-        field: likelihood field of the map.
-        jumps: `ray_casting.jump_field` of the same map.
-        margin_m: tolerance along the ray for errors of map and pose [m].
-        slack_rad: tolerance across the ray [rad]: if the pose is slightly wrong, a ray along a wall
-            may enter it for metres, but then one of its neighbours does not.
-        stride: pose i checks beams i, i + stride and so on, modulo `stride`, and counts them for
-            all beams, because the poses of one cluster see much the same.
-
-    Returns:
-        (N,) to subtract from `scan_log_likelihood`; never negative.
-    """
-    return _occluded(
-        plain(map_from_robot),
-        plain(laser_in_robot),
-        plain(hits_in_robot),
-        field.codes,
-        read_only(jumps),
-        field.grid.in_cells,
-        (margin_m / field.grid.cell_m, slack_rad, field.log_step),
-        stride,
-    )
+OCCLUSION_MARGIN_M = 0.45
+"""A beam may end this far behind the first obstacle on its ray, as map and pose have errors [m]."""
+OCCLUSION_SLACK_RAD = 0.05
+"""An end is occluded only if rays turned by this to either side are cut off too [rad]: if the pose
+is slightly wrong, a ray along a wall may enter it for metres, but then one neighbour does not."""
 
 
 @kernel
@@ -81,15 +45,21 @@ def _occluded(
     codes: NDArray[np.uint16],
     jumps: JumpField,
     in_cells: ToCells,
-    numbers: tuple[float, float, float],
+    margin: float,
+    log_step: float,
     stride: int,
 ) -> NDArray[np.float64]:
-    """Numbers: `margin_m` in cells, `slack_rad` and the field's `log_step`."""
-    (c, s, x0, y0), (margin, slack, log_step) = in_cells, numbers
+    """Return (N,) scores of occluded beams; `margin` is in cells."""
+    c, s, x0, y0 = in_cells
     rows, cols = jumps.shape[1], jumps.shape[2]
     sums, ahead = np.zeros(len(poses)), flat(jumps)
     # The ray itself, and one slightly to either side of it.
-    turns = ((1.0, 0.0), (cos(slack), sin(slack)), (cos(-2.0 * slack), sin(-2.0 * slack)))
+    back = -2.0 * OCCLUSION_SLACK_RAD
+    turns = (
+        (1.0, 0.0),
+        (cos(OCCLUSION_SLACK_RAD), sin(OCCLUSION_SLACK_RAD)),
+        (cos(back), sin(back)),
+    )
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
@@ -128,12 +98,6 @@ def _always_meets(
         if not cast_ray(jumps, start[0], start[1], dx, dy, share) < share:
             return False
     return True
-
-
-OCCLUSION_MARGIN_M = 0.45
-"""A beam may end this far behind the first obstacle on its ray [m]."""
-OCCLUSION_SLACK_RAD = 0.05
-"""An end is occluded only if rays turned by this to either side are cut off too [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,18 +171,22 @@ class LikelihoodFieldModel:
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].
 
-        Each pose checks every `visibility_beam_stride`-th beam. This takes a hundred times as long
-        as `log_likelihood`.
+        An end is occluded if its ray and both neighbours of the ray meet an occupied cell more
+        than `OCCLUSION_MARGIN_M` before it. Such a beam keeps the score of a random reading; the
+        rest is returned. This takes a hundred times as long as `log_likelihood`. So pose i checks
+        the beams i, i + stride and so on, modulo `visibility_beam_stride`, and counts them for all
+        beams, because the poses of one cluster see much the same.
         """
         occluded = [
-            occluded_log_likelihood(
-                map_from_robot,
-                laser.robot_from_laser[:2],
-                laser.own_hits_in_robot,
-                self.field,
+            _occluded(
+                plain(map_from_robot),
+                plain(laser.robot_from_laser[:2]),
+                plain(laser.own_hits_in_robot),
+                self.field.codes,
                 self.jumps,
-                OCCLUSION_MARGIN_M,
-                OCCLUSION_SLACK_RAD,
+                self.grid.in_cells,
+                OCCLUSION_MARGIN_M / self.grid.cell_m,
+                self.field.log_step,
                 self.settings.visibility_beam_stride,
             )
             for laser in beams.lasers

@@ -203,7 +203,7 @@ def found_places(
     """Return places as `places_of` does, in slices, for particles with known labels."""
     weights = normalised_weights(particles.log_weights)
     parts = Parts.of(particles.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
-    means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
+    means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends, parts.shares)
     yield
     by_share = np.argsort(-parts.shares, kind="stable")
     reported = by_share[: np.count_nonzero(parts.shares >= min_share)]

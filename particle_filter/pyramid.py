@@ -42,34 +42,10 @@ Sums = NDArray[np.uint16]
 """(T,) sums of steps, one for each tile, run after run."""
 
 
-@dataclass(frozen=True, eq=False)
-class Level:
-    """Maxima of the field over squares of one size."""
-
-    steps: NDArray[np.uint8]
-    """(side, side, rows + 1, cols + 1) maxima in steps above the floor; [i, j, r + 1, c + 1] is of
-    the square whose low corner is cell (r side + i, c side + j)."""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", read_only(self.steps))
-
-    @property
-    def side(self) -> int:
-        """Side of a tile [cells]."""
-        return len(self.steps)
-
-    def sums(self, offsets: NDArray[np.int64], runs: Runs) -> Sums:
-        """Bound the score of a scan with one heading from above, for many tiles.
-
-        Args:
-            offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams,
-                rounded down; at most `MOST_BEAMS`.
-            runs: the tiles.
-
-        Returns:
-            The sums of steps over all beams.
-        """
-        return _sum_steps(self.steps, offsets, runs)
+Level = NDArray[np.uint8]
+"""(side, side, rows + 1, cols + 1) maxima of the field over squares of `side` cells, in steps above
+the floor, read-only; [i, j, r + 1, c + 1] is of the square whose low corner is cell (r side + i,
+c side + j)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +61,7 @@ class Pyramid:
     @property
     def leaf_cells(self) -> int:
         """Side of a leaf [cells]."""
-        return self.levels[-1].side
+        return len(self.levels[-1])
 
     @classmethod
     def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
@@ -111,7 +87,7 @@ class Pyramid:
             if steps.dtype != np.uint8 or steps.shape != expected:
                 problem = f"steps are {steps.dtype} of {steps.shape}, expected uint8 of {expected}"
                 raise ValueError(problem)
-            levels.append(Level(steps))
+            levels.append(read_only(steps))
         log_floor, log_step = code_scale(settings)
         return cls(tuple(levels), log_floor, log_step * _CODES_PER_STEP)
 
@@ -127,8 +103,8 @@ def _tiles(cells: Cells, side: int) -> tuple[int, int]:
     return tuple(-(-size // side) for size in cells.shape)
 
 
-def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
-    """Return `Level.steps`: maxima over squares of `reach` cells, `ahead` cells off each cell."""
+def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> Level:
+    """Return a `Level`: maxima over squares of `reach` cells, `ahead` cells off each cell."""
     rows, cols = _tiles(field.grid.cells, side)
     steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
     for first in range(0, rows + 1, _STRIP_TILES):
@@ -172,9 +148,18 @@ def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
 
 
 @kernel
-def _sum_steps(
-    steps: NDArray[np.uint8], offsets: NDArray[np.int64], runs: Runs
-) -> NDArray[np.uint16]:
+def sum_steps(steps: Level, offsets: NDArray[np.int64], runs: Runs) -> Sums:
+    """Bound the score of a scan with one heading from above, for many tiles.
+
+    Args:
+        steps: the level of the tiles.
+        offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams, rounded
+            down; at most `MOST_BEAMS`.
+        runs: the tiles.
+
+    Returns:
+        The sums of steps over all beams.
+    """
     side, rows, cols = steps.shape[0], steps.shape[2], steps.shape[3]
     flat = steps.reshape(-1)
     down, across = offsets[:, 0] // side + 1, offsets[:, 1] // side + 1

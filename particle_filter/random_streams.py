@@ -10,11 +10,8 @@ References:
 """
 
 from enum import IntEnum
-from functools import lru_cache
 
 import numpy as np
-from numpy.random.bit_generator import ISeedSequence
-from numpy.typing import DTypeLike, NDArray
 
 _WORD = 2**64
 
@@ -56,32 +53,7 @@ def generator(
     numbers = {"seed": seed, "entity": entity, "step": step, "part": part}
     if min(numbers.values()) < 0 or max(numbers.values()) >= _WORD:
         raise ValueError(f"numbers must be in 0 .. 2**64 - 1, not {numbers}")
-    counter = np.array([0, entity, step, part], dtype=np.uint64)
-    keyed = np.random.Philox(
-        _key(seed, purpose),  # type: ignore[arg-type] # any ISeedSequence will do
-        counter=counter,
+    counter = np.array([0, entity, step, part], np.uint64)
+    return np.random.Generator(
+        np.random.Philox(key=np.array([seed, purpose], np.uint64), counter=counter)
     )
-    return np.random.Generator(keyed)
-
-
-class _Key(ISeedSequence):
-    """Passes a key to Philox.
-
-    ``Philox(key=...)`` sets the same key, but first reads unused entropy of the system, which takes
-    longer than all else here.
-    """
-
-    def __init__(self, key: NDArray[np.uint64]) -> None:
-        self._key = key
-
-    def generate_state(
-        self,
-        n_words: int,  # noqa: ARG002 - Philox asks for two words of 64 bits
-        dtype: DTypeLike = np.uint64,  # noqa: ARG002
-    ) -> NDArray[np.uint64]:
-        return self._key
-
-
-@lru_cache
-def _key(seed: int, purpose: Purpose) -> _Key:
-    return _Key(np.array([seed, int(purpose)], dtype=np.uint64))

@@ -99,35 +99,12 @@ def optimal_resampling(
     return chosen[in_order], after[in_order]
 
 
-@kernel
 def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
     """Return (N,) whether each particle is heavier than the equal weight of the sampled ones."""
-    is_heavy, known, even = np.zeros(len(weights), np.bool_), 0, 1.0 / count
+    is_heavy, known, even = np.zeros(len(weights), bool), 0, 1.0 / count
     while True:  # each heavy particle lowers the equal weight of the others
-        found, rest = _heavier(weights, even)
+        heavier = weights > even
+        found, rest = int(np.count_nonzero(heavier)), weights[~heavier].sum()
         if found in (known, count) or rest == 0.0:
             return is_heavy
-        for i in range(len(weights)):
-            is_heavy[i] = weights[i] > even
-        known, even = found, rest / (count - found)
-
-
-@kernel
-def _heavier(weights: Weights, even: float) -> tuple[int, float]:
-    """Return the number of weights above `even`, and the sum of the others.
-
-    Four partial sums, because a single one would wait for each addition.
-    """
-    found, whole = 0, len(weights) - len(weights) % 4
-    a = b = c = d = 0.0
-    for i in range(0, whole, 4):
-        found += int(weights[i] > even) + int(weights[i + 1] > even)
-        found += int(weights[i + 2] > even) + int(weights[i + 3] > even)
-        a += 0.0 if weights[i] > even else weights[i]
-        b += 0.0 if weights[i + 1] > even else weights[i + 1]
-        c += 0.0 if weights[i + 2] > even else weights[i + 2]
-        d += 0.0 if weights[i + 3] > even else weights[i + 3]
-    for i in range(whole, len(weights)):
-        found += int(weights[i] > even)
-        a += 0.0 if weights[i] > even else weights[i]
-    return found, (a + b) + (c + d)
+        is_heavy, known, even = heavier, found, rest / (count - found)

@@ -5,15 +5,14 @@ bridge checks them and counts each kind of defect.
 """
 
 import math
-from collections.abc import Iterable
-from functools import singledispatch
+from collections.abc import Iterator
 
 import numpy as np
 
 from protocol.advice import AdviceQuestion
 from protocol.answers import SetPose
 from protocol.errors import MalformedMessageError
-from protocol.found_places import found_places_problem
+from protocol.found_places import FoundPlaces, found_places_problem
 from protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.reading_checks import laser_problem, observation_problem, pose_problem
@@ -33,70 +32,39 @@ FLATNESS = 1e-6
 """Tolerance for rounding in singular covariances, relative to the largest entry."""
 
 
-@singledispatch
-def problem_of(message: object) -> str | None:  # noqa: ARG001 - what most messages need
+def problem_of(message: object) -> str | None:
     """Return why a message is implausible, or None."""
-    return None
+    return next(filter(None, _problems(message)), None)
 
 
-@problem_of.register
-def _(message: Scan) -> str | None:
-    return laser_problem(message)
-
-
-@problem_of.register
-def _(message: Observation) -> str | None:
-    return observation_problem(message)
-
-
-@problem_of.register
-def _(message: ScanHistory) -> str | None:
-    return first_problem(map(laser_problem, message.scans))
-
-
-@problem_of.register
-def _(message: WorkOrder) -> str | None:
-    return first_problem(map(assignment_problem, message.begin))
-
-
-@problem_of.register
-def _(message: TrackReport) -> str | None:
-    snapshots = () if message.snapshot is None else (message.snapshot,)
-    return _fit_problem(message) or first_problem(
-        map(_particles_problem, (*snapshots, *(place.sample for place in message.parts)))
-    )
-
-
-@problem_of.register
-def _(message: SearchReport) -> str | None:
-    return _fit_problem(message) or found_places_problem(message.places)
-
-
-@problem_of.register
-def _(message: ElsewhereReport) -> str | None:
-    return None if message.places is None else found_places_problem(message.places)
-
-
-@problem_of.register
-def _(message: ReportBatch) -> str | None:
-    return first_problem(map(problem_of, message.reports))
-
-
-@problem_of.register
-def _(message: SetPose) -> str | None:
-    return message.covariance and drawable_problem(message.pose, message.covariance)
-
-
-@problem_of.register
-def _(message: AdviceQuestion) -> str | None:
-    places = (gaussian_problem(place.pose, place.covariance) for place in message.hypotheses)
-    if not all(0.0 <= place.probability <= 1.0 for place in message.hypotheses):
-        return "a place whose probability is not from 0 to 1"
-    return first_problem(places)
-
-
-def first_problem(problems: Iterable[str | None]) -> str | None:
-    return next((problem for problem in problems if problem), None)
+def _problems(message: object) -> Iterator[str | None]:
+    match message:
+        case Scan():
+            yield laser_problem(message)
+        case Observation():
+            yield observation_problem(message)
+        case ScanHistory(scans=scans):
+            yield from map(laser_problem, scans)
+        case WorkOrder(begin=begin):
+            yield from map(assignment_problem, begin)
+        case TrackReport(snapshot=snapshot, parts=parts):
+            yield _fit_problem(message)
+            yield from (_particles_problem(part.sample) for part in parts)
+            if snapshot is not None:
+                yield _particles_problem(snapshot)
+        case SearchReport(places=places):
+            yield _fit_problem(message)
+            yield found_places_problem(places)
+        case ElsewhereReport(places=FoundPlaces() as places):
+            yield found_places_problem(places)
+        case ReportBatch(reports=reports):
+            yield from map(problem_of, reports)
+        case SetPose(pose=pose, covariance=tuple() as covariance):
+            yield drawable_problem(pose, covariance)
+        case AdviceQuestion(hypotheses=places):
+            if not all(0.0 <= place.probability <= 1.0 for place in places):
+                yield "a place whose probability is not from 0 to 1"
+            yield from (gaussian_problem(place.pose, place.covariance) for place in places)
 
 
 def _fit_problem(report: TrackReport | SearchReport) -> str | None:

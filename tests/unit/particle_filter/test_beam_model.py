@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells, LogWeights, Poses
-from particle_filter.beam_model import beam_density, beam_log_likelihood
+from particle_filter.beam_model import BeamModel, beam_density
 from particle_filter.grid import Grid
-from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter import naive_rays
@@ -32,7 +31,7 @@ def random_readings(seed: int) -> NDArray[np.float64]:
     """Readings among which some did not return, each kind of them."""
     rng = np.random.default_rng(seed)
     readings = rng.uniform(0.1, MAX_RANGE_M, len(ANGLES))
-    readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, np.nan, 0.0, 6.0, 81.9], 3)
+    readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, 6.0, 81.9], 3)
     return readings
 
 
@@ -43,16 +42,11 @@ def weigh(
     map_from_grid: tuple[float, float, float] = (0.0, 0.0, 0.0),
     settings: SensorSettings = SETTINGS,
 ) -> LogWeights:
-    return beam_log_likelihood(
-        poses,
-        ranges,
-        ANGLES,
-        robot_from_laser=LASER,
-        grid=Grid(cells, CELL_M, np.array(map_from_grid)),
-        jumps=jump_field(cells),
-        max_range_m=MAX_RANGE_M,
-        settings=settings,
-    )
+    grid = Grid(cells, CELL_M, np.array(map_from_grid))
+    model = BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
+    step = float(ANGLES[1] - ANGLES[0])
+    scan = LaserScan(ranges, MAX_RANGE_M, float(ANGLES[0]), step, LASER)
+    return model.log_likelihood(poses, model.beams(scan))
 
 
 @relaxed
@@ -90,22 +84,13 @@ def test_weights_count_by_their_shares() -> None:
 def test_no_reading_is_impossible() -> None:
     without_max = SensorSettings(max_weight=0.0, short_weight=0.0)
     assert np.isfinite(
-        weigh(random_poses(2), np.full(len(ANGLES), np.nan), settings=without_max)
+        weigh(random_poses(2), np.full(len(ANGLES), np.inf), settings=without_max)
     ).all()
 
 
 def test_a_scan_without_beams_is_refused() -> None:
-    with pytest.raises(ValueError, match="0 ranges"):
-        beam_log_likelihood(
-            np.zeros((1, 3)),
-            np.zeros(0),
-            np.zeros(0),
-            robot_from_laser=LASER,
-            grid=Grid(HALL, CELL_M, np.zeros(3)),
-            jumps=jump_field(HALL),
-            max_range_m=MAX_RANGE_M,
-            settings=SETTINGS,
-        )
+    with pytest.raises(ValueError, match="one beam"):
+        weigh(np.zeros((1, 3)), np.full(len(ANGLES), np.nan))
 
 
 def test_a_pose_that_is_not_finite_is_refused() -> None:

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -76,7 +77,8 @@ def test_the_gaussian_of_a_part_equals_that_of_its_particles_alone() -> None:
     poses, weights = rng.normal(0.0, 2.0, (50, 3)), rng.exponential(1.0, 50)
     weights[40:45] = 0.0
     ends = np.array([0, 1, 40, 40, 45, 50])  # one pose, many, none, some without weight, five
-    means, covariances = fit_gaussians(poses, weights, ends)
+    totals = np.array([weights[first:end].sum() for first, end in pairwise(ends)])
+    means, covariances = fit_gaussians(poses, weights, ends, totals)
     for part in (0, 1, 4):
         own = slice(ends[part], ends[part + 1])
         mean, covariance = fit_gaussian(poses[own], weights[own])

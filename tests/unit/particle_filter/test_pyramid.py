@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from particle_filter.arrays import OCCUPIED, Cells
 from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.pyramid import Level, Pyramid
+from particle_filter.pyramid import Level, Pyramid, sum_steps
 from particle_filter.settings import SensorSettings
 
 SETTINGS = SensorSettings()
@@ -28,7 +28,7 @@ def pyramid_of(cells: Cells) -> tuple[LikelihoodField, Pyramid]:
 
 
 def all_tiles(level: Level) -> np.ndarray:
-    rows, cols = level.steps.shape[2] - 1, level.steps.shape[3] - 1
+    rows, cols = level.shape[2] - 1, level.shape[3] - 1
     return np.array([(row, 0, cols) for row in range(rows)])
 
 
@@ -60,10 +60,10 @@ def test_a_tile_bounds_all_positions_in_it(seed: int, rows: int, cols: int, head
     exact = scan_log_likelihood(poses, hits, field)
     for level in pyramid.levels[:-1]:
         runs = all_tiles(level)
-        sums = level.sums(offsets, runs).reshape(len(runs), -1).astype(np.float64)
-        tiles = (in_grid // level.side).astype(np.int64)
+        sums = sum_steps(level, offsets, runs).reshape(len(runs), -1).astype(np.float64)
+        tiles = (in_grid // len(level)).astype(np.int64)
         bounds = len(hits) * pyramid.log_floor + pyramid.log_step * sums[tiles[:, 1], tiles[:, 0]]
-        assert np.all(bounds >= exact - 1e-3), level.side  # codes are summed with rounded scales
+        assert np.all(bounds >= exact - 1e-3), len(level)  # codes are summed with rounded scales
 
 
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 30), cols=st.integers(1, 30))
@@ -75,20 +75,20 @@ def test_a_leaf_has_the_value_at_its_middle_and_coarser_tiles_no_less(
     field, pyramid = pyramid_of(cells)
     offsets = rng.integers(-25, 25, (5, 2))
     leaf = pyramid.levels[-1]
-    sums = leaf.sums(offsets, all_tiles(leaf)).reshape(len(all_tiles(leaf)), -1)
+    sums = sum_steps(leaf, offsets, all_tiles(leaf)).reshape(len(all_tiles(leaf)), -1)
     expected = np.zeros(sums.shape)
     for row, col in np.ndindex(*sums.shape):
         for down, across in offsets:
             at = (
-                row * leaf.side + leaf.side // 2 + down,
-                col * leaf.side + leaf.side // 2 + across,
+                row * len(leaf) + len(leaf) // 2 + down,
+                col * len(leaf) + len(leaf) // 2 + across,
             )
             if 0 <= at[0] < rows and 0 <= at[1] < cols:
                 expected[row, col] += np.ceil(field.codes[at[0] + 1, at[1] + 1] / 257)
     np.testing.assert_array_equal(sums, expected)
     for coarse, fine in zip(pyramid.levels[:-1], pyramid.levels[1:], strict=True):
-        above = coarse.sums(offsets, all_tiles(coarse)).reshape(len(all_tiles(coarse)), -1)
-        below = fine.sums(offsets, all_tiles(fine)).reshape(len(all_tiles(fine)), -1)
+        above = sum_steps(coarse, offsets, all_tiles(coarse)).reshape(len(all_tiles(coarse)), -1)
+        below = sum_steps(fine, offsets, all_tiles(fine)).reshape(len(all_tiles(fine)), -1)
         for row, col in np.ndindex(*below.shape):
             assert above[row // 2, col // 2] >= below[row, col]
 
@@ -96,10 +96,10 @@ def test_a_leaf_has_the_value_at_its_middle_and_coarser_tiles_no_less(
 def test_runs_are_scored_in_their_order_wherever_they_lie() -> None:
     _, pyramid = pyramid_of(random_map(1, 40, 60))
     level, offsets = pyramid.levels[1], np.array([[3, -7], [-20, 11], [1000, 0]])
-    whole = level.sums(offsets, all_tiles(level)).reshape(10, 15)
+    whole = sum_steps(level, offsets, all_tiles(level)).reshape(10, 15)
     runs = np.array([(7, 2, 5), (0, 0, 15), (7, 14, 1)])
     expected = np.concatenate([whole[7, 2:7], whole[0], whole[7, 14:]])
-    np.testing.assert_array_equal(level.sums(offsets, runs), expected)
+    np.testing.assert_array_equal(sum_steps(level, offsets, runs), expected)
 
 
 def test_arrays_of_another_map_are_refused() -> None:

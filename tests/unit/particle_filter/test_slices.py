@@ -21,10 +21,10 @@ class Counted:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done = self.most = self.slices = 0
-        level_sums, fits = pyramid.Level.sums, LikelihoodFieldModel.log_likelihood
+        level_sums, fits = pyramid.sum_steps, LikelihoodFieldModel.log_likelihood
         clustered = places.cluster_by_source_point
 
-        def sums(level, offsets, runs):  # type: ignore[no-untyped-def] # stands in for a method
+        def sums(level, offsets, runs):  # type: ignore[no-untyped-def] # stands in for a kernel
             self.done += int(runs[:, 2].sum()) * len(offsets) // branch_and_bound._SUMS_PER_LOOKUP
             return level_sums(level, offsets, runs)
 
@@ -36,7 +36,7 @@ class Counted:
             self.done += 27 * len(poses)
             return clustered(poses, *others)
 
-        monkeypatch.setattr(pyramid.Level, "sums", sums)
+        monkeypatch.setattr(branch_and_bound, "sum_steps", sums)
         monkeypatch.setattr(LikelihoodFieldModel, "log_likelihood", log_likelihood)
         monkeypatch.setattr(places, "cluster_by_source_point", cluster)
 

@@ -6,14 +6,17 @@ import pytest
 from particle_filter.arrays import Cells, Points, Pose
 from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.likelihood_field_model import occluded_log_likelihood
+from particle_filter.likelihood_field_model import (
+    OCCLUSION_MARGIN_M,
+    OCCLUSION_SLACK_RAD,
+    LikelihoodFieldModel,
+)
 from particle_filter.poses import between, compose
-from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import Beams
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_ray
 from tests.unit.particle_filter.rooms import CELL_M, plain_room
 
-MARGIN_M, SLACK_RAD = 0.3, 0.02
 MAP_FROM_GRID = np.array([-4.0, 7.0, 0.7])
 LASER = np.array([0.2, -0.1])
 
@@ -26,8 +29,8 @@ def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> fl
         way_m = hypot(x, y)
         start = between(field.grid.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
         met = [
-            cast_ray(cells, CELL_M, start, turn, way_m) < way_m - MARGIN_M
-            for turn in (0.0, SLACK_RAD, -SLACK_RAD)
+            cast_ray(cells, CELL_M, start, turn, way_m) < way_m - OCCLUSION_MARGIN_M
+            for turn in (0.0, OCCLUSION_SLACK_RAD, -OCCLUSION_SLACK_RAD)
         ]
         if all(met):
             total += scan_log_likelihood(pose[None], hit[None], field)[0] - field.log_floor
@@ -36,14 +39,15 @@ def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> fl
 
 def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
     rng, cells = np.random.default_rng(5), plain_room()
-    field = LikelihoodField.build(Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings())
+    grid, settings = Grid(cells, CELL_M, MAP_FROM_GRID), SensorSettings(visibility_beam_stride=1)
+    arrays = LikelihoodFieldModel.arrays_of(grid, settings)
+    model = LikelihoodFieldModel.from_arrays(grid, arrays, settings)
     size_m = CELL_M * np.array(cells.shape)[::-1]
     inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
     poses = compose(MAP_FROM_GRID, inside)
-    hits = rng.uniform(-4.0, 4.0, (60, 2))  # some of them beyond the map
-    found = occluded_log_likelihood(
-        poses, LASER, hits, field, jump_field(cells), MARGIN_M, SLACK_RAD
-    )
-    expected = [hidden(pose, hits, cells, field) for pose in poses]
+    x, y = rng.uniform(-4.0, 4.0, (60, 2)).T  # some of them beyond the map
+    beams = Beams(np.hypot(x, y), np.arctan2(y, x), np.array([*LASER, 0.0]), 20.0)
+    found = model.occluded(poses, beams)
+    expected = [hidden(pose, beams.hits_in_robot, cells, model.field) for pose in poses]
     assert max(expected) > 10.0
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
