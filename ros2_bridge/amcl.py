@@ -15,15 +15,14 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.reading_checks import pose_problem
-from protocol.steps import MapReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, OdometryReading
 from protocol.work import Particles
 from recordings.headers import frame_name, nanoseconds, stamp_of, time_problem
 from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
+from ros2_bridge import laser_scans, observing, topics
 from ros2_bridge import message_types as types
-from ros2_bridge import topics
 from ros2_bridge.initial_pose import given_pose, initial_pose
-from ros2_bridge.laser_scans import LaserScans
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import (
     detection,
@@ -33,10 +32,10 @@ from ros2_bridge.messages_out import (
     pose_stamped,
     transform,
 )
-from ros2_bridge.observing import Observing
 from ros2_bridge.outputs import NO_ID, Output, Publish, Refused
 from ros2_bridge.particles import ClusterParticles
 from ros2_bridge.pose_choice import MapFromOdom, PoseChoice
+from ros2_bridge.tf_queue import TfQueue
 from ros2_bridge.topics import Topics
 
 
@@ -55,8 +54,8 @@ class Amcl:
         self.last_pose: PoseTuple | None = None
         self._unpublished: Belief | None = None
         self._frames = TransformTree()
-        self._scans = LaserScans(self._frames, settings)
-        self._observing = Observing(self._frames, settings)
+        self._waiting = TfQueue()
+        self._observing = observing.Observing(self._frames, settings)
         self._place = MapFromOdom()
         self._choice = PoseChoice(settings.publish)
         self._particles = ClusterParticles()
@@ -69,7 +68,7 @@ class Amcl:
 
     def use(self, settings: Ros2Settings) -> None:
         """Change the settings; names of topics and frames stay the same."""
-        self.settings = self._scans.settings = self._observing.settings = settings
+        self.settings = self._observing.settings = settings
         self._choice.publish = settings.publish
 
     # --- lifecycle
@@ -98,8 +97,7 @@ class Amcl:
     def deactivate(self) -> None:
         """Stop using scans and publishing poses."""
         self.is_active = False
-        self._scans.clear()
-        self._observing.clear()
+        self._waiting.clear()
 
     def clean_up(self) -> None:
         """Reset: the next map is treated as new."""
@@ -143,10 +141,12 @@ class Amcl:
         """Handle a `sensor_msgs/LaserScan`; it may wait for its transforms."""
         if not self.is_active:
             return
-        try:
-            yield from self._scans.add(message, now_ns)
-        except ValueError as problem:
-            yield Refused("laser scan refused", str(problem))
+
+        def convert() -> LaserReading:
+            return laser_scans.laser_reading(message, self._frames, self.settings)
+
+        laser, most = repr(frame_name(message.header.frame_id)), laser_scans.MAX_WAITING
+        yield from self._waiting.add("laser scan", laser, convert, now_ns, most)
         yield from self.on_tick(now_ns)
 
     def on_map(self, message: Any) -> Iterator[Output]:
@@ -186,11 +186,10 @@ class Amcl:
         """Handle a message of another sensor, see `Observing`; it may wait for its transforms."""
         if not self.is_active:
             return
-        try:
-            yield from self._observing.add(message, topic, now_ns)
-        except ValueError as problem:
-            yield Refused("observation refused", f"{topic}: {problem}")
-        yield from self._observing.ready(now_ns)
+        for convert in self._observing.conversions(message, topic):
+            most = observing.MAX_WAITING
+            yield from self._waiting.add("observation", topic, convert, now_ns, most)
+        yield from self.on_tick(now_ns)
 
     # --- from the system
 
@@ -267,12 +266,11 @@ class Amcl:
 
     def on_tick(self, now_ns: int) -> Iterator[Output]:
         """Use what has its transforms now; refuse what has waited for them too long."""
-        yield from self._observing.ready(now_ns)
-        for reading in self._scans.ready(now_ns):
+        for reading in self._waiting.ready(now_ns, self.settings.transform_tolerance_s):
             yield reading
-            if isinstance(reading, Refused):
+            if not isinstance(reading, LaserReading):
                 continue
-            assert reading.odom_from_robot is not None  # `LaserScans` looks it up
+            assert reading.odom_from_robot is not None  # `laser_reading` looks it up
             self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
             map_from_odom = self._place.place(reading.odom_from_robot)
             is_newer = self._published_ns is None or reading.stamp_ns > self._published_ns
@@ -283,8 +281,7 @@ class Amcl:
                 yield Publish(self._topics.tf, transform(map_from_odom, until_ns, *names))
 
     def _on_clock_set_back(self, where: str, back_ns: int) -> Iterator[Output]:
-        self._scans.clear()
-        self._observing.clear()
+        self._waiting.clear()
         self._place.forget_scans()
         self._odometry_ns = self._published_ns = None
         if where == "/clock":

@@ -1,7 +1,6 @@
 """The ROS messages that the node publishes."""
 
 import colorsys
-import math
 import struct
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -14,11 +13,12 @@ from protocol.message import Covariance, PoseTuple, ellipse_axes
 from recordings.headers import LAST_NS
 from recordings.rigid import flat
 from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new
+from ros2_bridge.message_types import encode, new
 
 _PLANAR = (0, 1, 5)
 """x, y and heading among the six rows of a ROS covariance."""
 _OK, _WARNING, _ERROR = 0, 1, 2
+_COUNT = struct.Struct("<I")
 _HEALTHY = ("localized", "ambiguous")
 
 
@@ -118,13 +118,11 @@ def particle_cloud(
     rows[:, :2] = map_from_robot[:, :2]
     rows[:, 5], rows[:, 6] = np.sin(map_from_robot[:, 2] / 2), np.cos(map_from_robot[:, 2] / 2)
     rows[:, 7] = weights
-    name = frame.encode() + b"\0"
-    stamp = header(stamp_ns, frame).stamp
-    start = struct.pack("<iII", stamp.sec, stamp.nanosec, len(name)) + name
-    start = _filled(start, 4) + struct.pack("<I", len(rows))
-    if len(rows):
-        start = _filled(start, 8)
-    return types.CDR_HEADER + start + rows.astype("<f8").tobytes()
+    empty = new(types.PARTICLE_CLOUD, header=header(stamp_ns, frame))
+    start = encode(empty, types.PARTICLE_CLOUD)[len(types.CDR_HEADER) : -_COUNT.size]
+    start += _COUNT.pack(len(rows))
+    aligned = bytes(-len(start) % rows.itemsize) if len(rows) else b""
+    return types.CDR_HEADER + start + aligned + rows.astype("<f8").tobytes()
 
 
 def diagnostics(
@@ -153,11 +151,6 @@ def _quaternion(parts: Iterable[float]) -> Any:
     return new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
 
-def _filled(data: bytes, boundary: int) -> bytes:
-    """Pad with zeros to a multiple of `boundary` bytes."""
-    return data + bytes(math.ceil(len(data) / boundary) * boundary - len(data))
-
-
 MOST_DRAWN = 50
 """Limit for the number of drawn places; more are not distinguishable."""
 
@@ -183,42 +176,30 @@ def markers(belief: Belief, frame: str) -> Any:
 
 
 def _place(place: Hypothesis, shared: Any) -> tuple[Any, Any, Any]:
-    number = place.cluster % 2**31
     x, y, _ = place.pose
     *sigmas_m, direction_rad = ellipse_axes(*(place.covariance[at] for at in (0, 1, 4)))
     long_m, short_m = (max(2.0 * _SIGMAS * sigma_m, _LEAST_M) for sigma_m in sigmas_m)
-    colour = _colour(place)
-    arrow = _marker(shared, "arrow", number, _ARROW, place.pose, colour)
-    arrow.scale = _scale(_ARROW_M, _ARROW_WIDTH_M, _ARROW_WIDTH_M)
-    ellipse = _marker(shared, "ellipse", number, _CYLINDER, (x, y, direction_rad), colour)
-    ellipse.scale = _scale(long_m, short_m, _HEIGHT_M)
-    percentage = _marker(shared, "percentage", number, _TEXT, (x, y, 0.0), colour)
-    percentage.pose.position.z = _TEXT_ABOVE_M
-    percentage.scale = _scale(0.0, 0.0, _TEXT_M)
-    percentage.text = f"{100.0 * place.probability:.0f} %"
-    percentage.color.a = 1.0
-    return arrow, ellipse, percentage
-
-
-def _colour(place: Hypothesis) -> Any:
     red, green, blue = colorsys.hsv_to_rgb(place.cluster * _GOLDEN_RATIO % 1.0, 0.9, 0.9)
+
+    def marker(
+        name: str, kind: int, at: PoseTuple, scale: tuple[float, float, float], alpha: float
+    ) -> Any:
+        return new(
+            "visualization_msgs/msg/Marker",
+            header=shared,
+            ns=name,
+            id=place.cluster % 2**31,
+            type=kind,
+            pose=pose(at),
+            scale=new("geometry_msgs/msg/Vector3", **dict(zip("xyz", scale, strict=True))),
+            color=new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha),
+        )
+
     alpha = 0.3 + 0.7 * place.probability
-    return new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha)
-
-
-def _marker(
-    shared: Any, namespace: str, number: int, kind: int, at: tuple[float, float, float], colour: Any
-) -> Any:
-    return new(
-        "visualization_msgs/msg/Marker",
-        header=shared,
-        ns=namespace,
-        id=number,
-        type=kind,
-        pose=pose(at),
-        color=new("std_msgs/msg/ColorRGBA", r=colour.r, g=colour.g, b=colour.b, a=colour.a),
-    )
-
-
-def _scale(x: float, y: float, z: float) -> Any:
-    return new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    arrow_m, ellipse_m = (_ARROW_M, _ARROW_WIDTH_M, _ARROW_WIDTH_M), (long_m, short_m, _HEIGHT_M)
+    arrow = marker("arrow", _ARROW, place.pose, arrow_m, alpha)
+    ellipse = marker("ellipse", _CYLINDER, (x, y, direction_rad), ellipse_m, alpha)
+    percentage = marker("percentage", _TEXT, (x, y, 0.0), (0.0, 0.0, _TEXT_M), 1.0)
+    percentage.pose.position.z = _TEXT_ABOVE_M
+    percentage.text = f"{100.0 * place.probability:.0f} %"
+    return arrow, ellipse, percentage

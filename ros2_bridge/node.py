@@ -136,7 +136,7 @@ class RosNode:
         kind = wire.EndpointKind.SUBSCRIBER
         _, token = self._endpoint(kind, topic.name, topic.ros_type, topic.qos)
         name = self._name.topic(topic.name)
-        key = wire.data_key(self._name.domain_id, name, wire.dds_type(topic.ros_type), "*")
+        key = wire.data_key(self._name.domain_id, name, topic.ros_type, "*")
         if topic.qos.latched:
             self._kept.append(
                 ext.declare_advanced_subscriber(
@@ -179,11 +179,10 @@ class RosNode:
         self, kind: wire.EndpointKind, topic: str, ros_type: str, qos: wire.Qos
     ) -> tuple[str, str]:
         """Return key and token of a new endpoint of this node."""
-        name = self._name.topic(topic)
-        type_name, hashed = wire.dds_type(ros_type), type_hash(ros_type, humble=self._humble)
-        endpoint = wire.Endpoint(kind, name, type_name, hashed, qos)
-        token = self._name.endpoint_token(self._id, next(self._numbers), endpoint)
-        return wire.data_key(self._name.domain_id, name, type_name, hashed), token
+        name, hashed = self._name.topic(topic), type_hash(ros_type, humble=self._humble)
+        number = next(self._numbers)
+        token = self._name.endpoint_token(self._id, number, kind, name, ros_type, hashed, qos)
+        return wire.data_key(self._name.domain_id, name, ros_type, hashed), token
 
     def _announce(self, token: str) -> None:
         self._kept.append(self._session.liveliness().declare_token(token))

@@ -1,10 +1,10 @@
 """Observations of other sensors in ROS: poses, satellite fixes, and detected tags and objects."""
 
 import math
-from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,9 @@ from recordings.rigid import IDENTITY, Rigid
 from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge import message_types as types
 from ros2_bridge.initial_pose import pose_in_map
-from ros2_bridge.outputs import Refused
 
 MAX_WAITING = 100
-"""Largest number of detections that wait for tf."""
+"""Limit for the observations of one topic that wait for tf."""
 _KNOWN_RAD = math.pi / 2.0
 """An observation with a larger standard deviation of its heading is used without it."""
 _LEAST_SIGMA_M = 0.02
@@ -87,23 +86,8 @@ def _from_centre(latitude_deg: float, longitude_deg: float) -> NDArray[np.float6
     return np.array([across * math.cos(longitude), across * math.sin(longitude), up])
 
 
-@dataclass(frozen=True)
-class _Detection:
-    """A detected landmark that waits for tf."""
-
-    topic: str
-    name: str
-    frame: str
-    stamp_ns: int
-    since_ns: int
-    place: Rigid = IDENTITY
-    """The landmark's pose in the frame."""
-    covariance: NDArray[np.float64] | None = None
-    """(3, 3) of the position in the frame; None: unknown."""
-
-
 class Observing:
-    """Converts messages of other sensors to observations, once their transforms are known.
+    """Converts messages of other sensors to observations.
 
     Raises:
         SettingsError: the datum is not valid.
@@ -112,54 +96,34 @@ class Observing:
     def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
         self.settings, self._frames = settings, frames
         self._datum = Datum.of(settings)
-        self._waiting: deque[_Detection] = deque()
 
-    def clear(self) -> None:
-        self._waiting.clear()
+    def conversions(self, message: Any, topic: str) -> Iterator[Callable[[], Observation]]:
+        """Yield a function for each observation in a message; its topic is the source.
 
-    def add(self, message: Any, topic: str, now_ns: int) -> Iterator[Observation | Refused]:
-        """Process a message; its topic is the source. Detections wait for `ready`.
-
-        Raises:
-            ValueError: the message has no stamp, a wrong frame, or numbers that are not valid.
+        The functions raise a `TransformMissingError` if a transform of the time is missing, and a
+        `ValueError` if the message has no stamp, a wrong frame, or numbers that are not valid.
         """
-        stamp_ns = stamp_of(message.header)
-        if stamp_ns == 0:
-            raise ValueError("it has no stamp")
         match message.__msgtype__:
             case types.POSE_STAMPED:
-                pose, covariance = pose_in_map(message, self.settings)
-                known = 3 if 0.0 < covariance[2, 2] <= _KNOWN_RAD**2 else 2
-                yield _checked(topic, stamp_ns, "", pose[:known], covariance[:known, :known])
+                yield partial(self._pose, message, topic)
             case types.NAV_SAT_FIX:
-                mean, covariance = self._fix(message, stamp_ns)
-                yield _checked(topic, stamp_ns, "", mean, covariance)
+                yield partial(self._fix, message, topic)
             case types.APRIL_TAGS:
                 for tag in message.detections:
-                    name = f"{tag.family}:{tag.id}"
-                    self._waiting.append(_Detection(topic, name, name, stamp_ns, now_ns))
+                    name = f"{tag.family}:{tag.id}"  # of its frame, too
+                    yield partial(self._landmark, message, topic, name, name)
             case types.DETECTIONS:
-                self._waiting.extend(_objects(message, topic, stamp_ns, now_ns))
-        while len(self._waiting) > MAX_WAITING:
-            yield Refused("too many detections wait for tf", self._waiting.popleft().name)
+                for found in message.detections:
+                    if any(result.hypothesis.class_id for result in found.results):
+                        yield partial(self._object, message, topic, found)
 
-    def ready(self, now_ns: int) -> Iterator[Observation | Refused]:
-        """Remove and yield the detections whose transforms are known, and refuse late ones."""
-        waiting, self._waiting = self._waiting, deque()
-        for detection in waiting:
-            try:
-                yield self._seen(detection)
-            except TransformMissingError as missing:
-                tolerance_ns = self.settings.transform_tolerance_s * 1e9
-                if missing.may_come and now_ns - detection.since_ns < tolerance_ns:
-                    self._waiting.append(detection)
-                else:
-                    yield Refused(f"detection without transform: {missing.cause}", str(missing))
-            except ValueError as problem:
-                yield Refused("detection refused", f"{detection.topic}: {problem}")
+    def _pose(self, message: Any, topic: str) -> Observation:
+        pose, covariance = pose_in_map(message, self.settings)
+        known = 3 if 0.0 < covariance[2, 2] <= _KNOWN_RAD**2 else 2
+        return _checked(message, topic, "", pose[:known], covariance[:known, :known])
 
-    def _fix(self, message: Any, stamp_ns: int) -> tuple[Any, Any]:
-        """Return the (2,) position and (2, 2) covariance of a `sensor_msgs/NavSatFix`.
+    def _fix(self, message: Any, topic: str) -> Observation:
+        """Return the position of a `sensor_msgs/NavSatFix`.
 
         The robot's heading is unknown, so the antenna's distance from the base adds to the error.
         """
@@ -172,56 +136,70 @@ class Observing:
         turn, offset = self._datum.map_from_east_north(), IDENTITY
         with suppress(TransformMissingError):
             antenna = frame_name(message.header.frame_id)
+            stamp_ns = _stamp_of(message)
             offset = self._frames.lookup(self.settings.base_frame, antenna, stamp_ns)
         mean = self._datum.in_map(message.latitude, message.longitude)
         covariance = np.reshape(message.position_covariance, (3, 3))[:2, :2]
-        return mean, turn @ covariance @ turn.T + (offset.x**2 + offset.y**2) * np.eye(2)
+        wide = turn @ covariance @ turn.T + (offset.x**2 + offset.y**2) * np.eye(2)
+        return _checked(message, topic, "", mean, wide)
 
-    def _seen(self, detection: _Detection) -> Observation:
-        """Return the observation of a detection.
-
-        Raises:
-            TransformMissingError: a transform is missing at its time.
-            ValueError: its numbers are not valid.
-        """
-        frame = self._frames.lookup(self.settings.base_frame, detection.frame, detection.stamp_ns)
-        place = frame.of(detection.place)
-        distance_m = math.hypot(*place[:3])
-        sigma_m = max(self.settings.sight_sigma_per_m * distance_m, _LEAST_SIGMA_M)
-        covariance = sigma_m**2 * np.eye(2)
-        if detection.covariance is not None:
-            turn = frame.rotation()
-            covariance = (turn @ detection.covariance @ turn.T)[:2, :2]
-        return _checked(
-            detection.topic, detection.stamp_ns, detection.name, np.array(place[:2]), covariance
-        )
-
-
-def _objects(message: Any, topic: str, stamp_ns: int, now_ns: int) -> Iterator[_Detection]:
-    """Yield the objects of a `vision_msgs/Detection3DArray`, each with its likeliest class."""
-    for found in message.detections:
+    def _object(self, message: Any, topic: str, found: Any) -> Observation:
+        """Return the position of a `vision_msgs/Detection3D` with its likeliest class."""
         named = [result for result in found.results if result.hypothesis.class_id]
-        if not named:
-            continue
         best = max(named, key=lambda result: float(result.hypothesis.score))
         frame = frame_name(found.header.frame_id or message.header.frame_id)
         given = np.reshape(best.pose.covariance, (6, 6))[:3, :3]
-        at = best.pose.pose.position
+        at, name = best.pose.pose.position, best.hypothesis.class_id
         place = IDENTITY._replace(x=at.x, y=at.y, z=at.z)
-        covariance = given if given.any() else None
-        name = best.hypothesis.class_id
-        yield _Detection(topic, name, frame, stamp_ns, now_ns, place, covariance)
+        return self._landmark(message, topic, name, frame, place, given if given.any() else None)
+
+    def _landmark(
+        self,
+        message: Any,
+        topic: str,
+        name: str,
+        frame: str,
+        place: Rigid = IDENTITY,
+        covariance: NDArray[np.float64] | None = None,
+    ) -> Observation:
+        """Return the position of a landmark.
+
+        Args:
+            message: the message, which has the time.
+            topic: source of the observation.
+            name: name of the landmark.
+            frame: frame of the detection.
+            place: the landmark's pose in the frame.
+            covariance: (3, 3) of the position in the frame; None: unknown.
+        """
+        base, stamp_ns = self.settings.base_frame, _stamp_of(message)
+        base_from_frame = self._frames.lookup(base, frame, stamp_ns)
+        at = base_from_frame.of(place)[:3]
+        if covariance is None:
+            sigma_m = max(self.settings.sight_sigma_per_m * math.hypot(*at), _LEAST_SIGMA_M)
+            covariance = sigma_m**2 * np.eye(3)
+        else:
+            turn = base_from_frame.rotation()
+            covariance = turn @ covariance @ turn.T
+        return _checked(message, topic, name, np.array(at[:2]), covariance[:2, :2])
 
 
-def _checked(topic: str, stamp_ns: int, name: str, mean: Any, covariance: Any) -> Observation:
+def _stamp_of(message: Any) -> int:
+    stamp_ns = stamp_of(message.header)
+    if stamp_ns == 0:
+        raise ValueError("it has no stamp")
+    return stamp_ns
+
+
+def _checked(message: Any, topic: str, name: str, mean: Any, covariance: Any) -> Observation:
     """Return an observation.
 
     Raises:
-        ValueError: its numbers are not valid.
+        ValueError: the message has no stamp, or a number is not valid.
     """
     seen = Observation(
         sender=topic[-MAX_ID_CHARACTERS:],
-        stamp_ns=stamp_ns,
+        stamp_ns=_stamp_of(message),
         landmark=name[:MAX_ID_CHARACTERS],
         mean=tuple(mean.tolist()),
         covariance=tuple(covariance.ravel().tolist()),

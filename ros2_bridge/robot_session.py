@@ -21,7 +21,9 @@ _ASK_S = 1.0
 _LOOK_EVERY_S = 0.25
 _GONE_WITHIN_S = 3.0
 """After a cable was cut, tokens of a dead process remain for a lease of 2 s."""
-_TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_NAMES = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
+_TOPIC = re.compile(rf"(~/|/)?{_NAMES.pattern}")
 
 _log = logging.getLogger(__name__)
 
@@ -40,9 +42,11 @@ def node_name(settings: Ros2Settings) -> wire.NodeName:
         "scan_topic": settings.scan_topic.split(","),
         **{key: (getattr(settings, key) or "none").split(",") for key in OBSERVED},
     }
-    wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]
-    wrong += [] if wire.is_name(settings.node_name) else ["node_name"]
-    wrong += [] if wire.is_namespace(namespace) else ["namespace"]
+    wrong = [
+        key for key, names in named.items() for name in names if not _TOPIC.fullmatch(name.strip())
+    ]
+    wrong += [] if _NAME.fullmatch(settings.node_name) else ["node_name"]
+    wrong += [] if not namespace or _NAMES.fullmatch(namespace[1:]) else ["namespace"]
     for key in wrong:
         value = getattr(settings, key)
         problem = f"ros2.{key} = {value!r}: ROS expects letters, digits and _ between slashes"
@@ -53,6 +57,8 @@ def node_name(settings: Ros2Settings) -> wire.NodeName:
 def look_at_graph(settings: Settings, name: wire.NodeName, stop: StopFlag) -> bool:
     """Refuse a second node; return whether the robot's release is ROS 2 Humble.
 
+    A second node would publish map -> odom too. With the wrong form of keys, publishers appear in
+    ROS's graph, but no message arrives. If the settings do not name the form, wait for a node.
     A client sees all tokens at once; a peer sees them once it is linked to every other peer.
 
     Raises:
@@ -60,15 +66,32 @@ def look_at_graph(settings: Settings, name: wire.NodeName, stop: StopFlag) -> bo
         SettingsError: the endpoint cannot be used.
         StoppedError: `stop` was set before there was a robot.
     """
-    robot = _robot_settings(settings)
+    robot, hashes = _robot_settings(settings), settings.ros2.type_hashes
+    full_name, domain = name.topic(name.name), f"ROS domain {name.domain_id}"
+    left, logged = round(_GONE_WITHIN_S / _LOOK_EVERY_S), False
     # The first session sets the number of threads for all; a peer has a link to every node.
     with receiving_threads(MANY_LINKS), open_session(robot, None, stop, wait_s=None) as session:
-        _refuse_second_node(session, name, robot.router, stop)
-        return _is_humble(session, settings.ros2, stop)
-
-
-def _is_topic(name: str) -> bool:
-    return _TOPIC.fullmatch(name.strip()) is not None
+        while True:
+            tokens = alive(session, f"{wire.GRAPH}/{name.domain_id}/**", _ASK_S)
+            found = list(filter(None, map(wire.hash_in_token, tokens)))
+            if full_name in map(wire.node_in_token, tokens):
+                if not left:
+                    raise AlreadyRunningError(
+                        what=f"a node {full_name}",
+                        robot=domain,
+                        endpoint=robot.router,
+                        advice="stop it (nav2's own amcl?), or choose another ros2.node_name",
+                    )
+                left -= 1
+            elif hashes != "auto":
+                return hashes == "humble"
+            elif found:
+                return found[0] == wire.HUMBLE_HASH
+            elif not logged:
+                logged = True
+                _log.info("waiting for a node of %s, to detect its ROS release", domain)
+            stop.wait(_LOOK_EVERY_S)
+            stop.check()
 
 
 def open_robot_session(settings: Settings, stop: StopFlag) -> AbstractContextManager[zenoh.Session]:
@@ -95,45 +118,3 @@ def _robot_settings(settings: Settings) -> ZenohSettings:
 def is_of_this_machine(router: str) -> bool:
     """Return whether an endpoint is a Unix socket, or plain TCP on the loopback interface."""
     return router.startswith(("unixsock-stream/", "tcp/localhost:", "tcp/127.", "tcp/[::1]:"))
-
-
-def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
-    """Return whether the robot runs ROS 2 Humble; wait for one of its nodes if necessary.
-
-    With the wrong form of keys, publishers appear in ROS's graph, but no message arrives.
-    """
-    if settings.type_hashes != "auto":
-        return settings.type_hashes == "humble"
-    logged = False
-    while True:
-        tokens = alive(session, f"{wire.GRAPH}/{settings.domain_id}/**", _ASK_S)
-        hashes = [found for token in tokens if (found := wire.hash_in_token(token))]
-        if hashes:
-            return hashes[0] == wire.HUMBLE_HASH
-        if not logged:
-            logged = True
-            domain = f"ROS domain {settings.domain_id}"
-            _log.info("waiting for a node of %s, to detect its ROS release", domain)
-        stop.wait(_LOOK_EVERY_S)
-        stop.check()
-
-
-def _refuse_second_node(
-    session: zenoh.Session, name: wire.NodeName, endpoint: str, stop: StopFlag
-) -> None:
-    """Check that no node with this name runs: both would publish map -> odom."""
-    full_name = name.topic(name.name)
-    left = round(_GONE_WITHIN_S / _LOOK_EVERY_S)
-    while full_name in map(
-        wire.node_in_token, alive(session, f"{wire.GRAPH}/{name.domain_id}/**", _ASK_S)
-    ):
-        if not left:
-            raise AlreadyRunningError(
-                what=f"a node {full_name}",
-                robot=f"ROS domain {name.domain_id}",
-                endpoint=endpoint,
-                advice="stop it (nav2's own amcl?), or choose another ros2.node_name",
-            )
-        left -= 1
-        stop.wait(_LOOK_EVERY_S)
-        stop.check()

@@ -1,6 +1,6 @@
 """The services of AMCL's node. No network."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from process_runtime.settings import Settings
@@ -78,7 +78,8 @@ class Services:
         """Make a transition of the lifecycle; no outputs if the state does not allow it."""
         outputs: list[Output] = []
         for step in self.lifecycle.change(number, label):
-            outputs.append(Publish(topics.TRANSITION_EVENT, self._event(step)))
+            event = new(types.TRANSITION_EVENT, timestamp=self._clock(), **_described(step))
+            outputs.append(Publish(topics.TRANSITION_EVENT, event))
             match step.start, step.goal:
                 case State.ACTIVATING, State.ACTIVE:
                     outputs += [*self._amcl.activate(), Bond(alive=True)]
@@ -157,15 +158,6 @@ class Services:
         words = f"{state}, {self.freshness}, probability {probable:.3f}"
         return new(response_of(types.TRIGGER), success=is_localized, message=words), []
 
-    def _event(self, step: Transition) -> Any:
-        return new(
-            types.TRANSITION_EVENT,
-            timestamp=self._clock(),
-            transition=_transition(step),
-            start_state=_state(step.start),
-            goal_state=_state(step.goal),
-        )
-
 
 def _empty(output: Output) -> Callable[[Any], Answer]:
     """Return a handler of `Empty` calls, which have one output."""
@@ -181,18 +173,16 @@ def _state(state: State) -> Any:
     return new("lifecycle_msgs/msg/State", id=state.value, label=state.label)
 
 
-def _transition(step: Transition) -> Any:
-    return new("lifecycle_msgs/msg/Transition", id=step.number, label=step.label)
+def _described(step: Transition) -> dict[str, Any]:
+    """Return the fields of a transition in ROS's messages."""
+    return {
+        "transition": new("lifecycle_msgs/msg/Transition", id=step.number, label=step.label),
+        "start_state": _state(step.start),
+        "goal_state": _state(step.goal),
+    }
 
 
-def _transitions(steps: Any) -> Answer:
-    described = [
-        new(
-            "lifecycle_msgs/msg/TransitionDescription",
-            transition=_transition(step),
-            start_state=_state(step.start),
-            goal_state=_state(step.goal),
-        )
-        for step in steps
-    ]
+def _transitions(steps: Iterable[Transition]) -> Answer:
+    kind = "lifecycle_msgs/msg/TransitionDescription"
+    described = [new(kind, **_described(step)) for step in steps]
     return new(response_of(types.GET_AVAILABLE_TRANSITIONS), available_transitions=described), []

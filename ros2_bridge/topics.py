@@ -70,8 +70,7 @@ class Topics:
     @property
     def scans(self) -> tuple[Topic, ...]:
         qos = Qos(depth=5, best_effort=True)
-        names = dict.fromkeys(name.strip() for name in self.settings.scan_topic.split(","))
-        return tuple(Topic(name, types.LASER_SCAN, qos) for name in names)
+        return _topics(self.settings.scan_topic, types.LASER_SCAN, qos)
 
     @property
     def observed(self) -> tuple[Topic, ...]:

@@ -5,7 +5,6 @@ and service has a liveliness token that describes it; the tokens are ROS's graph
 an attachment of 33 bytes: a sequence number, a time, and the id of its sender.
 """
 
-import re
 import struct
 from dataclasses import dataclass
 from enum import StrEnum
@@ -20,7 +19,6 @@ _ATTACHMENT = struct.Struct("<qqB16s")
 _ID_BYTES = 16
 _NODE_CHUNKS, _ENDPOINT_CHUNKS = 9, 13
 _HASH_CHUNK = 11
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class EndpointKind(StrEnum):
@@ -79,45 +77,37 @@ class NodeName:
         """Return the node's token; the node is number 0, the only one of its session."""
         return f"{GRAPH}/{self.domain_id}/{session_id}/0/0/NN/{self._owner()}"
 
-    def endpoint_token(self, session_id: str, number: int, endpoint: "Endpoint") -> str:
+    def endpoint_token(
+        self,
+        session_id: str,
+        number: int,
+        kind: EndpointKind,
+        topic: str,
+        ros_type: str,
+        type_hash: str,
+        qos: Qos,
+    ) -> str:
         """Return the token of one of the node's endpoints; numbers above 0, each used once."""
-        start = f"{GRAPH}/{self.domain_id}/{session_id}/0/{number}/{endpoint.kind}"
-        about = f"{_chunk(endpoint.topic)}/{endpoint.type_name}/{endpoint.type_hash}"
-        return f"{start}/{self._owner()}/{about}/{endpoint.qos}"
+        start = f"{GRAPH}/{self.domain_id}/{session_id}/0/{number}/{kind}"
+        about = f"{_chunk(topic)}/{_dds_type(ros_type)}/{type_hash}"
+        return f"{start}/{self._owner()}/{about}/{qos}"
 
     def _owner(self) -> str:
         return f"%/{_chunk(self.namespace)}/{self.name}"  # the enclave is always the root
 
 
-@dataclass(frozen=True)
-class Endpoint:
-    """A publisher, subscriber, client or service."""
-
-    kind: EndpointKind
-    topic: str
-    """Full name of the topic or service."""
-    type_name: str
-    """As DDS names it, see `dds_type`."""
-    type_hash: str
-    qos: Qos
-
-
-def dds_type(ros_type: str) -> str:
+def _dds_type(ros_type: str) -> str:
     """Return the form in keys, `std_msgs::msg::dds_::String_`, of `std_msgs/msg/String`."""
     package, kind, name = ros_type.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
-def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
-    """Return the key of a topic's messages, or of a service's calls.
+def data_key(domain_id: int, topic: str, ros_type: str, type_hash: str) -> str:
+    """Return the key of a topic's messages, or of a service's calls, by its full name.
 
-    Args:
-        domain_id: ROS_DOMAIN_ID.
-        topic: full name.
-        type_name: name of the type in DDS.
-        type_hash: hash of the type; ``*`` to receive from any release of ROS.
+    The hash ``*`` receives from any release of ROS.
     """
-    return f"{domain_id}/{topic.strip('/')}/{type_name}/{type_hash}"
+    return f"{domain_id}/{topic.strip('/')}/{_dds_type(ros_type)}/{type_hash}"
 
 
 def hash_in_token(token: str) -> str | None:
@@ -168,16 +158,6 @@ def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
     if id_bytes != _ID_BYTES:
         raise ValueError(f"an attachment with an id of {id_bytes} bytes, not {_ID_BYTES}")
     return sequence, time_ns, endpoint
-
-
-def is_name(text: str) -> bool:
-    """Return whether a text is a valid name of a ROS node."""
-    return _NAME.fullmatch(text) is not None
-
-
-def is_namespace(text: str) -> bool:
-    """Return whether a text is empty, or one or more times ``/name``."""
-    return not text or (text[0] == "/" and all(map(is_name, text[1:].split("/"))))
 
 
 def _chunk(name: str) -> str:

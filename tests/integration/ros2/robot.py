@@ -22,7 +22,7 @@ from ros2_bridge.message_types import decode, encode, new, request_of, response_
 from ros2_bridge.messages_out import header, pose_stamped, transform
 from ros2_bridge.node import FromRos, RosNode, RosPublisher
 from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
-from ros2_bridge.wire import NodeName, attachment, data_key, dds_type
+from ros2_bridge.wire import NodeName, attachment, data_key
 from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.inbox import Inbox
 
@@ -94,7 +94,7 @@ class RosRobot:
         client = bytes(16)
         name = self.name.topic(service)
         hashed = type_hash(ros_type, humble=self._humble)
-        key = data_key(self.name.domain_id, name, dds_type(ros_type), hashed)
+        key = data_key(self.name.domain_id, name, ros_type, hashed)
         payload = encode(request or new(request_of(ros_type)), request_of(ros_type))
         answers: list[zenoh.Sample] = []
 

@@ -4,7 +4,7 @@ import pytest
 
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import type_hash
-from ros2_bridge.wire import attachment, data_key, dds_type
+from ros2_bridge.wire import attachment, data_key
 from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSession, StartBridge
 
 pytestmark = pytest.mark.usefixtures("router")
@@ -17,7 +17,7 @@ def test_a_malformed_service_call_gets_no_answer_and_the_next_one_does(
     robot.put_mounts()
     start_bridge(ACTIVE)
     kind = types.SET_PARAMETERS
-    key = data_key(0, "/amcl/set_parameters", dds_type(kind), type_hash(kind, humble=False))
+    key = data_key(0, "/amcl/set_parameters", kind, type_hash(kind, humble=False))
     good = attachment(1, time.time_ns(), bytes(16))
     for payload, attached in ((b"\xff" * 9, good), (b"", good), (b"\0\1\0\0\0\0\0\0", b"short")):
         replies = foreign.get(key, payload=payload, attachment=attached, timeout=1.0)

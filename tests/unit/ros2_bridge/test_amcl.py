@@ -196,7 +196,7 @@ def test_a_refused_scan_without_transform_names_laser_and_waiting_time() -> None
     assert isinstance(refused, Refused)
     assert refused.cause == "laser scan without transform: frames not connected"
     assert refused.detail == (
-        "laser 'mast', waited for 1.5 s: no transform from 'base_footprint' to 'mast'; "
+        "'mast', waited for 1.5 s: no transform from 'base_footprint' to 'mast'; "
         "tf has odom -> base_footprint, base_footprint -> laser"
     )
     assert robot.scan(SECOND, frame="mast") == []
@@ -236,7 +236,8 @@ def test_a_laser_that_looks_at_the_floor_is_refused() -> None:
     list(robot.amcl.on_transforms(link("base_footprint", "floor", tilted), 0, fixed=True))
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     (refused,) = robot.scan(SECOND, frame="floor")
-    assert refused == Refused("laser scan refused", "the laser 'floor' is tilted by 23 degrees")
+    tilted = "'floor': the laser 'floor' is tilted by 23 degrees"
+    assert refused == Refused("laser scan refused", tilted)
 
 
 # --- odometry

@@ -125,10 +125,10 @@ def test_a_tag_without_transform_is_refused_and_a_flood_is_bounded() -> None:
     robot = with_camera()
     assert list(robot.amcl.on_observed(tags(7), "tags", 0)) == []
     assert causes(list(robot.amcl.on_tick(2 * SECOND))) == [
-        "detection without transform: frames not connected"
+        "observation without transform: frames not connected"
     ]
     flood = list(robot.amcl.on_observed(tags(*range(MAX_WAITING + 5)), "tags", 0))
-    assert causes(flood) == ["too many detections wait for tf"] * 5
+    assert causes(flood) == ["observation without transform: too many wait"] * 5
     robot.amcl.deactivate()
     assert list(robot.amcl.on_tick(9 * SECOND)) == []
     (refused,) = with_camera().amcl.on_observed(tags(7, stamp_ns=0), "tags", 0)
@@ -167,4 +167,4 @@ def test_an_object_without_a_class_or_place_is_not_used() -> None:
     assert list(amcl.on_observed(detected(), "objects", 0)) == []
     assert list(amcl.on_observed(detected(("", 1.0)), "objects", 0)) == []
     (refused,) = amcl.on_observed(detected(("door", 1.0), x=nan), "objects", 0)
-    assert refused == Refused("detection refused", "objects: not all numbers are finite")
+    assert refused == Refused("observation refused", "objects: not all numbers are finite")

@@ -1,6 +1,25 @@
 import pytest
 
-from ros2_bridge.robot_session import is_of_this_machine
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.errors import SettingsError
+from ros2_bridge.robot_session import is_of_this_machine, node_name
+
+
+@pytest.mark.parametrize(
+    ("given", "namespace"),
+    [("", ""), ("/", ""), ("/a", "/a"), ("a", "/a"), ("/a/b_1/", "/a/b_1")],
+)
+def test_a_namespace_is_names_between_slashes(given: str, namespace: str) -> None:
+    assert node_name(Ros2Settings(namespace=given)).namespace == namespace
+
+
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [("namespace", "/a b"), ("namespace", "/a//b"), ("node_name", "a/b"), ("map_topic", "1map")],
+)
+def test_a_name_that_ros_does_not_allow_is_refused(setting: str, value: str) -> None:
+    with pytest.raises(SettingsError, match=f"ros2.{setting} = "):
+        node_name(Ros2Settings(**{setting: value}))  # type: ignore[arg-type] # of one type
 
 
 @pytest.mark.parametrize(
