@@ -22,7 +22,7 @@ from particle_filter.evidence_model import evidence_weight, scan_exponent
 from particle_filter.kernels import plain
 from particle_filter.landmark_views import landmark_evidence
 from particle_filter.observations import NOTHING_OBSERVED, Landmarks
-from particle_filter.poses import TURN, compose, inverse
+from particle_filter.poses import TURN, compose, heading_distance, inverse, wrap_angle
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.roads import SPACING_M, Roads, roads_of
 from particle_filter.sensor_model import LaserScan, SensorModel
@@ -59,16 +59,6 @@ _BEGINNING_M = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
-    """The beam whose range differs most between places, at the end of a way."""
-
-    bearing_rad: float
-    """Direction of the beam in the robot's frame at the end of the way [rad]."""
-    ranges_m: tuple[float, ...]
-    """Predicted range at each place [m]."""
-
-
-@dataclass(frozen=True, eq=False)
 class Way:
     """A way relative to the robot, and its expected information."""
 
@@ -86,9 +76,13 @@ class Way:
     """Mean of these, weighted by the probability that the place is right [nat]."""
     sure_probability: float
     """Probability that one place has the probability that `localized` needs, after the way."""
-    sight: Sight
     landmarks: frozenset[str]
     """Names of landmarks that are in sight on the way at some places."""
+    sight_bearing_rad: float
+    """Direction, in the robot's frame at the end of the way, of the beam whose range differs most
+    between places [rad]."""
+    sight_ranges_m: tuple[float, ...]
+    """Predicted range of that beam at each place [m]."""
 
     @property
     def end(self) -> Points:
@@ -230,7 +224,7 @@ def _views(
     question: Question, model: SensorModel, settings: FilterSettings, roads: Roads
 ) -> _Views:
     thin = _thinned(question.laser, settings.sensor.max_beams)
-    angles = _angles(thin)
+    angles = thin.angles
     all_round = np.ptp(angles) + thin.angle_step > _ALL_ROUND_RAD
     targets: Sequence[int] = roads.spots.tolist()
     if len(question.places) > _MANY:
@@ -259,15 +253,11 @@ def _thinned(laser: LaserScan, max_beams: int) -> LaserScan:
     )  # fmt: skip
 
 
-def _angles(laser: LaserScan) -> NDArray[np.float64]:
-    return np.asarray(laser.angle_min + laser.angle_step * np.arange(len(laser.ranges)), np.float64)
-
-
 def cast(at: Poses, laser: LaserScan, model: SensorModel) -> NDArray[np.float64]:
     """Return (K, B) ranges of a laser on a robot at (K, 3) poses [m]."""
     grid, longest = model.grid, min(laser.range_max_m, model.settings.max_range_m)
     in_grid = compose(inverse(grid.map_from_grid), compose(at, laser.robot_from_laser))
-    return cast_rays_from_poses(model.jumps, grid.cell_m, in_grid, _angles(laser), longest)
+    return cast_rays_from_poses(model.jumps, grid.cell_m, in_grid, laser.angles, longest)
 
 
 def _driven(
@@ -279,7 +269,7 @@ def _driven(
     poses = np.zeros((len(nodes), 3))
     poses[:, :2] = roads.nodes[nodes]
     poses[1:, 2] = headings
-    turns = np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi)
+    turns = heading_distance(poses[1:, 2], poses[:-1, 2])
     octants = np.round(headings * _OCTANTS / TURN).astype(np.int64) % _OCTANTS
     views: dict[View, tuple[float, float]] = {}
     for node, octant, length, turn in zip(
@@ -327,15 +317,15 @@ def _ways(
         for view, (metres, radians) in driven.items():
             total += (metres * per_metre + radians * per_radian) * new[view] * informs[view]
         length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-        turn = float(np.abs((np.diff(poses[:, 2]) + math.pi) % TURN - math.pi).sum())
+        turn = float(heading_distance(poses[1:, 2], poses[:-1, 2]).sum())
         gains, sure = expected_gains(question.probabilities, total, rules.localized_probability)
         information = max(float(shares @ gains), 0.0)
         sure_share = float(question.probabilities.sum() * shares @ sure)
         last = max(driven, key=lambda view: float(informs[view].sum()))
         parts = poses[:sure_poses], poses[sure_poses:]
-        sight = _sight(views, last, question.probabilities / question.probabilities.sum())
         marks = frozenset[str]().union(*(views.seen[view].landmarks for view in driven))
-        ways.append(Way(*parts, length, turn, gains, information, sure_share, sight, marks))
+        sight = _sight(views, last, question.probabilities / question.probabilities.sum())
+        ways.append(Way(*parts, length, turn, gains, information, sure_share, marks, *sight))
     return ways
 
 
@@ -387,13 +377,14 @@ def expected_gains(
     return own - log_sum - log_prior, np.asarray(ndtr(margin / spread))
 
 
-def _sight(views: _Views, view: View, shares: NDArray[np.float64]) -> Sight:
-    """Return the beam with the largest spread of ranges over the places."""
+def _sight(
+    views: _Views, view: View, shares: NDArray[np.float64]
+) -> tuple[float, tuple[float, ...]]:
+    """Return the beam with the largest spread of ranges over the places: bearing and ranges."""
     ranges = views.seen[view].ranges
     variance = shares @ (ranges - shares @ ranges) ** 2
     beam = int(variance.argmax())
-    bearing = (float(views.angles[beam]) + math.pi) % TURN - math.pi
-    return Sight(bearing, tuple(ranges[:, beam].tolist()))
+    return wrap_angle(float(views.angles[beam])), tuple(ranges[:, beam].tolist())
 
 
 def _best(ways: list[Way], question: Question, shares: NDArray[np.float64]) -> list[Way]:

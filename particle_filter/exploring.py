@@ -7,7 +7,7 @@ import numpy as np
 from particle_filter.arrays import Points, Poses
 from particle_filter.poses import TURN
 from particle_filter.roads import MARGIN_M, Roads
-from particle_filter.sensor_model import LaserScan, points_in_robot
+from particle_filter.sensor_model import LaserScan, usable_beams
 from particle_filter.view_memory import ViewMemory
 
 LEAST_M, MOST_M = 1.0, 10.0
@@ -61,10 +61,9 @@ def _hits(laser: LaserScan) -> Points:
     parts: list[Points] = []
     lasers: tuple[LaserScan, ...] = (laser, *laser.others)
     for one in lasers:
+        hits = usable_beams(one.ranges, one.range_max_m, len(one.ranges))
         ranges = np.asarray(one.ranges, np.float64)
-        hit = np.isfinite(ranges) & (ranges > 0.0) & (ranges < one.range_max_m)
-        angles = np.asarray(one.angle_min + one.angle_step * np.flatnonzero(hit), np.float64)
-        parts.append(points_in_robot(ranges[hit], angles, one.robot_from_laser))
+        parts.append(one.beams(ranges, hits, one.range_max_m).hits_in_robot)
     return np.concatenate(parts)
 
 

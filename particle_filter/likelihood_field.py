@@ -1,6 +1,5 @@
 """The likelihood field, which scores how near the ends of beams are to obstacles of the map."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import log, pi, sqrt
 
@@ -22,36 +21,16 @@ _BLOCK = 256
 """Particles scored together: their numbers stay in the nearest cache."""
 
 
-def _strips(
-    cells: Cells, cell_m: float, settings: SensorSettings
-) -> Iterator[tuple[slice, LogField]]:
-    """Compute the field in strips of rows, as intermediate numbers take 20 bytes a cell.
-
-    Each strip includes rows of its neighbours as far as obstacles count.
-    """
-    if not np.any(cells == OCCUPIED):
-        raise ValueError("the map has no occupied cell to compare a scan with")
-    reach = int(settings.max_obstacle_distance_m / cell_m) + 2
-    for start in range(0, len(cells), _STRIP_ROWS):
-        stop = min(start + _STRIP_ROWS, len(cells))
-        first = max(start - reach, 0)
-        distance_m = _distance_m(cells[first : stop + reach], cell_m, settings)
-        yield slice(start, stop), _log_at(distance_m[start - first : stop - first], settings)
-
-
-def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
-    """Return the distance to the nearest obstacle [m], capped."""
+def _log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogField:
+    """Return the log-likelihood of a hit in each cell (table 6.3, lines 6 and 7)."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - 16 MB, not with a cached map
 
-    blocked = cells == OCCUPIED
-    if not blocked.any():
-        return np.full(cells.shape, settings.max_obstacle_distance_m, np.float32)
-    distance_m = distance_transform_edt(~blocked).astype(np.float32) * np.float32(cell_m)
-    return np.asarray(np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m)))
-
-
-def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogField:
-    """Return the log-likelihood at each distance (table 6.3, line 7)."""
+    blocked, most_m = cells == OCCUPIED, np.float32(settings.max_obstacle_distance_m)
+    if blocked.any():
+        distance_m = distance_transform_edt(~blocked).astype(np.float32) * np.float32(cell_m)
+        distance_m = np.minimum(distance_m, most_m)
+    else:
+        distance_m = np.full(cells.shape, most_m)
     likelihood = np.exp(-0.5 * (distance_m / np.float32(settings.hit_sigma_m)) ** 2)
     likelihood *= np.float32(_peak(settings))
     likelihood += np.float32(settings.random_weight / settings.max_range_m)
@@ -89,11 +68,19 @@ class LikelihoodField:
         References:
             Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
         """
-        log_floor, log_step = code_scale(settings)
-        codes = np.zeros((grid.cells.shape[0] + 2, grid.cells.shape[1] + 2), np.uint16)
-        for rows, strip in _strips(grid.cells, grid.cell_m, settings):
-            levels = (strip - np.float32(log_floor)) / np.float32(log_step)
-            codes[1:-1, 1:-1][rows] = np.clip(np.rint(levels), 0, _MAX_CODE)
+        cells, cell_m = grid.cells, grid.cell_m
+        if not np.any(cells == OCCUPIED):
+            raise ValueError("the map has no occupied cell to compare a scan with")
+        log_floor, step = map(np.float32, code_scale(settings))
+        codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
+        # In strips of rows, as intermediate numbers take 20 bytes a cell. Each strip includes rows
+        # of its neighbours as far as obstacles count.
+        reach = int(settings.max_obstacle_distance_m / cell_m) + 2
+        for start in range(0, len(cells), _STRIP_ROWS):
+            first, stop = max(start - reach, 0), min(start + _STRIP_ROWS, len(cells))
+            field = _log_field(cells[first : stop + reach], cell_m, settings)
+            levels = (field[start - first : stop - first] - log_floor) / step
+            codes[start + 1 : stop + 1, 1:-1] = np.clip(np.rint(levels), 0, _MAX_CODE)
         return cls.from_codes(codes, grid, settings)
 
     @classmethod

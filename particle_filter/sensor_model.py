@@ -48,7 +48,11 @@ class Beams:
     @cached_property
     def own_hits_in_robot(self) -> Points:
         """(B, 2) ends of the beams of the first laser, in the robot's frame [m]."""
-        return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
+        x, y, heading = self.robot_from_laser
+        directions = heading + self.angles
+        return np.column_stack(
+            [x + self.ranges * np.cos(directions), y + self.ranges * np.sin(directions)]
+        )
 
     @cached_property
     def returned(self) -> NDArray[np.bool_]:
@@ -78,6 +82,11 @@ class LaserScan:
     others: tuple[Self, ...] = ()
     """Scans of the other lasers, as if measured at the same pose."""
 
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """(n,) directions of the beams in the laser's frame [rad]."""
+        return np.asarray(self.angle_min + self.angle_step * np.arange(len(self.ranges)))
+
     def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
         """Choose the beams to score, equally many of each laser.
 
@@ -95,8 +104,7 @@ class LaserScan:
         self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
     ) -> Beams:
         """Return the beams with the (B,) indices `chosen` into the (n,) `ranges`."""
-        angles = np.asarray(self.angle_min + self.angle_step * chosen, np.float64)
-        return Beams(ranges[chosen], angles, self.robot_from_laser, max_range_m)
+        return Beams(ranges[chosen], self.angles[chosen], self.robot_from_laser, max_range_m)
 
 
 class SensorModel(Hashable, Protocol):
@@ -187,30 +195,6 @@ def usable_beams(
         return valid
     middles = (2 * np.arange(max_beams) + 1) * len(valid) // (2 * max_beams)
     return np.asarray(valid[middles])
-
-
-def points_in_robot(
-    ranges: NDArray[np.floating], angles: NDArray[np.float64], robot_from_laser: Pose
-) -> Points:
-    """Return the end points of beams in the robot's frame.
-
-    Args:
-        ranges: (B,) [m].
-        angles: (B,) directions in the laser's frame [rad].
-        robot_from_laser: (3,) pose of the laser on the robot.
-
-    Returns:
-        (B, 2) points [m].
-    """
-    directions = robot_from_laser[2] + np.asarray(angles)
-    lengths = np.asarray(ranges, np.float64)
-    return np.stack(
-        [
-            robot_from_laser[0] + lengths * np.cos(directions),
-            robot_from_laser[1] + lengths * np.sin(directions),
-        ],
-        axis=-1,
-    )
 
 
 def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:

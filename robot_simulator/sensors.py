@@ -13,6 +13,15 @@ from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
 from robot_simulator.robot import Drive, driven
 
+SCALE_ERROR = 0.02
+"""Standard deviation of the scale error of distances, and of turns (worn wheels, soft floors)."""
+VEER_RAD_PER_M = 0.004
+"""Standard deviation of the systematic turn per metre (unequal wheels)."""
+DISTANCE_NOISE_M = 0.03
+"""Standard deviation of the distance after driving one metre."""
+TURN_NOISE_RAD, TURN_NOISE_PER_METRE_RAD = 0.03, 0.02
+"""Standard deviations of the turn after turning by one radian, and after driving one metre."""
+
 
 class Odometer:
     """Wheel odometry with systematic errors, drawn once, and random errors of each motion.
@@ -21,41 +30,24 @@ class Odometer:
 
     Args:
         rng: random numbers for the errors.
-        scale_error: standard deviation of the scale error of distances, and of turns (worn
-            wheels, soft floors).
-        veer_rad_per_m: standard deviation of the systematic turn per metre (unequal wheels).
-        distance_noise_m: standard deviation of the distance after driving one metre.
-        turn_noise_rad: standard deviation of the turn after turning by one radian.
-        turn_noise_per_metre_rad: standard deviation of the turn after driving one metre.
     """
 
-    def __init__(
-        self,
-        rng: np.random.Generator,
-        *,
-        scale_error: float = 0.02,
-        veer_rad_per_m: float = 0.004,
-        distance_noise_m: float = 0.03,
-        turn_noise_rad: float = 0.03,
-        turn_noise_per_metre_rad: float = 0.02,
-    ) -> None:
+    def __init__(self, rng: np.random.Generator) -> None:
         self.odom_from_robot: PoseTuple = (0.0, 0.0, 0.0)
         self._rng = rng
-        self._distance_scale = 1.0 + scale_error * float(rng.standard_normal())
-        self._turn_scale = 1.0 + scale_error * float(rng.standard_normal())
-        self._veer_rad_per_m = veer_rad_per_m * float(rng.standard_normal())
-        self._distance_variance_per_m = distance_noise_m**2
-        self._turn_variance_per_rad = turn_noise_rad**2
-        self._turn_variance_per_m = turn_noise_per_metre_rad**2
+        distance, turn, veer = rng.standard_normal(3).tolist()
+        self._distance_scale = 1.0 + SCALE_ERROR * distance
+        self._turn_scale = 1.0 + SCALE_ERROR * turn
+        self._veer_rad_per_m = VEER_RAD_PER_M * veer
 
     def read(self, drive: Drive) -> None:
         """Add a motion and its errors to `odom_from_robot`; no motion has no errors."""
         metres, radians = abs(drive.distance_m), abs(drive.turn_rad)
         along, about = self._rng.standard_normal(2).tolist()
         distance_m = self._distance_scale * drive.distance_m
-        distance_m += sqrt(self._distance_variance_per_m * metres) * along
+        distance_m += sqrt(DISTANCE_NOISE_M**2 * metres) * along
         turn_rad = self._turn_scale * drive.turn_rad + self._veer_rad_per_m * drive.distance_m
-        variance = self._turn_variance_per_rad * radians + self._turn_variance_per_m * metres
+        variance = TURN_NOISE_RAD**2 * radians + TURN_NOISE_PER_METRE_RAD**2 * metres
         turn_rad += sqrt(variance) * about
         self.odom_from_robot = driven(self.odom_from_robot, Drive(distance_m, turn_rad))
 

@@ -69,8 +69,8 @@ def advice(
             information=way.information,
             sure_probability=min(way.sure_probability, 1.0),
             landmarks=tuple(sorted(way.landmarks)),
-            sight_bearing_rad=way.sight.bearing_rad,
-            sight_ranges_m=way.sight.ranges_m,
+            sight_bearing_rad=way.sight_bearing_rad,
+            sight_ranges_m=way.sight_ranges_m,
         )
         for way in ways
     )

@@ -57,60 +57,26 @@ class View:
         return len(self.hits_in_robot) / self.ranges.size
 
 
-class Viewer:
-    """Computes views of a map, with a laser that scans 360 degrees.
+class LookAlikeSearch:
+    """Draws views of a map, and finds the places from which a view is nearly the same.
+
+    The laser scans 360 degrees. All poses on a lattice in the free space are scored with a blurred
+    map; the best are refined, and their expected ranges compared with the view.
+
+    Args:
+        grid_map: the map.
+        range_m: range of the laser.
+        rng: draws the views and the trials of refining.
 
     Raises:
         NoRoomError: no robot fits into the map.
     """
 
-    def __init__(self, grid_map: GridMap, range_m: float) -> None:
-        self._range_m, self._cell_m = range_m, grid_map.cell_m
+    def __init__(self, grid_map: GridMap, range_m: float, rng: np.random.Generator) -> None:
+        self._range_m, self._cell_m, self._rng = range_m, grid_map.cell_m, rng
         self._jumps = jump_field(grid_map.cells)
         self._grid_from_map = inverse(np.array(grid_map.map_from_grid))
         self._free_space = FreeSpace(grid_map)
-
-    def random_view(self, rng: np.random.Generator) -> View:
-        """Return the scans along a random short path."""
-        x, y, heading = self._free_space.random_pose(rng)
-        way = self._free_space.random_path(x, y, WAY_M, rng)
-        chosen = way[np.unique(np.linspace(0, len(way) - 1, _SCANS).astype(int))]
-        poses: Poses = np.column_stack([chosen, np.full(len(chosen), heading)])
-        return self._view(poses)
-
-    def differing_share(self, view: View, places: Poses) -> NDArray[np.float64]:
-        """Return the (N,) share of the view's beams whose range differs at (N, 3) places."""
-        return np.array(
-            [
-                np.mean(np.abs(self._ranges(compose(place, view.robot_from_scans)) - view.ranges)
-                        > _DIFFERS_M)
-                for place in places
-            ]
-        )  # fmt: skip
-
-    def _view(self, poses: Poses) -> View:
-        end, ranges = poses[-1], self._ranges(poses)
-        robot_from_scans = between(end, poses)
-        returned = ranges < self._range_m
-        rays = np.stack([ranges * np.cos(_ANGLES), ranges * np.sin(_ANGLES)], axis=-1)[returned]
-        scan = np.nonzero(returned)[0]
-        ends = compose(robot_from_scans[scan], np.column_stack([rays, np.zeros(len(rays))]))
-        return View(end, robot_from_scans, ends[:, :2], ranges)
-
-    def _ranges(self, poses: Poses) -> NDArray[np.float64]:
-        in_grid = compose(self._grid_from_map, poses)
-        return cast_rays_from_poses(self._jumps, self._cell_m, in_grid, _ANGLES, self._range_m)
-
-
-class LookAlikeSearch:
-    """Scores a view from all poses in the free space of a map.
-
-    All poses on a lattice are scored with a blurred map; the best are refined, and their expected
-    ranges compared with the view.
-    """
-
-    def __init__(self, grid_map: GridMap, viewer: Viewer, rng: np.random.Generator) -> None:
-        self._viewer, self._rng = viewer, rng
         room_m = math.sqrt(grid_map.free_area_m2 * _HEADINGS / MOST_POSES)
         self.spacing_m = max(_SPACING_M, room_m)
         self._lattice = _lattice(grid_map, self.spacing_m)
@@ -119,6 +85,19 @@ class LookAlikeSearch:
         self._field, self._blurred = (
             LikelihoodField.build(grid_map.grid, settings) for settings in (usual, blurred)
         )
+
+    def random_view(self) -> View:
+        """Return the scans along a random short path."""
+        x, y, heading = self._free_space.random_pose(self._rng)
+        way = self._free_space.random_path(x, y, WAY_M, self._rng)
+        chosen = way[np.unique(np.linspace(0, len(way) - 1, _SCANS).astype(int))]
+        poses: Poses = np.column_stack([chosen, np.full(len(chosen), heading)])
+        ranges, robot_from_scans = self._ranges(poses), between(poses[-1], poses)
+        returned = ranges < self._range_m
+        rays = np.stack([ranges * np.cos(_ANGLES), ranges * np.sin(_ANGLES)], axis=-1)[returned]
+        scan = np.nonzero(returned)[0]
+        ends = compose(robot_from_scans[scan], np.column_stack([rays, np.zeros(len(rays))]))
+        return View(poses[-1], robot_from_scans, ends[:, :2], ranges)
 
     def places_like(self, view: View) -> Poses:
         """Return the (N, 3) places from which nearly all beams of the view have the same range.
@@ -137,9 +116,15 @@ class LookAlikeSearch:
         own = view.map_from_robot
         far = np.hypot(*(poses - own)[:, :2].T) > _APART_M
         far |= heading_distance(poses[:, 2], own[2]) > _APART_RAD
-        poses = poses[far]
-        alike = self._viewer.differing_share(view, poses) < ALIKE_SHARE
-        return np.vstack([own, poses[alike]])
+        return np.vstack([own, *(pose for pose in poses[far] if self._looks_alike(view, pose))])
+
+    def _looks_alike(self, view: View, place: Pose) -> bool:
+        off_m = np.abs(self._ranges(compose(place, view.robot_from_scans)) - view.ranges)
+        return bool(np.mean(off_m > _DIFFERS_M) < ALIKE_SHARE)
+
+    def _ranges(self, poses: Poses) -> NDArray[np.float64]:
+        in_grid = compose(self._grid_from_map, poses)
+        return cast_rays_from_poses(self._jumps, self._cell_m, in_grid, _ANGLES, self._range_m)
 
 
 def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:

@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, label
 
 from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
 from evaluation.map_check.ambiguity import distinguishable
-from evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch, Viewer
+from evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.message import PoseTuple
@@ -120,34 +120,27 @@ def report_of(
     Raises:
         NoRoomError: no robot fits into the map.
     """
-    rng = np.random.default_rng(seed)
-    viewer = Viewer(grid_map, laser_range_m)
-    search = LookAlikeSearch(grid_map, viewer, rng)
-    looked_at, groups, spacing_m = [], [], search.spacing_m
+    search = LookAlikeSearch(grid_map, laser_range_m, np.random.default_rng(seed))
+    views, groups, spacing_m = [], [], search.spacing_m
     for _ in range(places):
-        view = viewer.random_view(rng)
-        found = search.places_like(view)
-        groups.append(found)
-        own, *others = map(pose_tuple, found)
-        looked_at.append(
-            Place(
-                pose=own,
-                returned_share=view.returned_share,
-                look_alikes=tuple(others),
-            )
-        )
-    del viewer, search  # their arrays are as large as those that follow
+        views.append(search.random_view())
+        groups.append(search.places_like(views[-1]))
+    del search  # its arrays are as large as those that follow
     told = distinguishable(groups, grid_map, laser_range_m)
-    looked_at = [
-        msgspec.structs.replace(place, distinguishable=answer)
-        for place, answer in zip(looked_at, told, strict=True)
-    ]
     report = MapReport(
         map=name,
         ground=ground_of(grid_map),
         laser_range_m=laser_range_m,
         searched_every_m=spacing_m,
-        places=tuple(looked_at),
+        places=tuple(
+            Place(
+                pose=pose_tuple(group[0]),
+                returned_share=view.returned_share,
+                look_alikes=tuple(map(pose_tuple, group[1:])),
+                distinguishable=answer,
+            )
+            for view, group, answer in zip(views, groups, told, strict=True)
+        ),
         agreement=agreement,
     )
     return msgspec.structs.replace(report, remarks=tuple(_remarks(report)))

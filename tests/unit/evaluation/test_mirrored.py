@@ -3,7 +3,7 @@ import math
 import msgspec
 import numpy as np
 
-from particle_filter.sensor_model import points_in_robot
+from particle_filter.sensor_model import Beams
 from protocol.arrays import ArrayBlob
 from protocol.steps import LaserBeams, Scan, mirrored
 from tests.unit.coordinator.reports import scan as scan_of
@@ -19,7 +19,7 @@ def ends(laser: Scan | LaserBeams) -> np.ndarray:
     """(B, 2) where the beams end, in the robot's frame."""
     ranges = laser.ranges.array().astype(np.float64)
     angles = laser.angle_min_rad + laser.angle_step_rad * np.arange(len(ranges))
-    return points_in_robot(ranges, angles, np.array(laser.robot_from_laser))
+    return Beams(ranges, angles, np.array(laser.robot_from_laser), np.inf).hits_in_robot
 
 
 def test_beams_end_on_the_other_side_of_the_robot() -> None:

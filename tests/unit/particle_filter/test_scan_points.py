@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from particle_filter.poses import compose
-from particle_filter.sensor_model import points_in_robot, usable_beams
+from particle_filter.sensor_model import Beams, usable_beams
 
 readings = st.one_of(
     st.floats(0.01, 9.99), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 10.0, 81.9])
@@ -46,7 +46,7 @@ def test_at_least_one_beam_must_be_allowed() -> None:
 
 def test_a_beam_ends_where_it_points() -> None:
     laser = np.array([0.25, 0.0, 0.0])
-    points = points_in_robot(np.array([1.0, 3.0]), np.array([-pi / 2, pi / 2]), laser)
+    points = Beams(np.array([1.0, 3.0]), np.array([-pi / 2, pi / 2]), laser, np.inf).hits_in_robot
     np.testing.assert_allclose(points, [[0.25, -1.0], [0.25, 3.0]], atol=1e-15)
 
 
@@ -55,7 +55,7 @@ def test_points_are_the_laser_pose_composed_with_the_beam(
     angle_min: float, x: float, y: float, turn: float
 ) -> None:
     laser, ranges = np.array([x, y, turn]), np.array([0.5, 7.0, 2.0])
-    points = points_in_robot(ranges, angle_min + 0.1 * np.arange(3), laser)
+    points = Beams(ranges, angle_min + 0.1 * np.arange(3), laser, np.inf).hits_in_robot
     for i, point in enumerate(points):
         beam = np.array([0.0, 0.0, angle_min + 0.1 * i])
         end = compose(compose(laser, beam), np.array([ranges[i], 0.0, 0.0]))

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
+from robot_simulator import sensors
 from robot_simulator.free_space import FreeSpace, NoRoomError
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
-from robot_simulator.sensors import Odometer
 from robot_simulator.worlds.catalogue import world
 
 TICK_S = 0.05
@@ -102,25 +102,28 @@ def test_a_drive_is_the_sum_of_its_parts(
     assert np.cos(after - expected[2]) == pytest.approx(1.0)
 
 
-def test_odometry_errors_grow_with_the_root_of_the_distance_and_with_its_scale() -> None:
+def test_odometry_errors_grow_with_the_root_of_the_distance_and_with_its_scale(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """400 robots drive 9 m straight on; each component of the error is as large as configured."""
+    for name in ("SCALE_ERROR", "VEER_RAD_PER_M", "DISTANCE_NOISE_M", "TURN_NOISE_PER_METRE_RAD"):
+        monkeypatch.setattr(sensors, name, 0.0)
 
-    def read(**errors: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-        silent = dict.fromkeys(
-            ("scale_error", "veer_rad_per_m", "distance_noise_m", "turn_noise_rad",
-             "turn_noise_per_metre_rad"), 0.0,
-        )  # fmt: skip
+    def read(**error: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         ends = []
-        for seed in range(400):
-            odometer = Odometer(np.random.default_rng(seed), **(silent | errors))
-            for _ in range(90):
-                odometer.read(Drive(0.1, 0.0))
-            ends.append(odometer.odom_from_robot)
+        with monkeypatch.context() as patch:
+            for name, size in error.items():
+                patch.setattr(sensors, name, size)
+            for seed in range(400):
+                odometer = sensors.Odometer(np.random.default_rng(seed))
+                for _ in range(90):
+                    odometer.read(Drive(0.1, 0.0))
+                ends.append(odometer.odom_from_robot)
         return np.array(ends)
 
     # The standard deviation of 400 draws is 3.5 % off at one sigma: 20 % is a false alarm in 1e8.
-    assert read(scale_error=0.02)[:, 0].std() == pytest.approx(9 * 0.02, rel=0.2)
-    assert read(distance_noise_m=0.03)[:, 0].std() == pytest.approx(3 * 0.03, rel=0.2)
-    assert read(veer_rad_per_m=0.01)[:, 2].std() == pytest.approx(9 * 0.01, rel=0.2)
-    assert read(turn_noise_per_metre_rad=0.02)[:, 2].std() == pytest.approx(3 * 0.02, rel=0.2)
+    assert read(SCALE_ERROR=0.02)[:, 0].std() == pytest.approx(9 * 0.02, rel=0.2)
+    assert read(DISTANCE_NOISE_M=0.03)[:, 0].std() == pytest.approx(3 * 0.03, rel=0.2)
+    assert read(VEER_RAD_PER_M=0.01)[:, 2].std() == pytest.approx(9 * 0.01, rel=0.2)
+    assert read(TURN_NOISE_PER_METRE_RAD=0.02)[:, 2].std() == pytest.approx(3 * 0.02, rel=0.2)
     assert read()[0] == pytest.approx((9.0, 0.0, 0.0))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from particle_filter.sensor_model import points_in_robot
+from particle_filter.sensor_model import Beams
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
@@ -156,7 +156,7 @@ def test_ranges_below_the_lasers_minimum_are_no_returns() -> None:
 def points(beams: LaserBeams) -> np.ndarray:
     ranges = beams.ranges.array()
     angles = beams.angle_min_rad + beams.angle_step_rad * np.arange(len(ranges))
-    return points_in_robot(ranges, angles, np.array(beams.robot_from_laser))
+    return Beams(ranges, angles, np.array(beams.robot_from_laser), np.inf).hits_in_robot
 
 
 def test_beams_of_an_upside_down_laser_are_mirrored() -> None:

@@ -11,7 +11,7 @@ from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Pose
 from particle_filter.poses import compose, inverse
-from particle_filter.sensor_model import points_in_robot, usable_beams
+from particle_filter.sensor_model import Beams, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading, OdometryReading, Scan
@@ -41,7 +41,9 @@ def share_on_walls(
     ranges = scan.ranges.array()
     beams = usable_beams(ranges, min(scan.range_max_m, 20.0), 90)
     mount = np.array(scan.robot_from_laser)
-    points = points_in_robot(ranges[beams], scan.angle_min_rad + scan.angle_step_rad * beams, mount)
+    points = Beams(
+        ranges[beams], scan.angle_min_rad + scan.angle_step_rad * beams, mount, np.inf
+    ).hits_in_robot
     ends = np.column_stack([points, np.zeros(len(points))])
     map_from_ends = compose(map_from_robot, ends)
     grid = compose(inverse(np.array(grid_map.map_from_grid)), map_from_ends)

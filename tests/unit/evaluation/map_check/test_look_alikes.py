@@ -9,7 +9,7 @@ from benchmarks.experiments.observability import turned_copies
 from benchmarks.worlds import world
 from evaluation.map_check import ambiguity
 from evaluation.map_check.ambiguity import distinguishable
-from evaluation.map_check.look_alikes import LookAlikeSearch, Viewer
+from evaluation.map_check.look_alikes import LookAlikeSearch
 from evaluation.map_check.report import report_of
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
@@ -17,12 +17,9 @@ from protocol.steps import Landmark
 
 
 def test_every_place_of_the_cross_looks_like_its_three_images() -> None:
-    rng = np.random.default_rng(3)
-    plan = world("cross").map
-    viewer = Viewer(plan, range_m=12.0)
-    search = LookAlikeSearch(plan, viewer, rng)
+    search = LookAlikeSearch(world("cross").map, 12.0, np.random.default_rng(3))
     for _ in range(5):
-        view = viewer.random_view(rng)
+        view = search.random_view()
         found = search.places_like(view)
         assert len(found) == 4
         for image in turned_copies(pose_tuple(view.map_from_robot), 4, (0.0, 0.0)):
