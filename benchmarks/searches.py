@@ -63,10 +63,16 @@ class Place:
         )
         self._turns, self._middle = SYMMETRIES.get(name, 1), middle_of(self.world.map)
 
-    def steps(self, seed: int, **robot: int) -> Iterator[tuple[Scan, PoseTuple]]:
+    def steps(
+        self, seed: int, steps: int | None = None, kidnap_at: int | None = None
+    ) -> Iterator[tuple[Scan, PoseTuple]]:
         """What a robot that starts anywhere sees, and where it is."""
-        source = SimulatedSource(Simulation(self.world, seed), **robot)
-        return simulated_steps(source, self.settings.bridge, self.world.map.digest)
+        simulation = Simulation(self.world, seed)
+        source = SimulatedSource(simulation, steps=steps)
+        for scan, truth in simulated_steps(source, self.settings.bridge, self.world.map.digest):
+            if scan.step == kidnap_at:
+                simulation.kidnap()
+            yield scan, truth
 
     def ranks(self, places: list[PoseTuple], truth: PoseTuple) -> list[int | None]:
         """Of the truth and each of its copies: its place in a list; None: it is not there."""

@@ -50,9 +50,8 @@ STORIES = {
 def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> str:
     """Run it, and return its page."""
     place, settings = world(story.world), Settings(seed=story.seed)
-    source = SimulatedSource(
-        Simulation(place, story.seed), steps=story.steps, kidnap_at=story.kidnap_at
-    )
+    simulation = Simulation(place, story.seed)
+    source = SimulatedSource(simulation, steps=story.steps)
     with tempfile.TemporaryDirectory() as cache:
         run = InProcess(sensor_model(place.map, settings.sensor, Path(cache)), settings)
     picture = Picture({"robot": story.title, "router": "", "commands": False, "story": True})
@@ -61,6 +60,8 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
     picture.on_map(grid_map)
     events = 0
     for scan, truth in simulated_steps(source, settings.bridge, place.map.digest):
+        if scan.step == story.kidnap_at:
+            simulation.kidnap()
         outcome = run.advance(scan)
         picture.on_scan(scan)
         picture.on_truth(TruePose(sender="docs", step=scan.step, pose=truth))

@@ -19,7 +19,6 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
@@ -158,17 +157,18 @@ def _open(content: bytes, path: Path) -> Image.Image:
 
 def _cells(image: Image.Image, header: _Header) -> Cells:
     """Return the cells, (rows, cols), with the image's last row first."""
-    mode = _channel_mode(image)
-    opaque_only = header.mode == "scale" and mode in ("LA", "RGBA")
-    with_alpha = header.mode == "trinary"
-    table = _cell_of_channel_sum(mode, header)
+    mode = _pixel_mode(image)
+    channels = 4 if mode == "RGBA" and header.mode == "trinary" else 3
+    table = _cell_of_sum({"L": 255, "I": 65_535}.get(mode, 255 * channels), header)
     cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
     left, first, right, last = _known_box(image, table)
     for top in range(first, last, _STRIP_ROWS):
         box = (left, top, right, min(top + _STRIP_ROWS, last))
-        pixels = _pixels(image.crop(box), mode)
-        strip = table[_channel_sum(pixels, mode, with_alpha=with_alpha)]
-        if opaque_only:
+        part = image.crop(box)
+        pixels = np.asarray(part if mode == "I" else part.convert(mode))
+        sums = pixels if pixels.ndim == 2 else pixels[..., :channels].sum(axis=-1, dtype=np.int32)
+        strip = table[np.clip(sums, 0, len(table) - 1)]
+        if header.mode == "scale" and mode == "RGBA":
             strip[pixels[..., -1] != 255] = UNKNOWN
         cells[image.height - box[3] : image.height - top, left:right] = strip[::-1]
     return cells
@@ -185,62 +185,26 @@ def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
     return image.point((table != UNKNOWN).tolist()).getbbox() or (0, 0, 0, 0)
 
 
-def _channel_mode(image: Image.Image) -> str:
-    """Return the Pillow mode to decode to: L, LA, I, RGB or RGBA."""
+def _pixel_mode(image: Image.Image) -> str:
+    """Return the Pillow mode to decode to: L, I, RGB or RGBA."""
     if image.mode.startswith("I"):
         return "I"
     if image.mode == "F":
         raise ValueError("pixels are floating-point numbers")
-    grey = image.mode in ("1", "L", "LA", "La")
     if image.has_transparency_data:
-        return "LA" if grey else "RGBA"
-    return "L" if grey else "RGB"
+        return "RGBA"
+    return "L" if image.mode in ("1", "L") else "RGB"
 
 
-def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
-    """Return (rows, cols, channels) integers, of a type that can hold their sum."""
-    if mode not in ("I", strip.mode):
-        strip = strip.convert(mode)
-    pixels = np.asarray(strip)
-    if pixels.ndim == 2:
-        pixels = pixels[..., np.newaxis]
-    if pixels.dtype == np.uint8 and mode == "L":
-        return pixels
-    return np.asarray(np.clip(pixels, 0, 65_535), np.int32)
-
-
-def _channel_sum(
-    pixels: NDArray[np.integer], mode: str, *, with_alpha: bool
-) -> NDArray[np.integer]:
-    """Return (rows, cols) sums over red, green, blue and perhaps alpha; grey counts three times."""
-    if mode in ("L", "I"):
-        return pixels[..., 0]
-    if mode == "LA":
-        return 3 * pixels[..., 0] + (pixels[..., 1] if with_alpha else 0)
-    if mode == "RGBA" and not with_alpha:
-        pixels = pixels[..., :3]
-    return np.asarray(pixels.sum(axis=-1, dtype=np.int32))
-
-
-def _cell_of_channel_sum(mode: str, header: _Header) -> Cells:
-    """Return a lookup table from a channel sum to a cell's state, (largest sum + 1,)."""
-    if mode == "I":
-        white = 65_535
-    elif mode == "L":
-        white = 255
-    else:
-        with_alpha = mode in ("LA", "RGBA") and header.mode == "trinary"
-        white = 255 * (4 if with_alpha else 3)
+def _cell_of_sum(white: int, header: _Header) -> Cells:
+    """Return a lookup table from the sum of a pixel's channels to a cell's state, (white + 1,)."""
     shade = np.arange(white + 1) / white
+    occupied = shade if header.negate else 1.0 - shade
     if header.mode == "raw":
-        percent = np.rint(shade * 255.0)
-        occupied = percent / 100.0
-        unknown = percent > 100.0
-    else:
-        occupied = shade if header.negate else 1.0 - shade
-        unknown = np.zeros(white + 1, bool)
+        occupied = np.rint(shade * 255.0) / 100.0
     table: Cells = np.full(white + 1, UNKNOWN, np.int8)
     table[occupied < header.free_thresh] = FREE
     table[occupied > header.occupied_thresh] = OCCUPIED
-    table[unknown] = UNKNOWN
+    if header.mode == "raw":
+        table[occupied > 1.0] = UNKNOWN
     return table

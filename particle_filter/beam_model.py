@@ -89,13 +89,7 @@ class BeamModel:
         hit, short, none, rand = (weights / weights.sum()).tolist()
         return hit, short, none, rand, of.hit_sigma_m, of.short_decay_per_m, max_range_m
 
-    def correction(
-        self,
-        map_from_robot: Poses,  # noqa: ARG002 - as all
-        weights: NDArray[np.float64],  # noqa: ARG002 - as all
-        beams: Beams,  # noqa: ARG002 - as all
-        sharers: int = 1,  # noqa: ARG002 - as all
-    ) -> float:
+    def correction(self, *_: object) -> float:
         """Return 0: the likelihood already casts every ray."""
         return 0.0
 

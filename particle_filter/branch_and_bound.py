@@ -12,7 +12,7 @@ References:
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeAlias
 
@@ -46,6 +46,13 @@ _SUMS_PER_LOOKUP = 4
 _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
 """Number of additions between two checks for the end of a slice."""
 
+
+_FOUND = np.dtype(
+    [("leaf", np.int32), ("heading", np.int32), ("sum", np.uint16), ("log_worth", np.float64)],
+    align=True,
+)
+"""A leaf within the margin of the best one so far: numbers of leaf and heading, sum of steps, and
+log of the number of leaves that it stands for."""
 
 Circle: TypeAlias = tuple[float, float, float]
 """x [m], y [m], radius [m] in the map."""
@@ -159,8 +166,8 @@ class BranchAndBoundSearch:
         headings = range(shard, len(space.headings), settings.shards)
         self._offsets = {heading: self._offsets_at(heading) for heading in headings}
         self._best, self._good_share = 0, 0.0
-        self._leaves = _Found.none()
-        self._waiting: list[_Found] = []
+        self._leaves = np.empty(0, _FOUND)
+        self._waiting: list[NDArray[np.void]] = []
         self._waiting_count = 0
         self._meter = WorkMeter()
 
@@ -201,9 +208,11 @@ class BranchAndBoundSearch:
         sums = yield from self._sums(self._pyramid.levels[-1], offsets, runs)
         free = self._space.free[-1]
         self._best = max(self._best, _best(runs, sums, free))
-        found, kept = _good(runs, sums, free, self._least())
-        self._good_share = len(found) / leaves
-        self._waiting.append(_Found.at_heading(heading, found, kept))
+        good, kept = _good(runs, sums, free, self._least())
+        self._good_share = len(good) / leaves
+        found = np.zeros(len(good), _FOUND)
+        found["leaf"], found["heading"], found["sum"] = good, heading, kept
+        self._waiting.append(found)
         self._waiting_count += len(found)
         if self._waiting_count > _WAITING * self._most:
             yield from self._sift(_SIFTED * self._most)
@@ -212,11 +221,11 @@ class BranchAndBoundSearch:
         """Return the leaves within the margin of the best one, or a weighted sample of them."""
         found = self._leaves
         floor = self._scale * len(self._hits) * self._pyramid.log_floor
-        scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
-        log_weights = scores + found.log_worth
-        sampled = normalised_weights(log_weights)[found.log_worth > 0.0].sum()
+        scores = np.asarray(floor + self._scale * self._pyramid.log_step * found["sum"])
+        log_weights = scores + found["log_worth"]
+        sampled = normalised_weights(log_weights)[found["log_worth"] > 0.0].sum()
         return Leaves(
-            self._space.poses(found.leaves, found.headings),
+            self._space.poses(found["leaf"], found["heading"]),
             log_weights - math.log(self._space.leaf_count),
             scores,
             float(sampled),
@@ -236,53 +245,18 @@ class BranchAndBoundSearch:
     def _sift(self, count: int) -> Iterator[None]:
         """Keep at most `count` of the leaves that are within the margin of the best one."""
         yield
-        found = _Found.joined([self._leaves, *self._waiting])
+        found = np.concatenate([self._leaves, *self._waiting])
         self._waiting, self._waiting_count = [], 0
         yield
-        is_good = found.sums >= self._least()
-        if not is_good.all():
-            found = found.at(np.flatnonzero(is_good))
+        found = found[found["sum"] >= self._least()]
         yield
-        scores = self._scale * self._pyramid.log_step * found.sums
+        scores = self._scale * self._pyramid.log_step * found["sum"]
         chosen, log_weights = yield from optimal_resampling(
-            scores + found.log_worth, count, self._rng
+            scores + found["log_worth"], count, self._rng
         )
-        self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
+        self._leaves = found[chosen]
+        self._leaves["log_worth"] = log_weights - scores[chosen]
         yield
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Leaves within the margin of the best one so far."""
-
-    leaves: NDArray[np.int32]
-    headings: NDArray[np.int32]
-    sums: Sums
-    log_worth: LogWeights
-    """(N,) log of the number of leaves that a leaf stands for."""
-
-    @classmethod
-    def none(cls) -> "_Found":
-        return cls.at_heading(0, np.empty(0, np.int32), np.empty(0, np.uint16))
-
-    @classmethod
-    def at_heading(cls, heading: int, leaves: NDArray[np.int32], sums: Sums) -> "_Found":
-        headings = np.full(len(leaves), heading, np.int32)
-        return cls(leaves, headings, sums, np.zeros(len(leaves)))
-
-    @classmethod
-    def joined(cls, some: "list[_Found]") -> "_Found":
-        return cls(
-            np.concatenate([part.leaves for part in some]),
-            np.concatenate([part.headings for part in some]),
-            np.concatenate([part.sums for part in some]),
-            np.concatenate([part.log_worth for part in some]),
-        )
-
-    def at(self, chosen: NDArray[np.int64]) -> "_Found":
-        return _Found(
-            self.leaves[chosen], self.headings[chosen], self.sums[chosen], self.log_worth[chosen]
-        )
 
 
 def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:

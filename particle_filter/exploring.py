@@ -33,17 +33,19 @@ def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads
     """
     wide_m = radius_m + MARGIN_M
     bearings = np.arange(_LANES) * TURN / _LANES
-    along, across = _turned(_hits(laser), bearings)
+    ahead = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    hits, left = _hits(laser).T, np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    along, across = ahead @ hits, left @ hits
     in_lane = (np.abs(across) < wide_m) & (along > 0.0)
     first_m = np.where(in_lane, along, np.inf).min(axis=1, initial=np.inf)
     free_m = np.minimum(np.where(np.isfinite(first_m), first_m - wide_m, 0.0), MOST_M)
     steps = np.arange(1, round(MOST_M / _STEP_M) + 1) * _STEP_M
-    points = steps[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)[:, None]
+    points = steps[:, None] * ahead[:, None]
     free = steps <= free_m[:, None]
     if roads is not None:
         free &= roads.are_sure(points)
     counts = np.logical_and.accumulate(free, axis=1).sum(axis=1)
-    ends = (counts * _STEP_M)[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+    ends = (counts * _STEP_M)[:, None] * ahead
     views = np.concatenate([np.zeros((1, 2)), seen.rows[:, :2]])
     new_m = np.hypot(*(ends[:, None] - views).T).min(axis=0)
     new_m[counts * _STEP_M < LEAST_M] = 0.0
@@ -65,10 +67,3 @@ def _hits(laser: LaserScan) -> Points:
         ranges = np.asarray(one.ranges, np.float64)
         parts.append(one.beams(ranges, hits, one.range_max_m).hits_in_robot)
     return np.concatenate(parts)
-
-
-def _turned(points: Points, bearings: Points) -> tuple[Points, Points]:
-    """Return (lanes, n) how far points are along lanes, and how far to their left [m]."""
-    c, s = np.cos(bearings)[:, None], np.sin(bearings)[:, None]
-    x, y = points[:, 0], points[:, 1]
-    return c * x + s * y, c * y - s * x

@@ -57,20 +57,6 @@ _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Three numbers; the fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
 
 
-def search_space(
-    model: SensorModel,
-    settings: SearchSettings,
-    near: Circle | None = None,
-    corners: Corners = (),
-) -> SearchSpace:
-    """Return the leaves of the map; the shards and searches of a process share the result."""
-    shape = model.pyramid.leaf_cells, settings.heading_step_rad, settings.shards
-    return model.grid.once(
-        ("search space", *shape, near, corners),
-        lambda: SearchSpace(model.grid, *shape, near, corners),
-    )
-
-
 @dataclass(frozen=True)
 class _Kept:
     """Poses, each of which stands for a part of the map and of the headings around it."""
@@ -116,8 +102,13 @@ class GlobalSearch:
         corners: Corners = (),
     ) -> None:
         self._model, self._settings, self._shard = model, settings, shard
-        self._rules = settings.search
-        self._space = search_space(model, settings.search, near, corners)
+        self._rules = rules = settings.search
+        shape = model.pyramid.leaf_cells, rules.heading_step_rad, rules.shards
+        # The shards and searches of a process share the leaves of the map.
+        self._space = model.grid.once(
+            ("search space", *shape, near, corners),
+            lambda: SearchSpace(model.grid, *shape, near, corners),
+        )
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
         self._meter = WorkMeter()
@@ -226,7 +217,8 @@ class GlobalSearch:
             kept, parent = self._split(kept, rng, also_unsplit=True)
             yield
             # The sides of leaves may lie in walls, where no robot can be.
-            free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
+            is_free = ground_log_penalty(kept.poses, self._model.grid, -1.0) == 0.0
+            free = np.flatnonzero(is_free)
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
             yield
@@ -275,7 +267,8 @@ class GlobalSearch:
         """
         fits = yield from self._fits(kept.poses, beams)
         per_beam = float(fits.max()) / beams.count
-        penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
+        not_free = self._model.settings.not_free_log_penalty
+        penalty = ground_log_penalty(kept.poses, self._model.grid, not_free)
         gain = scan_exponent(beams.count, self._model.settings) * fits + penalty
         likelihood = log_sum(kept.log_weights + gain)
         settings = self._settings
@@ -296,9 +289,6 @@ class GlobalSearch:
         blurred = [each.blurred(_BLUR_M, _BLUR_RAD) for each in observations]
         ratios = log_likelihood_ratio(poses, blurred, self._landmarks, self._model.grid)
         return log_weights + ratios
-
-    def _penalty(self, poses: Poses, log_penalty: float) -> LogWeights:
-        return ground_log_penalty(poses, self._model.grid, log_penalty)
 
     def _split(
         self, kept: _Kept, rng: np.random.Generator, *, also_unsplit: bool = False

@@ -159,7 +159,9 @@ def log_odds_of_here(
 
 def probability_right(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
     """Return (K,) probabilities that places are right, by beam classes alone and from even odds."""
-    return _right(quality, _relative(quality, classes))
+    clear, crude = _relative(quality, classes)[:, :2].T
+    log_odds = np.logaddexp(math.log1p(-quality.crude) + clear, math.log(quality.crude) + crude)
+    return np.asarray(np.exp(-np.logaddexp(0.0, -log_odds)))
 
 
 def _relative(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
@@ -171,12 +173,6 @@ def _relative(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np
     relative = logs - log_wrong[:, None]
     relative[:, :2] = np.logaddexp(math.log1p(-_ODD_VIEW) + relative[:, :2], math.log(_ODD_VIEW))
     return relative
-
-
-def _right(quality: MapQuality, relative: NDArray[np.float64]) -> NDArray[np.float64]:
-    clear, crude = relative[:, 0], relative[:, 1]
-    log_odds = np.logaddexp(math.log1p(-quality.crude) + clear, math.log(quality.crude) + crude)
-    return np.asarray(np.exp(-np.logaddexp(0.0, -log_odds)))
 
 
 def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:

@@ -193,17 +193,22 @@ def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
     stride = max(round(_LATTICE_M / grid.cell_m), 1)
     first_row, first_col = int(rows.min()), int(cols.min())
     high, wide = int(np.ptp(rows)) // stride + 1, int(np.ptp(cols)) // stride + 1
-    blocked = np.ones((high * stride, wide * stride), np.bool_)
-    top, left = max(first_row, 0), max(first_col, 0)
-    part = grid.cells[top : first_row + len(blocked), left : first_col + blocked.shape[1]]
-    if part.size and first_row + len(blocked) > 0 and first_col + blocked.shape[1] > 0:
-        row, col = top - first_row, left - first_col
-        blocked[row : row + part.shape[0], col : col + part.shape[1]] = part != FREE
+    blocked = _blocked(grid, first_row, first_col, (high * stride, wide * stride))
     shifts = np.ndindex(stride, stride)
     blocks = np.logical_or.reduce([blocked[i::stride, j::stride] for i, j in shifts])
     # Half a block is subtracted, because the obstacle may begin at the block's border.
     room_m = (distance_transform_edt(np.logical_not(blocks)) - 0.5) * (stride * grid.cell_m)
     return np.asarray(room_m[(rows - first_row) // stride, (cols - first_col) // stride])
+
+
+def _blocked(grid: Grid, row: int, col: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return which cells of a part of the map are not known to be free, as all off the map."""
+    blocked = np.ones(shape, np.bool_)
+    low, left = max(row, 0), max(col, 0)
+    part = grid.cells[low : max(row + shape[0], 0), left : max(col + shape[1], 0)]
+    inside = blocked[low - row :, left - col :][: part.shape[0], : part.shape[1]]
+    inside[:] = part != FREE
+    return blocked
 
 
 def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> NDArray[np.bool_]:
@@ -224,15 +229,7 @@ def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> N
     rows = s * here_and_points[:, 0] + c * here_and_points[:, 1] + y0
     reach = math.ceil((_NEAR_M + radius_m) / grid.cell_m) + 1
     row, col = math.floor(rows[0]) - reach, math.floor(cols[0]) - reach
-    side = 2 * reach + 1
-    blocked = np.ones((side, side), np.bool_)
-    in_rows, in_cols = np.arange(row, row + side), np.arange(col, col + side)
-    in_map = np.ix_(
-        (in_rows >= 0) & (in_rows < grid.cells.shape[0]),
-        (in_cols >= 0) & (in_cols < grid.cells.shape[1]),
-    )
-    part = grid.cells[max(row, 0) : max(row + side, 0), max(col, 0) : max(col + side, 0)]
-    blocked[in_map] = part != FREE
+    blocked = _blocked(grid, row, col, (2 * reach + 1, 2 * reach + 1))
     # The nearest cell is one of the rim: all others would need gigabytes for a large robot.
     rim = np.argwhere(blocked & ~binary_erosion(blocked, border_value=1)) + np.array([row, col])
     rim = rim + 0.5

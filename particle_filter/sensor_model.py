@@ -152,7 +152,7 @@ class SensorModel(Hashable, Protocol):
         """Return (N,) log p(z | x), a sum over beams, without the exponent."""
 
     def correction(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1, /
     ) -> float:
         """Return the amount to subtract from a cluster's log evidence [nat].
 

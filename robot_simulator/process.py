@@ -79,7 +79,7 @@ def run_simulator(invocation: Invocation) -> None:
         follower = Follower(simulation, node) if arguments.advised else None
 
         def on_step(scan: Scan) -> None:
-            pose = source.step_made(scan)
+            pose = source.step_made()
             truth.put(TruePose(sender=node.name, step=scan.step, pose=pose))
             if follower:
                 follower.truths.append((scan.step, pose))

@@ -18,14 +18,10 @@ class SimulatedSource:
     Args:
         simulation: the robot in its world.
         steps: number of steps; None: no limit.
-        kidnap_at: number of the step after which the robot is kidnapped; None: never.
     """
 
-    def __init__(
-        self, simulation: Simulation, *, steps: int | None = None, kidnap_at: int | None = None
-    ) -> None:
-        self.steps = steps
-        self._simulation, self._kidnap_at = simulation, kidnap_at
+    def __init__(self, simulation: Simulation, *, steps: int | None = None) -> None:
+        self.steps, self._simulation = steps, simulation
         self._steps_made = 0
         self._tick: deque[Reading | Observation] = deque()
         self._truth = simulation.map_from_robot
@@ -43,14 +39,12 @@ class SimulatedSource:
             self._tick.extend((before, *tick.observations, scan, after))
         return self._tick.popleft()
 
-    def step_made(self, scan: Scan) -> PoseTuple:
-        """Count a step, and return the true pose at its scan; then kidnap the robot if due.
+    def step_made(self) -> PoseTuple:
+        """Count a step, and return the true pose at its scan.
 
         A scan becomes a step at the odometry after it, which is of the same tick.
         """
         self._steps_made += 1
-        if scan.step == self._kidnap_at:
-            self._simulation.kidnap()
         return self._truth
 
 
@@ -69,4 +63,4 @@ def simulated_steps(
         if scan is not None:
             made += 1
             scan = msgspec.structs.replace(scan, last=made == source.steps)
-            yield scan, source.step_made(scan)
+            yield scan, source.step_made()

@@ -14,7 +14,7 @@ from evaluation.map_check.refining import refined
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.poses import compose, inverse
+from particle_filter.poses import between, compose
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan, mirrored
@@ -71,7 +71,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
     longest: list[tuple[Poses, Poses]] = []
     fitting: list[float] = []
     localized, off_map, recorded = 0, 0.0, (0.0, 0.0, 0.0)
-    to_obstacle_m = _distances_m(grid_map)
+    to_obstacle_m = distance_transform_edt(grid_map.cells != OCCUPIED) * grid_map.cell_m
     steps = tuple(itertools.islice(scans, MOST_STEPS))
     for scan, outcome in in_process.outcomes(steps, model, settings):
         recorded = scan.robot_from_laser
@@ -108,17 +108,11 @@ def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
     return outcome.hypotheses[0].probability >= settings.belief.localized_probability * here > 0.0
 
 
-def _distances_m(grid_map: GridMap) -> np.ndarray:
-    """Return the (rows, cols) distance from each cell to the nearest obstacle [m]."""
-    return np.asarray(distance_transform_edt(grid_map.cells != OCCUPIED) * grid_map.cell_m)
-
-
 def _fitting_share(
     map_from_robot: Poses, hits_in_robot: Points, grid_map: GridMap, to_obstacle_m: np.ndarray
 ) -> float:
     hits = np.column_stack([hits_in_robot, np.zeros(len(hits_in_robot))])
-    in_map = compose(map_from_robot, hits)
-    in_grid = compose(inverse(np.array(grid_map.map_from_grid)), in_map)
+    in_grid = between(np.array(grid_map.map_from_grid), compose(map_from_robot, hits))
     cols, rows = np.floor(in_grid[:, :2] / grid_map.cell_m).astype(int).T
     height, width = to_obstacle_m.shape
     inside = (rows >= 0) & (cols >= 0) & (rows < height) & (cols < width)

@@ -29,14 +29,15 @@ def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
 ) -> None:
     """Kidnapped in the middle of a periodic search (11), and at once after one (0)."""
     world = eight_rooms()
-    source = SimulatedSource(
-        Simulation(world, seed), steps=lifted_at + FOUND_WITHIN, kidnap_at=lifted_at
-    )
+    simulation = Simulation(world, seed)
+    source = SimulatedSource(simulation, steps=lifted_at + FOUND_WITHIN)
     truths: list[PoseTuple] = []
 
     def scans() -> Iterator[Scan]:
         for scan, map_from_robot in simulated_steps(source, SETTINGS.bridge, world.map.digest):
             truths.append(map_from_robot)
+            if scan.step == lifted_at:
+                simulation.kidnap()
             yield scan
 
     model = sensor_model(world.map, SETTINGS.sensor, tmp_path)
