@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.grid import Grid
-from particle_filter.kernels import kernel, plain
+from particle_filter.kernels import checked, kernel, plain
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.pyramid import Pyramid
-from particle_filter.ray_casting import JumpField, cast_ray, checked_jumps, flat, jump_field
+from particle_filter.ray_casting import JumpField, cast_ray, flat, jump_field
 from particle_filter.sensor_model import Beams, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
@@ -42,7 +42,8 @@ class BeamModel:
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
         pyramid = Pyramid.from_arrays(arrays, grid, settings)
-        return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
+        jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
+        return cls(grid, pyramid, jumps, settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Choose beams, also those without return: they show that nothing was hit."""

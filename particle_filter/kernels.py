@@ -174,6 +174,18 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
+def checked(array: NDArray[Any], dtype: type[np.generic], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a read-only view of an array that fits a map: kernels check no indices.
+
+    Raises:
+        ValueError: the array has another type, or the shape of another map.
+    """
+    if array.dtype != dtype or array.shape != shape:
+        expected = f"expected {dtype.__name__} of {shape}"
+        raise ValueError(f"an array of a map is {array.dtype} of {array.shape}, {expected}")
+    return read_only(array)
+
+
 def to_cells(map_from_grid: Pose, cell_m: float) -> ToCells:
     """Return (c, s, x0, y0), which transform points of the map to cells of the grid.
 

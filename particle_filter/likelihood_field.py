@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Poses
 from particle_filter.elementary_functions import cos_sin
 from particle_filter.grid import Grid
-from particle_filter.kernels import kernel, plain, read_only
+from particle_filter.kernels import checked, kernel, plain
 from particle_filter.settings import SensorSettings
 
 Codes = NDArray[np.uint16]
@@ -90,12 +90,9 @@ class LikelihoodField:
         Raises:
             ValueError: the codes are of another type or do not fit the map's size.
         """
-        expected = (grid.cells.shape[0] + 2, grid.cells.shape[1] + 2)
-        if codes.dtype != np.uint16 or codes.shape != expected:
-            problem = f"codes are {codes.dtype} of {codes.shape}, expected uint16 of {expected}"
-            raise ValueError(problem)
+        rows, cols = grid.cells.shape
         log_floor, log_step = code_scale(settings)
-        return cls(read_only(codes), grid, log_floor, log_step)
+        return cls(checked(codes, np.uint16, (rows + 2, cols + 2)), grid, log_floor, log_step)
 
 
 def scan_log_likelihood(

@@ -15,17 +15,10 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.grid import Grid
-from particle_filter.kernels import ToCells, kernel, plain
+from particle_filter.kernels import ToCells, checked, kernel, plain
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.pyramid import Pyramid
-from particle_filter.ray_casting import (
-    FlatJumps,
-    JumpField,
-    cast_ray,
-    checked_jumps,
-    flat,
-    jump_field,
-)
+from particle_filter.ray_casting import FlatJumps, JumpField, cast_ray, flat, jump_field
 from particle_filter.resampling import systematic
 from particle_filter.sensor_model import Beams, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
@@ -124,7 +117,8 @@ class LikelihoodFieldModel:
         """Build the model from the result of `arrays_of`."""
         field = LikelihoodField.from_codes(arrays["codes"], grid, settings)
         pyramid = Pyramid.from_arrays(arrays, grid, settings)
-        return cls(grid, field, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
+        jumps = checked(arrays["jumps"], np.uint8, (4, *grid.cells.shape))
+        return cls(grid, field, pyramid, jumps, settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Choose beams that returned; the ends of the others are unknown."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
 from particle_filter.grid import Grid
-from particle_filter.kernels import kernel, read_only
+from particle_filter.kernels import checked, kernel
 from particle_filter.likelihood_field import LikelihoodField, code_scale
 from particle_filter.settings import SensorSettings
 
@@ -82,12 +82,9 @@ class Pyramid:
         """
         levels = []
         for i, side in enumerate(_sides(grid.cell_m)):
-            steps = arrays[f"pyramid{i}"]
-            expected = (side, side, *(size + 1 for size in _tiles(grid.cells, side)))
-            if steps.dtype != np.uint8 or steps.shape != expected:
-                problem = f"steps are {steps.dtype} of {steps.shape}, expected uint8 of {expected}"
-                raise ValueError(problem)
-            levels.append(read_only(steps))
+            rows, cols = _tiles(grid.cells, side)
+            shape = (side, side, rows + 1, cols + 1)
+            levels.append(checked(arrays[f"pyramid{i}"], np.uint8, shape))
         log_floor, log_step = code_scale(settings)
         return cls(tuple(levels), log_floor, log_step * _CODES_PER_STEP)
 

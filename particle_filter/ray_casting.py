@@ -6,7 +6,7 @@ cells nor the area around the grid.
 """
 
 from math import cos, floor, sin
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,19 +40,6 @@ def jump_field(cells: Cells) -> JumpField:
         cols = slice(None, None, -1 if quadrant & 1 else 1)
         fields[quadrant] = _squares(read_only(cells[rows, cols]))[rows, cols]
     return fields
-
-
-def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
-    """Return a read-only jump field, after a check that it fits: kernels check no indices.
-
-    Raises:
-        ValueError: the array has another type, or the shape of another map.
-    """
-    expected = (4, *cells.shape)
-    if jumps.dtype != np.uint8 or jumps.shape != expected:
-        problem = f"jumps are {jumps.dtype} of {jumps.shape}, expected uint8 of {expected}"
-        raise ValueError(problem)
-    return read_only(jumps)
 
 
 def cast_rays_from_poses(

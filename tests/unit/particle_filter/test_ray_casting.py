@@ -6,10 +6,10 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
+from particle_filter.kernels import checked
 from particle_filter.ray_casting import (
     cast_ray,
     cast_rays_from_poses,
-    checked_jumps,
     flat,
     jump_field,
 )
@@ -81,7 +81,7 @@ def test_lengths_that_are_not_positive_are_refused(cell_m: float, max_range_m: f
 
 def test_a_jump_field_that_fits_the_map_is_read_only() -> None:
     cells = np.zeros((3, 5), np.int8)
-    jumps = checked_jumps(jump_field(cells), cells)
+    jumps = checked(jump_field(cells), np.uint8, (4, *cells.shape))
     with pytest.raises(ValueError, match="read-only"):
         jumps[0, 0, 0] = 9
 
@@ -91,7 +91,7 @@ def test_a_jump_field_that_fits_the_map_is_read_only() -> None:
 )
 def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) -> None:
     with pytest.raises(ValueError, match="expected uint8"):
-        checked_jumps(jumps, np.zeros((3, 5), np.int8))
+        checked(jumps, np.uint8, (4, 3, 5))
 
 
 def test_a_ray_direction_of_minus_zero_is_parallel_to_an_axis() -> None:
