@@ -14,12 +14,7 @@ import typer
 import zenoh
 
 from clustermcl.as_json import dumped
-from clustermcl.demo_output import (
-    DemoOutput,
-    DemoSummary,
-    result_lines,
-    result_object,
-)
+from clustermcl.demo_output import DemoOutput, DemoSummary
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, temporary_folder
 from clustermcl.verbosity import is_verbose
@@ -42,7 +37,7 @@ from recordings.map_file import load_map_with_obstacles, map_file_of
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M
 from robot_simulator.worlds.catalogue import simulated_world
-from sensor_bridge.recorded import RecordedSource
+from sensor_bridge.recorded import recorded_source
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Publisher, Received, Token, ask, subscribe, watch
@@ -94,120 +89,101 @@ class DemoOptions:
 class _Run:
     """A demo whose inputs are checked."""
 
+    options: DemoOptions
     settings: Settings
+    page: Address | None
     title: str
-    steps: int
-    is_simulated: bool
+    simulator_arguments: tuple[str, ...] = ()
     reference: Trajectory | None = None
-    ends_when_localized: bool = False
-    """Whether the demo ends after `LOCALIZED_STEPS` localized steps."""
+
+    @property
+    def is_simulated(self) -> bool:
+        return isinstance(parsed_source(self.settings.bridge.source), Simulated)
+
+    @property
+    def ends_when_localized(self) -> bool:
+        """Whether the demo ends after `LOCALIZED_STEPS` localized steps."""
+        return self.is_simulated and self.options.steps is None and self.page is None
+
+    def page_arguments(self) -> list[str] | None:
+        if self.page is None:
+            return None
+        source = self.settings.bridge.source
+        story = source.removeprefix(SIMULATED) if self.is_simulated else "recording"
+        by_hand = ["--by-hand"] if self.options.by_hand else []
+        return ["--listen", self.page.netloc, "--story", story, *by_hand]
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
     """Run a demo to its end, and print the result; with a page, then wait for Ctrl-C."""
     if options.record is not None:
         check_output_file(options.record)
-    page = None if options.view_at is None else _page_at(options.view_at)
-    if page is None and options.by_hand:
-        problem = "--drive needs --view: the robot is driven on the page"
-        raise SettingsError(key="--drive", problem=problem)
-    stop = stop_on_signals(exit_after_s=5.0)
-    run, wandering = _prepared(options, settings), None
+    run = _prepared(options, settings)
+    stop, wandering = stop_on_signals(exit_after_s=5.0), None
     if options.advised:
         alone = replace(options, advised=False, view_at=None, record=None)
-        wandering = _run_to_end(alone, _prepared(alone, settings), None, stop, compared=True)
-    _run_to_end(options, run, page, stop, wandering)
+        wandering = _run_to_end(_prepared(alone, settings), stop, is_shown=not options.as_json)
+    _run_to_end(run, stop, wandering)
 
 
 def _run_to_end(
-    options: DemoOptions,
-    run: _Run,
-    page: Address | None,
-    stop: StopFlag,
-    wandering: DemoSummary | None = None,
-    *,
-    compared: bool = False,
+    run: _Run, stop: StopFlag, wandering: DemoSummary | None = None, *, is_shown: bool = True
 ) -> DemoSummary:
     """Run all processes to the last belief, and print the result.
 
     Args:
-        options: options of the demo.
-        run: its checked inputs.
-        page: address of the page, or None.
+        run: the demo.
         stop: ends the run.
         wandering: the run to compare with.
-        compared: whether this is the run to compare with, which a JSON object does not show.
+        is_shown: whether the result is printed.
     """
     started_s = time.monotonic()
-    by_hand = ["--by-hand"] if options.by_hand else []
-    driven = ["--advised"] if options.advised else by_hand
-    simulator = ["--steps", str(run.steps), *driven] if run.is_simulated else []
-    simulator += ["--map", options.map_file] if run.is_simulated and options.map_file else []
     with temporary_folder() as folder:
         meeting = meeting_in(folder, run.settings)
         stack = Stack(
             meeting,
             folder,
             logs_in_folder=not is_verbose(),
-            simulator_arguments=simulator,
-            page_arguments=_page_arguments(page, run, by_hand) if page else None,
+            simulator_arguments=run.simulator_arguments,
+            page_arguments=run.page_arguments(),
         )
         with closing(stack):
-            text, summary = _followed(
-                stack, meeting, run, options, page, stop, started_s, wandering
-            )
-            if not (compared and options.as_json):
-                typer.echo(text)
-            while page is not None:  # the page shows past steps until Ctrl-C
+            try:
+                summary, status = _followed(run, stack, meeting, stop)
+            except UnreachableError:
+                stack.check()  # raises the error of a process that has ended, which is the cause
+                raise
+            wall_s = time.monotonic() - started_s
+            if is_shown and run.options.as_json:
+                typer.echo(dumped(summary.as_object(status, wall_s, wandering)))
+            elif is_shown:
+                typer.echo("\n".join(summary.lines(status, wall_s, wandering)))
+            while run.page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
     return summary
 
 
 def _followed(
-    stack: Stack,
-    meeting: Settings,
-    run: _Run,
-    options: DemoOptions,
-    page: Address | None,
-    stop: StopFlag,
-    started_s: float,
-    wandering: DemoSummary | None,
-) -> tuple[str, DemoSummary]:
-    """Start the processes, run until the last belief, and return the result as text."""
+    run: _Run, stack: Stack, meeting: Settings, stop: StopFlag
+) -> tuple[DemoSummary, Status]:
+    """Start the processes, and receive beliefs until the last one."""
     stack.start_without_coordinator()
-    wait_s = _CONNECT_WITHIN_S
-    try:
-        if page is not None:
-            _wait_for_page(page, 0, stop, stack)
-            print_link(f"http://{page.netloc}/")
-        with open_session(meeting.zenoh, meeting.robot, stop, wait_s=wait_s) as session:
-            output = DemoOutput(run.title, as_json=options.as_json)
-            pause = functools.partial(_pause, stop, stack, 0.0)
-            audience = _Audience(session, run, output, pause, may_stand=options.by_hand)
-            with recorded(session, meeting, options.record), output.live():
-                audience.wait_for_workers(meeting.worker.count or 1)
-                if page is not None:
-                    # Only then, so that the browser shows the first search.
-                    _wait_for_page(page, 1, stop, stack)
-                stack.start_coordinator()
-                belief = audience.follow()
-                truth = audience.truth_of(belief)
-                timeout_s = meeting.zenoh.query_timeout_s
-                status = ask(session, keys.STATUS, Status, timeout_s=timeout_s)
-    except UnreachableError:
-        stack.check()  # raises the error of a process that has ended, which is the cause
-        raise
-    wall_s = time.monotonic() - started_s
-    summary = audience.summary
-    if options.as_json:
-        found = {} if wandering is None else {"wandering_found_step": wandering.found_step}
-        result = result_object(belief, truth, status, wall_s, summary.found_step)
-        return dumped({**result, **found}), summary
-    lines = [*summary.lines(), *result_lines(belief, truth, status, wall_s)]
-    if wandering is not None:
-        step = wandering.found_step
-        lines.append(f"The robot that wandered: {'never' if step is None else f'step {step}'}.")
-    return "\n".join(lines), summary
+    if run.page is not None:
+        _wait_for_page(run.page, 0, stop, stack)
+        print_link(f"http://{run.page.netloc}/")
+    wait_s, timeout_s = _CONNECT_WITHIN_S, meeting.zenoh.query_timeout_s
+    with open_session(meeting.zenoh, meeting.robot, stop, wait_s=wait_s) as session:
+        output = DemoOutput(run.title, as_json=run.options.as_json)
+        audience = _Audience(session, run, output, functools.partial(_pause, stop, stack, 0.0))
+        with recorded(session, meeting, run.options.record), output.live():
+            audience.wait_for_workers(meeting.worker.count or 1)
+            if run.page is not None:
+                # Only then, so that the browser shows the first search.
+                _wait_for_page(run.page, 1, stop, stack)
+            stack.start_coordinator()
+            audience.follow()
+            status = ask(session, keys.STATUS, Status, timeout_s=timeout_s)
+    return audience.summary, status
 
 
 class _Audience:
@@ -219,11 +195,8 @@ class _Audience:
         run: _Run,
         output: DemoOutput,
         check: Callable[[], None],
-        *,
-        may_stand: bool,
     ) -> None:
         self._run, self._output, self._check = run, output, check
-        self._may_stand = may_stand
         self._inbox: Events = Inbox({"belief": 4096, "events": 4096, "truth": 4096})
         self._alive: set[str] = set()
         self._truths: dict[int, PoseTuple] = {}
@@ -241,19 +214,20 @@ class _Audience:
             self._receive()
         self._output.on_workers(are_ready=True)
 
-    def follow(self) -> Belief:
-        """Receive beliefs until the run ends, and return the last one."""
+    def follow(self) -> None:
+        """Receive beliefs until the run ends."""
         received_s = time.monotonic()
         while True:
             if belief := self._receive():
                 received_s = time.monotonic()
                 is_found = self.summary.localized_steps >= LOCALIZED_STEPS
                 if belief.last or (is_found and self._run.ends_when_localized):
-                    return belief
-            elif time.monotonic() - received_s > _SILENCE_S and not self._may_stand:
+                    self.summary.truth = self._truth_of(belief)
+                    return
+            elif time.monotonic() - received_s > _SILENCE_S and not self._run.options.by_hand:
                 raise StalledError(silent_s=_SILENCE_S)
 
-    def truth_of(self, belief: Belief) -> PoseTuple | None:
+    def _truth_of(self, belief: Belief) -> PoseTuple | None:
         """Return the true pose at the step of a belief; wait for it up to a second.
 
         None: unknown.
@@ -291,7 +265,7 @@ class _Audience:
 
     def _on_belief(self, belief: Belief) -> None:
         truth = self._truths.get(belief.step)
-        if self._truth is not None and (truth := self.truth_of(belief)) is not None:
+        if self._truth is not None and (truth := self._truth_of(belief)) is not None:
             self._truth.put(TruePose(sender="demo", step=belief.step, pose=truth))
         self.summary.on_belief(belief, truth)
         self._output.on_belief(belief, truth)
@@ -299,16 +273,27 @@ class _Audience:
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Run:
     """Check the inputs, before any process is started."""
+    page = None if options.view_at is None else _page_at(options.view_at)
+    if page is None and options.by_hand:
+        problem = "--drive needs --view: the robot is driven on the page"
+        raise SettingsError(key="--drive", problem=problem)
     source = options.recording or _WORLD
     if options.map_file and not options.recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(options.map_file).absolute()}"
+    rate, map_file = options.rate, options.map_file or settings.bridge.map
+    if rate is None:
+        rate = 1.0 if options.by_hand else _VIEWED_RATE if page else 0.0
+    played = {"source": source, "rate": rate, "map": map_file_of(map_file, source)}
+    bridge = msgspec.structs.replace(settings.bridge, **played)
+    coordinator = msgspec.structs.replace(settings.coordinator, state_folder="")
+    settings = msgspec.structs.replace(settings, bridge=bridge, coordinator=coordinator)
     match parsed_source(source):
         case Simulated() as robot:
-            rate = 1.0 if options.by_hand else _VIEWED_RATE if options.view_at else 0.0
-            return _simulated(robot, options, _played(source, rate, options, settings))
+            return _simulated(
+                robot, _Run(options, settings, page, f"simulated robot in {robot.world}")
+            )
         case Recorded(path):
-            rate = _VIEWED_RATE if options.view_at else 0.0
-            return _recorded(path, options, _played(source, rate, options, settings))
+            return _recorded(path, _Run(options, settings, page, f"recording {path}"))
         case Live():
             problem = "--recording: a live robot has no end; start 'clustermcl up'"
             raise SettingsError(key="--recording", problem=problem)
@@ -316,15 +301,8 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
             assert_never(choice)
 
 
-def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
-    rate = usual_rate if options.rate is None else options.rate
-    map_file = map_file_of(options.map_file or settings.bridge.map, source)
-    bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
-    coordinator = msgspec.structs.replace(settings.coordinator, state_folder="")
-    return msgspec.structs.replace(settings, bridge=bridge, coordinator=coordinator)
-
-
-def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _Run:
+def _simulated(robot: Simulated, run: _Run) -> _Run:
+    options, settings = run.options, run.settings
     if options.reference is not None:
         problem = "--reference: a simulated robot knows where it is; leave it out"
         raise SettingsError(key="--reference", problem=problem)
@@ -332,20 +310,24 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
         problem = "--advised: the robot drives by itself, so leave out --drive"
         raise SettingsError(key="--advised", problem=problem)
     FreeSpace(simulated_world(robot).truth)  # raises if the robot fits nowhere
+    arguments = ["--steps", str(options.steps or (_VIEWED_STEPS if run.page else _STEPS))]
     if options.map_file:
         load_map_with_obstacles(options.map_file)
+        arguments += ["--map", options.map_file]
+    arguments += ["--by-hand"] if options.by_hand else []
+    arguments += ["--advised"] if options.advised else []
     radius_m = settings.robot.radius_m or RADIUS_M
     shown = msgspec.structs.replace(settings.robot, radius_m=radius_m)
-    return _Run(
-        msgspec.structs.replace(settings, robot=shown),
-        f"simulated robot in {robot.world}{', advised' if options.advised else ''}",
-        options.steps or (_VIEWED_STEPS if options.view_at else _STEPS),
-        is_simulated=True,
-        ends_when_localized=options.steps is None and options.view_at is None,
+    return replace(
+        run,
+        settings=msgspec.structs.replace(settings, robot=shown),
+        title=f"{run.title}{', advised' if options.advised else ''}",
+        simulator_arguments=tuple(arguments),
     )
 
 
-def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
+def _recorded(path: str, run: _Run) -> _Run:
+    options, bridge = run.options, run.settings.bridge
     if options.advised:
         problem = "--advised: only a simulated robot can follow advice, not a recording"
         raise SettingsError(key="--advised", problem=problem)
@@ -355,18 +337,13 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
     if options.steps is not None:
         problem = "--steps: only for a simulated robot; a recording is played to its end"
         raise SettingsError(key="--steps", problem=problem)
-    if not settings.bridge.map:
+    if not bridge.map:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
-    load_map_with_obstacles(settings.bridge.map)
+    load_map_with_obstacles(bridge.map)
     reference = load_reference(options.reference) if options.reference else None
-    steps = RecordedSource(path, settings.bridge).steps
-    return _Run(settings, f"recording {path}", steps, is_simulated=False, reference=reference)
-
-
-def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
-    story = run.settings.bridge.source.removeprefix(SIMULATED) if run.is_simulated else "recording"
-    return ["--listen", page.netloc, "--story", story, *by_hand]
+    recorded_source(path, bridge)  # raises if no scan can be used
+    return replace(run, reference=reference)
 
 
 def _page_at(view_at: str) -> Address:

@@ -16,7 +16,7 @@ from clustermcl.as_text import (
     progress_text,
     spread_text,
 )
-from evaluation.pose_error import pose_error
+from evaluation.pose_error import PoseError, pose_error
 from process_runtime.logs import is_quiet
 from protocol.answers import Belief, Status
 from protocol.job_events import Ended, EndedCause, NumberedEvent, event_texts, is_of_search
@@ -109,16 +109,20 @@ class DemoSummary:
         """Number of consecutive localized steps up to the newest step."""
         self.found_step: int | None = None
         """First step that was localized at the true pose."""
-        self._newest = self._ambiguous_steps = self._most_places = 0
+        self.belief: Belief | None = None
+        """The newest one."""
+        self.truth: PoseTuple | None = None
+        """The true pose of its step; None: unknown."""
+        self._ambiguous_steps = self._most_places = 0
         self._first_places_step: int | None = None
         self._lowest, self._highest = 1.0, 0.0
         self._ended: Counter[EndedCause] = Counter()
 
     def on_belief(self, belief: Belief, truth: PoseTuple | None = None) -> None:
-        self._newest = belief.step
+        self.belief, self.truth = belief, truth
         self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
-        if self.found_step is None and belief.state == "localized" and truth and belief.pose:
-            self.found_step = belief.step if pose_error(belief.pose, truth).right else None
+        if self.found_step is None and belief.state == "localized" and (error := self._error()):
+            self.found_step = belief.step if error.right else None
         if belief.state != "searching" and self._first_places_step is None:
             self._first_places_step = belief.step
         if belief.state == "ambiguous":
@@ -132,7 +136,32 @@ class DemoSummary:
         if isinstance(event.event, Ended) and not is_of_search(event.event):
             self._ended[event.event.cause] += 1
 
-    def lines(self) -> Iterator[str]:
+    def _error(self) -> PoseError | None:
+        """Return the error of the newest belief's pose; None: unknown."""
+        if self.belief is None or self.belief.pose is None or self.truth is None:
+            return None
+        return pose_error(self.belief.pose, self.truth)
+
+    def as_object(
+        self, status: Status, wall_s: float, wandering: "DemoSummary | None"
+    ) -> JsonObject:
+        """Return the last belief, its error, and the numbers of steps as a JSON object."""
+        error = self._error()
+        return {
+            **(belief_object(self.belief) if self.belief else {}),
+            "steps": status.steps_applied,
+            "steps_lost": status.steps_lost,
+            "wall_s": wall_s,
+            "found_step": self.found_step,
+            "final_error_m": error.distance_m if error else None,
+            "final_error_rad": error.heading_rad if error else None,
+            **({"wandering_found_step": wandering.found_step} if wandering else {}),
+        }
+
+    def lines(
+        self, status: Status, wall_s: float, wandering: "DemoSummary | None" = None
+    ) -> Iterator[str]:
+        """Yield the run, the last belief, its error, and the numbers of steps as text."""
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:
@@ -145,46 +174,22 @@ class DemoSummary:
             yield f"Dropped places: {causes}."
         if self.found_step is not None:
             yield f"First localized at the true pose: step {self.found_step}."
-        if self.localized_steps:
-            since = self._newest - self.localized_steps + 1
+        belief = self.belief
+        if belief and self.localized_steps:
+            since = belief.step - self.localized_steps + 1
             yield f"From step {since} on the robot was localized."
-
-
-def result_object(
-    belief: Belief,
-    truth: PoseTuple | None,
-    status: Status,
-    wall_s: float,
-    found_step: int | None,
-) -> JsonObject:
-    """Return the last belief, its error, and the numbers of steps as a JSON object."""
-    best = belief.hypotheses[0] if belief.hypotheses else None
-    error = pose_error(best.pose, truth) if best and truth else None
-    return {
-        **belief_object(belief),
-        "steps": status.steps_applied,
-        "steps_lost": status.steps_lost,
-        "wall_s": wall_s,
-        "found_step": found_step,
-        "final_error_m": error.distance_m if error else None,
-        "final_error_rad": error.heading_rad if error else None,
-    }
-
-
-def result_lines(
-    belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
-) -> Iterator[str]:
-    """Yield the last belief, its error, and the numbers of steps as text."""
-    if belief.hypotheses:
-        best = belief.hypotheses[0]
-        where = f"{pose_text(best.pose)}  {spread_text(best.covariance)}"
-        yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
-        if truth is not None:
-            error = pose_error(best.pose, truth)
-            yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
-    else:
-        yield f"At the end {belief.state}; no place is known."
-    yield (
-        f"{status.steps_applied} steps, {status.steps_lost} lost, "
-        f"{len(status.workers)} workers, {wall_s:.1f} s."
-    )
+        if belief and belief.hypotheses:
+            best = belief.hypotheses[0]
+            where = f"{pose_text(best.pose)}  {spread_text(best.covariance)}"
+            yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
+            if error := self._error():
+                yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
+        elif belief:
+            yield f"At the end {belief.state}; no place is known."
+        yield (
+            f"{status.steps_applied} steps, {status.steps_lost} lost, "
+            f"{len(status.workers)} workers, {wall_s:.1f} s."
+        )
+        if wandering is not None:
+            step = wandering.found_step
+            yield f"The robot that wandered: {'never' if step is None else f'step {step}'}."

@@ -22,6 +22,7 @@ from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource
 from robot_simulator.worlds.catalogue import simulated_world
 from sensor_bridge.process import OnStep, serve_robot
+from sensor_bridge.recorded import Source
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received
 
@@ -87,7 +88,8 @@ def run_simulator(invocation: Invocation) -> None:
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
-    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), source, extend)
+    readings = Source(iter(source.next_reading, None), source.steps)
+    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), readings, extend)
 
 
 def run_with_defaults(invocation: Invocation) -> None:

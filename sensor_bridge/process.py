@@ -40,7 +40,7 @@ from protocol.steps import (
 )
 from recordings.map_file import load_map, map_file_of
 from sensor_bridge.flow_control import FlowControl
-from sensor_bridge.recorded import RecordedSource, Source
+from sensor_bridge.recorded import Source, recorded_source
 from sensor_bridge.step_maker import StepMaker
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received, Token, ask, is_alive
@@ -92,7 +92,7 @@ def source_of(settings: BridgeSettings) -> Source | None:
         case Live():
             return None
         case Recorded(path):
-            return RecordedSource(path, settings)
+            return recorded_source(path, settings)
         case Simulated():
             raise SettingsError(
                 key="bridge.source",
@@ -213,7 +213,7 @@ class Bridge:
         if self._source is None or self._flow.waits or not self._has_coordinator:
             return POLL_S
         if self._next is None:
-            self._next = self._source.next_reading()
+            self._next = next(self._source.readings, None)
         if self._next is None:
             self._finish()
             return POLL_S

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Iterator
-from typing import Protocol
+from dataclasses import dataclass
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
@@ -15,28 +15,25 @@ _NAMED_LINES = 10
 _log = logging.getLogger(__name__)
 
 
-class Source(Protocol):
+@dataclass(frozen=True)
+class Source:
     """Readings that no robot publishes."""
 
-    @property
-    def steps(self) -> int | None:
-        """Number of steps that it makes; None: endless."""
-
-    def next_reading(self) -> Reading | Observation | None:
-        """Return the next reading in the order of time; None at the end."""
+    readings: Iterator[Reading | Observation]
+    """In the order of time."""
+    steps: int | None
+    """Number of steps that they make; None: endless."""
 
 
-class RecordedSource:
-    """A source that yields the readings of a recording."""
+def recorded_source(path: str, settings: BridgeSettings) -> Source:
+    """Return the readings of a recording.
 
-    def __init__(self, path: str, settings: BridgeSettings) -> None:
-        recording = opened(path, settings)
-        self._readings = iter(recording.readings)
-        self.steps: int = sum(1 for _ in steps_of(recording, settings, map_digest=""))
-
-    def next_reading(self) -> Reading | None:
-        """Return the next reading in the order of time; None at the end."""
-        return next(self._readings, None)
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    recording = opened(path, settings)
+    steps = sum(1 for _ in steps_of(recording, settings, map_digest=""))
+    return Source(iter(recording.readings), steps)
 
 
 def opened(path: str, settings: BridgeSettings) -> Recording:
@@ -46,24 +43,16 @@ def opened(path: str, settings: BridgeSettings) -> Recording:
         RecordingError: it cannot be used.
     """
     recording = open_recording(path, settings)
-    if warning := left_out(recording):
-        _log.warning(warning)
+    if skipped := recording.skipped:
+        numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
+        more = ", ..." if len(skipped) > _NAMED_LINES else ""
+        lines = "line" if len(skipped) == 1 else "lines"
+        _log.warning(
+            "%s:%d: %d bad %s left out (%s%s); the first: %s",
+            *(path, skipped[0].line_number, len(skipped), lines),
+            *(numbers, more, skipped[0].problem),
+        )
     return recording
-
-
-def left_out(recording: Recording) -> str | None:
-    """Return a sentence about the skipped lines; None: no line was skipped."""
-    skipped = recording.skipped
-    if not skipped:
-        return None
-    numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
-    more = ", ..." if len(skipped) > _NAMED_LINES else ""
-    lines = "line" if len(skipped) == 1 else "lines"
-    first = skipped[0]
-    return (
-        f"{recording.path}:{first.line_number}: {len(skipped)} bad {lines} left out "
-        f"({numbers}{more}); the first: {first.problem}"
-    )
 
 
 def steps_of(recording: Recording, settings: BridgeSettings, map_digest: str) -> Iterator[Scan]:

@@ -1,6 +1,8 @@
 from clustermcl.demo_output import DemoSummary
 from protocol.job_events import Ended, NumberedEvent
-from tests.unit.evaluation.places import belief, place
+from tests.unit.evaluation.places import STATUS, belief, place
+
+END = "40 steps, 1 lost, 1 workers, 3.0 s."
 
 
 def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
@@ -19,11 +21,14 @@ def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
         summary.on_event(NumberedEvent(number=0, step=2, stamp_ns=0, event=event))
     for step in (3, 4, 5):
         summary.on_belief(belief(step, "localized", place(0.97), place(0.03)))
-    assert list(summary.lines()) == [
+    assert list(summary.lines(STATUS, 3.0)) == [
         "The search found its first places at step 1.",
         "For 2 steps up to 3 places were tracked, with probabilities from 0.19 to 0.50.",
         "Dropped places: 2 merged, 1 pushed out.",
         "From step 3 on the robot was localized.",
+        "At the end localized with probability 0.97: "
+        "x 0.00 m  y 0.00 m  heading 0.0 deg  +-0.20 m, 2.9 deg",
+        END,
     ]
     assert summary.localized_steps == 3
 
@@ -35,9 +40,9 @@ def test_an_ambiguous_step_resets_the_count_of_localized_steps() -> None:
     assert summary.localized_steps == 2
 
 
-def test_a_summary_without_steps_is_empty() -> None:
+def test_a_summary_without_steps_has_the_counts_only() -> None:
     summary = DemoSummary()
-    assert list(summary.lines()) == []
+    assert list(summary.lines(STATUS, 3.0)) == [END]
     assert summary.localized_steps == 0
 
 
@@ -48,4 +53,6 @@ def test_the_first_step_that_is_localized_at_the_true_pose_is_named() -> None:
     ):  # fmt: skip
         summary.on_belief(belief(step, state, place(0.95)), (off_m, 0.0, 0.0))
     assert summary.found_step == 2
-    assert "First localized at the true pose: step 2." in summary.lines()
+    lines = list(summary.lines(STATUS, 3.0, DemoSummary()))
+    assert "First localized at the true pose: step 2." in lines
+    assert lines[-3:] == ["That is 0.00 m and 0.0 deg off.", END, "The robot that wandered: never."]
