@@ -17,7 +17,7 @@ from pathlib import Path
 
 from evaluation.course import RecordedRobot
 from process_runtime.settings import BridgeSettings
-from recordings.log_file import TextLog
+from recordings.log_file import words_of_lines
 from recordings.recording import Recording, open_recording
 
 
@@ -31,7 +31,7 @@ class WeanRobot(RecordedRobot, frozen=True, kw_only=True):
 
 def as_carmen(log: Path, written: Path) -> Path:
     """Write a log of Wean Hall as one of CARMEN."""
-    lines = (_line(text.split()) for _, text in TextLog(log).lines())
+    lines = (_line(words) for _, words in words_of_lines(log, []))
     written.write_text("\n".join(lines) + "\n")
     return written
 

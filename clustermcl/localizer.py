@@ -26,6 +26,7 @@ from process_runtime.compressed import os_problem
 from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
+from process_runtime.settings_table import TABLE, value_of
 from protocol import answers
 from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
-_STATE_VERSION = 3
+_STATE_VERSION = 4
 MAX_STATE_BYTES = 2**28
 """Limit for the file of a saved state; 64 places of 100,000 particles each fit into it."""
 
@@ -52,8 +53,8 @@ MAX_STATE_BYTES = 2**28
 class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     version: int
     map_digest: str
-    settings: dict[str, object]
-    """Settings of the filter, as in `Settings`."""
+    settings: dict[str, bool | int | float | str]
+    """Settings of the filter, by their dotted names."""
     filter: InProcessState
     odometry: tuple[int, PoseTuple]
     """Stamp [ns] and pose of the newest odometry."""
@@ -290,7 +291,8 @@ class ClusterMCL(RobotCommands):
         if state.map_digest != self.map.digest:
             problem = f"of map {state.map_digest:.12}, but the map here is {self.map.digest:.12}"
             raise StateFileError(path, problem)
-        if different := _differences(state.settings, _filter_settings(self._settings)):
+        ours, theirs = _filter_settings(self._settings), state.settings
+        if different := sorted(n for n in {*ours, *theirs} if ours.get(n) != theirs.get(n)):
             raise StateFileError(path, f"made with other settings: {', '.join(different)}")
         try:
             resumed = InProcess.resumed(self._model, self._settings, state.filter)
@@ -348,22 +350,10 @@ class ClusterMCL(RobotCommands):
         return self.belief
 
 
-def _filter_settings(settings: FilterSettings) -> dict[str, object]:
-    names = FilterSettings.__struct_fields__
-    plain: dict[str, object] = msgspec.to_builtins({n: getattr(settings, n) for n in names})
-    return plain
-
-
-def _differences(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
-    """Return the names of settings that differ, such as ``belief.max_clusters``."""
-    found: list[str] = []
-    for name in sorted({*one, *other}):
-        mine, theirs = one.get(name), other.get(name)
-        if isinstance(mine, dict) and isinstance(theirs, dict):
-            found += (f"{name}.{inner}" for inner in _differences(mine, theirs))
-        elif mine != theirs:
-            found.append(name)
-    return found
+def _filter_settings(settings: Settings) -> dict[str, bool | int | float | str]:
+    """Return the settings of the filter by their dotted names."""
+    sections = FilterSettings.__struct_fields__
+    return {name: value_of(settings, name) for name in TABLE if name.partition(".")[0] in sections}
 
 
 def _read_state(path: Path) -> _SavedState:

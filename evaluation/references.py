@@ -12,7 +12,7 @@ from pathlib import Path
 from particle_filter.trajectory import Trajectory
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
-from recordings.log_file import TextLog, numbers_of, stamp_ns_of
+from recordings.log_file import SkippedLine, numbers_of, stamp_ns_of, words_of_lines
 
 MAX_OUTSIDE_NS = 1_000_000_000
 """Time for which the first pose holds before it, and the last after it [ns]."""
@@ -29,18 +29,15 @@ def load_reference(path: Path | str) -> Trajectory:
             has another format. No line is skipped, because a gap would distort the measures.
     """
     path = Path(path)
-    log = TextLog(path, ReferenceFileError)
+    broken: list[SkippedLine] = []
     poses: list[tuple[int, PoseTuple]] = []
-    for number, line in log.lines():
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
+    for number, words in words_of_lines(path, broken, ReferenceFileError):
         try:
             poses.append(_parsed(words))
         except ValueError as problem:
             raise ReferenceFileError(path, str(problem), line=number) from None
-    if log.broken:
-        raise ReferenceFileError(path, log.broken.problem, line=log.broken.line_number)
+    for line in broken:
+        raise ReferenceFileError(path, line.problem, line=line.line_number)
     if not poses:
         raise ReferenceFileError(path, "no pose in it; expected lines of the TUM format")
     reference = Trajectory(held_ns=MAX_OUTSIDE_NS)

@@ -20,6 +20,7 @@ PALETTE = (
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
 _SCAN, _INK = "#c0262d", "#1a2027"
 LONG_SIDE_PX = 1400
+"""Long side of the map in the picture, without margins."""
 _MARGIN_PX = 24
 _FINER = 2
 """Factor by which the drawing is larger than the picture, for smooth edges."""
@@ -38,17 +39,14 @@ class View(NamedTuple):
         return (x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m
 
 
-def drawn_picture(
-    grid_map: GridMap, step: Mapping[str, Any], long_side_px: int = LONG_SIDE_PX
-) -> Image.Image:
+def drawn_picture(grid_map: GridMap, step: Mapping[str, Any]) -> Image.Image:
     """Draw the whole map, and the places, the scan and the true pose of a step.
 
     Args:
         grid_map: the map; a cell of a very large one stands for several.
         step: frame of the step, from `step_frame`.
-        long_side_px: long side of the map in the picture, without margins.
     """
-    canvas, view = map_canvas(grid_map, long_side_px)
+    canvas, view = map_canvas(grid_map)
     draw = ImageDraw.Draw(canvas, "RGBA")
     places = step["places"]
     if places:
@@ -60,9 +58,9 @@ def drawn_picture(
     return smoothed(canvas)
 
 
-def map_canvas(grid_map: GridMap, long_side_px: int = LONG_SIDE_PX) -> tuple[Image.Image, View]:
+def map_canvas(grid_map: GridMap) -> tuple[Image.Image, View]:
     """Return a drawing of the map, to be drawn on and then smoothed by `smoothed`."""
-    view, size = _view_of(grid_map, long_side_px)
+    view, size = _view_of(grid_map)
     canvas = Image.new("RGB", size, _UNKNOWN_RGB)
     _paste_map(canvas, grid_map, view)
     return canvas, view
@@ -76,7 +74,7 @@ def smoothed(canvas: Image.Image) -> Image.Image:
 
 def extent_m(grid_map: GridMap) -> tuple[float, float, float, float]:
     """Return the left, right, lower and upper edge of a map's picture [m]."""
-    view, (width, height) = _view_of(grid_map, LONG_SIDE_PX)
+    view, (width, height) = _view_of(grid_map)
     right_m = view.left_m + width / view.px_per_m
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
 
@@ -89,10 +87,10 @@ def _corners(grid_map: GridMap) -> list[tuple[float, float]]:
     return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
 
 
-def _view_of(grid_map: GridMap, long_side_px: int) -> tuple[View, tuple[int, int]]:
+def _view_of(grid_map: GridMap) -> tuple[View, tuple[int, int]]:
     xs, ys = zip(*_corners(grid_map), strict=True)
     long_m = max(max(xs) - min(xs), max(ys) - min(ys))
-    px_per_m = _FINER * long_side_px / long_m
+    px_per_m = _FINER * LONG_SIDE_PX / long_m
     margin = _FINER * _MARGIN_PX
     view = View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
     right, bottom = view.at(max(xs), min(ys))

@@ -53,36 +53,33 @@ class LaserEntry:
 Entry = OdometryEntry | LaserEntry
 
 
-class TextLog:
-    """Numbered lines of a text file that may be compressed or truncated.
+def words_of_lines(
+    path: Path, broken: list[SkippedLine], error: type[InputFileError] = RecordingError
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield number, from 1, and words of the lines of a text file, without blanks and comments.
 
-    Attributes:
-        broken: where and why a compressed stream ended early, known once all lines are read, or
-            None.
+    Args:
+        path: the file, perhaps compressed.
+        broken: gets where and why a compressed stream ended early, if it did.
+        error: type of the exception for a file that cannot be read.
+
+    Raises:
+        InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
     """
-
-    def __init__(self, path: Path, error: type[InputFileError] = RecordingError) -> None:
-        self._path, self._error = path, error
-        self.broken: SkippedLine | None = None
-
-    def lines(self) -> Iterator[tuple[int, str]]:
-        """Yield line numbers, from 1, and lines.
-
-        Raises:
-            InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
-        """
-        number, left = 0, compressed.MAX_FILE_BYTES
-        try:
-            with compressed.open_decompressed(self._path) as stream:
-                while line := stream.readline(_MAX_LINE_BYTES):
-                    number, left = number + 1, left - len(line)
-                    if left < 0:
-                        raise self._error(self._path, compressed.too_long_problem(), line=number)
-                    yield number, line.decode("utf-8", errors="replace")
-        except compressed.BROKEN_STREAM_ERRORS as broken:
-            self.broken = SkippedLine(number + 1, compressed.broken_stream_problem(broken))
-        except OSError as failed:
-            raise self._error(self._path, compressed.os_problem(failed)) from failed
+    number, left = 0, compressed.MAX_FILE_BYTES
+    try:
+        with compressed.open_decompressed(path) as stream:
+            while line := stream.readline(_MAX_LINE_BYTES):
+                number, left = number + 1, left - len(line)
+                if left < 0:
+                    raise error(path, compressed.too_long_problem(), line=number)
+                words = line.decode("utf-8", errors="replace").split()
+                if words and not words[0].startswith("#"):
+                    yield number, words
+    except compressed.BROKEN_STREAM_ERRORS as problem:
+        broken.append(SkippedLine(number + 1, compressed.broken_stream_problem(problem)))
+    except OSError as failed:
+        raise error(path, compressed.os_problem(failed)) from failed
 
 
 def stamp_ns_of(text: str) -> int:

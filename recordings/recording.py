@@ -21,7 +21,7 @@ from recordings.log_file import (
     LaserEntry,
     OdometryEntry,
     SkippedLine,
-    TextLog,
+    words_of_lines,
 )
 from recordings.run_log import is_run_log, playback
 
@@ -108,7 +108,10 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     skipped += misplaced
     lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
     if not lasers:
-        raise RecordingError(path, _no_scan(entries, skipped))
+        what = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
+        for line in skipped[:1]:
+            what += f", first line {line.line_number}: {line.problem}"
+        raise RecordingError(path, what)
     limit_m = range_limit_m(entry.ranges for entry in lasers)
     entries, times = merged(entries)
     return Recording(
@@ -131,13 +134,11 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     """Return the entries of a text recording in the order of its lines, and the skipped lines."""
-    log, parser, is_known = TextLog(path), CarmenParser(), False
+    parser, is_known = CarmenParser(), False
     entries: list[Entry] = []
     skipped: list[SkippedLine] = []
-    for number, line in log.lines():
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
+    broken: list[SkippedLine] = []
+    for number, words in words_of_lines(path, broken):
         is_known = is_known or is_carmen_line(words)
         try:
             entry = parser.parse(number, words)
@@ -148,23 +149,10 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
         else:
             entries += [entry] if entry else []
     if not is_known:
-        raise RecordingError(path, _not_recognised(bool(skipped), log.broken))
-    return parser.finished(entries), skipped + ([log.broken] if log.broken else [])
-
-
-def _not_recognised(any_line: bool, broken: SkippedLine | None) -> str:
-    if broken:
-        return broken.problem
-    if not any_line:
-        return "empty; expected a CARMEN log"
-    return "not a recording: no line of a CARMEN log (ODOM, FLASER ...)"
-
-
-def _no_scan(entries: Sequence[Entry], skipped: Sequence[SkippedLine]) -> str:
-    problem = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
-    if skipped:
-        problem += f", first line {skipped[0].line_number}: {skipped[0].problem}"
-    return problem
+        what = "not a recording: no line of a CARMEN log (ODOM, FLASER ...)"
+        what = what if skipped else "empty; expected a CARMEN log"
+        raise RecordingError(path, broken[0].problem if broken else what)
+    return parser.finished(entries), skipped + broken
 
 
 def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Reading:

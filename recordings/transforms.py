@@ -66,7 +66,7 @@ class TransformTree:
         if link is None or link.parent != parent or link.fixed != fixed:
             if link is None and len(self._links) >= _MOST_FRAMES:
                 return Kept.NO
-            link = _Link(parent, fixed=fixed, cache_ns=self._cache_ns)
+            link = _Link(parent, child, fixed=fixed, cache_ns=self._cache_ns)
             self._links[child] = link
         if link.add(stamp_ns, parent_from_child):
             return Kept.YES
@@ -147,24 +147,16 @@ class TransformTree:
         """Return the pose of a way's first frame, relative to the parent of its last frame."""
         found = IDENTITY
         for child in way:
-            link = self._links[child]
-            try:
-                found = link.at(stamp_ns, self._slack_ns).of(found)
-            except TransformMissingError as missing:
-                raise TransformMissingError(
-                    f"tf from {link.parent!r} to {child!r} {missing}",
-                    cause=missing.cause,
-                    may_come=missing.may_come,
-                ) from None
+            found = self._links[child].at(stamp_ns, self._slack_ns).of(found)
         return found
 
 
 class _Link:
     """The transforms from a frame to its parent over time."""
 
-    def __init__(self, parent: str, *, fixed: bool, cache_ns: int | None) -> None:
+    def __init__(self, parent: str, child: str, *, fixed: bool, cache_ns: int | None) -> None:
         self.parent, self.fixed, self.late_in_a_row = parent, fixed, 0
-        self._cache_ns = cache_ns
+        self._name, self._cache_ns = f"tf from {parent!r} to {child!r}", cache_ns
         self._known: list[tuple[int, Rigid]] = []
 
     @property
@@ -202,7 +194,7 @@ class _Link:
         if after == len(known):
             late_s = (stamp_ns - known[-1][0]) / 1e9
             raise TransformMissingError(
-                f"ends {late_s:.3f} s before that time",
+                f"{self._name} ends {late_s:.3f} s before that time",
                 cause="transform does not arrive",
                 may_come=True,
             )
@@ -212,7 +204,7 @@ class _Link:
         if after == 0:
             early_s = (end_ns - stamp_ns) / 1e9
             raise TransformMissingError(
-                f"begins {early_s:.3f} s after that time",
+                f"{self._name} begins {early_s:.3f} s after that time",
                 cause="before the first transform",
                 may_come=False,
             )

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from process_runtime.settings import Settings
+from process_runtime.settings_table import value_of
 from protocol.live_settings import LiveSettings
 
 Value: TypeAlias = bool | int | float | str
@@ -74,9 +75,7 @@ class Parameter:
     def value(self, settings: Settings) -> Value:
         if not self.setting:
             return self.default
-        section, _, key = self.setting.rpartition(".")
-        found = getattr(getattr(settings, section) if section else settings, key)
-        value = self.from_setting(found)
+        value = self.from_setting(value_of(settings, self.setting))
         return float(value) if isinstance(self.default, float) else value
 
 

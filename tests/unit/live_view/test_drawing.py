@@ -91,14 +91,3 @@ def test_no_place_or_one_of_any_probability_can_be_drawn(places: list[dict[str, 
 )
 def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
     assert percent(probability) == written
-
-
-def test_a_smaller_picture_has_symbols_of_the_same_size() -> None:
-    large, small = (drawn_picture(room(), step(), side) for side in (1400, 400))
-    assert small.size == (448, 248)
-    coloured = [
-        int((np.abs(np.asarray(image, int) - (0, 0x72, 0xB2)).sum(axis=2) < 8).sum())
-        for image in (large, small)
-    ]
-    assert coloured[0] > 100
-    assert abs(coloured[0] - coloured[1]) < 0.2 * coloured[0]
