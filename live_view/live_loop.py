@@ -2,8 +2,9 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
 
 import msgspec
 
@@ -19,7 +20,6 @@ from protocol.answers import Belief, CommandDone, Drive, PoseAnswer, Status
 from protocol.codec import decode
 from protocol.errors import UnreachableError
 from protocol.job_events import JobEvents
-from protocol.message import Message
 from protocol.steps import MapMessage, Scan, TruePose
 from protocol.work import Reported, TrackReport
 from zenoh_link.node import Node
@@ -40,8 +40,6 @@ _MAP_TIMEOUT_S = 30.0
 _ADVICE_TIMEOUT_S = 20.0
 _COMMAND_TIMEOUT_S = 5.0
 
-M = TypeVar("M", bound=Message)
-
 
 def answer_browser(room: Room, picture: Picture, event: FromBrowser) -> None:
     """Send a page all frames when it joins, or the past steps that it requests."""
@@ -58,13 +56,13 @@ class LiveLoop:
     """The loop of one robot's page. No other thread uses the picture, so there is no lock."""
 
     def __init__(self, settings: Settings, about: Mapping[str, Any], stop: StopFlag) -> None:
-        self._settings = settings
         name = settings.robot.name
         self.node = Node("live_view", "page", settings, stop, peers=keys.COORDINATOR_ALIVE)
         self.room = Room(name, self.node.inbox.put)
         self.picture = Picture({"robot": name, "router": settings.zenoh.router, **about})
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
+        self._ask = partial(self.node.ask, timeout_s=settings.zenoh.query_timeout_s)
         self._declare()
 
     def _declare(self) -> None:
@@ -156,16 +154,6 @@ class LiveLoop:
             self.node.ask(
                 keys.MAP, MapMessage, self._on_map, self._on_no_map, timeout_s=_MAP_TIMEOUT_S
             )
-
-    def _ask(
-        self,
-        key: str,
-        answer: type[M],
-        on_answer: Callable[[M], object],
-        on_failure: Callable[[str], object] = lambda _problem: None,
-    ) -> None:
-        timeout_s = self._settings.zenoh.query_timeout_s
-        self.node.ask(key, answer, on_answer, on_failure, timeout_s=timeout_s)
 
     def _ask_events(self) -> None:
         self._ask(keys.EVENTS, JobEvents, self._on_events)

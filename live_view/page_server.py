@@ -7,10 +7,8 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
-from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Self
 from urllib.parse import urlsplit
@@ -58,62 +56,41 @@ _SAFE = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class PageOptions:
-    """Address and features of the page."""
-
-    address: Address
-    """Address of the page; elsewhere than on loopback, the link contains a token."""
-    allow_commands: bool = False
-    """Accept commands from browsers on other machines too."""
-    open_browser: bool = False
-
-    @property
-    def obeys_commands(self) -> bool:
-        """Whether the page offers commands, and accepts them."""
-        return self.allow_commands or self.address.is_loopback
-
-
 def print_link(link: str) -> None:
     """Print the link of the page to standard error."""
     sys.stderr.write(f"clustermcl: look at {link}\n")
     sys.stderr.flush()
 
 
-@contextmanager
-def opened_page(options: PageOptions, rooms: Sequence[Room]) -> Iterator[None]:
-    """Serve the page within the ``with`` block, and print its link.
-
-    Raises:
-        SettingsError: the address cannot be used.
-    """
-    with PageServer(options, rooms) as server:
-        print_link(server.link)
-        if options.open_browser:
-            webbrowser.open(server.link)
-        yield
-
-
 class PageServer:
-    """A web server that runs in a thread within its ``with`` block.
+    """A web server that runs in a thread within its ``with`` block, and prints its link.
 
     Args:
-        options: address to listen at, whose port 0 selects a free port; whether to obey commands.
+        address: address to listen at, whose port 0 selects a free port; elsewhere than on
+            loopback, the link contains a token.
         rooms: a room for each robot; the path ``/`` leads to the first.
+        obeys_commands: whether commands of browsers are accepted.
+        open_browser: whether to open the page in this machine's browser.
 
     Raises:
         SettingsError: the address is not of this machine, or in use.
     """
 
-    def __init__(self, options: PageOptions, rooms: Sequence[Room]) -> None:
-        address = options.address
+    def __init__(
+        self,
+        address: Address,
+        rooms: Sequence[Room],
+        *,
+        obeys_commands: bool = False,
+        open_browser: bool = False,
+    ) -> None:
         token = "" if address.is_loopback else secrets.token_urlsafe(18)
         self._listening = _listening(address)
         port = int(self._listening.getsockname()[1])
         self._admission = Admission(Address(address.host, port), token)
         self._rooms = {room.name: room for room in rooms}
-        self._first, self._commands = rooms[0], options.obeys_commands
-        self._files = static_files()
+        self._first, self._commands = rooms[0], obeys_commands
+        self._open_browser, self._files = open_browser, static_files()
         self._stopping = asyncio.Event()
         self._started: Future[asyncio.AbstractEventLoop] = Future()
         self._thread = threading.Thread(
@@ -127,6 +104,9 @@ class PageServer:
     def __enter__(self) -> Self:
         self._thread.start()
         self._started.result(_STARTED_WITHIN_S)
+        print_link(self.link)
+        if self._open_browser:
+            webbrowser.open(self.link)
         return self
 
     def __exit__(self, *_error: object) -> None:

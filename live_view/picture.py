@@ -12,7 +12,7 @@ from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
 from protocol.steps import MapMessage, Scan, TruePose
-from protocol.work import Particles, TrackReport
+from protocol.work import TrackReport
 
 NEWEST_ROWS = 1000
 """Limit for the rows in one answer; the page requests older rows when they are needed."""
@@ -115,12 +115,8 @@ class Picture:
     def on_report(self, report: TrackReport) -> None:
         """Show the particles of a worker's report if the report has any."""
         if report.snapshot is not None and report.cluster is not None:
-            self.on_particles(report.cluster, report.snapshot)
-
-    def on_particles(self, cluster: int, particles: Particles) -> None:
-        frame = frames.cloud_frame(cluster, particles)
-        self._set(f"cloud {cluster}", frame)
-        self._archive.add(self._last_step, f"cloud {cluster}", frame)
+            frame = frames.cloud_frame(report.cluster, report.snapshot)
+            self._show(f"cloud {report.cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
         """Show a belief; ignore one of an earlier coordinator.
@@ -140,15 +136,13 @@ class Picture:
     def on_pose(self, answer: PoseAnswer) -> None:
         """Show the robot's present pose; ignore an answer of an earlier coordinator."""
         if answer.term >= self._term:
-            self._set("pose", answer)
-            self._archive.add(self._last_step, "pose", answer)
+            self._show("pose", answer)
 
     def on_status(self, status: Status) -> None:
         """Show the status of a running system."""
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        self._set("status", status)
-        self._archive.add(self._last_step, "status", status)
+        self._show("status", status)
 
     def on_events(self, published: JobEvents) -> bool:
         """Add events; return False if earlier events are missing and have to be queried."""
@@ -187,8 +181,7 @@ class Picture:
         if self._rows and self._rows[-1][0] == step:
             self._rows.pop()
         self._rows.append((step, msgspec.Raw(msgspec.json.encode(frames.history_row(frame)))))
-        self._archive.add(step, "step", frame)
-        self._set("step", frame)
+        self._show("step", frame)
 
     def _drop_clouds_but(self, clusters: Container[int]) -> None:
         clouds = [topic for topic in self._frames if topic.startswith("cloud ")]
@@ -202,6 +195,11 @@ class Picture:
             oldest = self._rows[0][0] if self._rows else 0
             return {"oldest": oldest, "rows": self.rows_before(self._last_step + 1)}
         return self._frames.get(topic)
+
+    def _show(self, topic: str, frame: Any) -> None:
+        """Show a frame, and archive it for its step."""
+        self._set(topic, frame)
+        self._archive.add(self._last_step, topic, frame)
 
     def _set(self, topic: str, frame: Any) -> None:
         self._frames[topic] = frame

@@ -4,7 +4,7 @@ import argparse
 
 from live_view.admission import DEFAULT_PORT, parsed_address
 from live_view.live_loop import LiveLoop
-from live_view.page_server import PageOptions, opened_page
+from live_view.page_server import PageServer
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings_file import with_setting
 from process_runtime.threads import run_in_threads
@@ -49,14 +49,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def run_live_view(invocation: Invocation) -> None:
     """Serve the page until the process is stopped, also while no system is running."""
     settings, arguments = invocation.settings, invocation.arguments
-    options = PageOptions(
-        address=parsed_address(arguments.listen),
-        allow_commands=arguments.allow_commands,
-        open_browser=arguments.open,
-    )
+    address = parsed_address(arguments.listen)
+    commands = arguments.allow_commands or address.is_loopback
     names = list(dict.fromkeys(arguments.robot)) or [settings.robot.name]
     about = {
-        "commands": options.obeys_commands,
+        "commands": commands,
         "by_hand": arguments.by_hand,
         "radius_m": settings.robot.radius_m,
         "story": arguments.story,
@@ -66,5 +63,6 @@ def run_live_view(invocation: Invocation) -> None:
         LiveLoop(with_setting(settings, "robot.name", name, "--robot"), about, invocation.stop)
         for name in names
     ]
-    with opened_page(options, [loop.room for loop in loops]):
+    rooms = [loop.room for loop in loops]
+    with PageServer(address, rooms, obeys_commands=commands, open_browser=arguments.open):
         run_in_threads([loop.run for loop in loops], invocation.stop)

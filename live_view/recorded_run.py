@@ -9,9 +9,10 @@ from typing import Any
 
 from grid_maps.landmarks import landmarks_of_map
 from grid_maps.map_message import to_message
+from live_view.admission import Address
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
-from live_view.page_server import PageOptions, opened_page
+from live_view.page_server import PageServer
 from live_view.picture import Picture
 from live_view.room import FromBrowser, Room
 from live_view.saved_page import saved_run
@@ -37,15 +38,21 @@ _log = logging.getLogger(__name__)
 
 
 def view_recording(
-    recording: Path, page: PageOptions, map_file: Path | None = None, save_file: Path | None = None
+    recording: Path,
+    address: Address,
+    map_file: Path | None = None,
+    save_file: Path | None = None,
+    *,
+    open_browser: bool = False,
 ) -> None:
     """Serve the page of a recorded run until Ctrl-C, or save the page.
 
     Args:
         recording: a run log, or a folder with run logs.
-        page: address and features of the page.
+        address: address of the page.
         map_file: map of the recording; None: the map in the recording.
         save_file: file for the recording as one page, which is then not served; None: serve it.
+        open_browser: whether to open the page in this machine's browser.
 
     Raises:
         SettingsError: the address is invalid.
@@ -66,7 +73,7 @@ def view_recording(
         named = to_message(grid_map, "recording")
     run = RecordedRun(recording, named)
     if save_file is None:
-        with opened_page(page, [run.room]):
+        with PageServer(address, [run.room], open_browser=open_browser):
             run.run(stop)
     else:
         check_output_file(save_file)

@@ -234,9 +234,7 @@ def serve_view(
         _become("live_view", words, settings_file, common.as_assignments(None, router), assignments)
         return
     from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
-    from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
     from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
     address = parsed_address(listen or common.HERE)
-    page = PageOptions(address=address, open_browser=open_browser)
-    view_recording(recording, page, map_file, save_file)
+    view_recording(recording, address, map_file, save_file, open_browser=open_browser)

@@ -11,7 +11,7 @@ from live_view.admission import parsed_address
 from live_view.commands import Command
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
-from live_view.page_server import PageOptions, PageServer
+from live_view.page_server import PageServer
 from live_view.picture import Picture
 from live_view.room import FromBrowser, Room
 from protocol.steps import Landmark, MapMessage
@@ -48,7 +48,7 @@ class Stage(Actor):
         self.map: MapMessage | None = None
         self.others = {name: Actor(name, []) for name in others}
         rooms = [self.room, *(other.room for other in self.others.values())]
-        self.server = PageServer(PageOptions(address=parsed_address("127.0.0.1:0")), rooms)
+        self.server = PageServer(parsed_address("127.0.0.1:0"), rooms, obeys_commands=True)
 
     def __enter__(self) -> Self:
         self.server.__enter__()

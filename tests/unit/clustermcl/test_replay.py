@@ -14,7 +14,6 @@ from coordinator.events import WorkerReturned
 from coordinator.recorder.records import Head, RecordedEvent
 from coordinator.recorder.ring import files_in
 from live_view.admission import parsed_address
-from live_view.page_server import PageOptions
 from live_view.recorded_run import view_recording
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
@@ -183,5 +182,5 @@ def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None
     with RunLog(path) as log:
         log.write("/belief", msgspec.Raw(attack), 0)
     with pytest.raises(RecordingError):
-        view_recording(tmp_path, PageOptions(address=parsed_address("127.0.0.1:0")))
+        view_recording(tmp_path, parsed_address("127.0.0.1:0"))
     assert not marker.exists()

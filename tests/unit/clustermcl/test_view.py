@@ -6,7 +6,6 @@ import pytest
 from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
 from live_view.admission import parsed_address
-from live_view.page_server import PageOptions
 from live_view.recorded_run import view_recording
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
@@ -36,7 +35,7 @@ def test_options_of_a_demo_that_cannot_be_followed_are_refused(
 def test_a_path_without_a_recorded_run_is_refused_with_a_remedy(tmp_path: Path, name: str) -> None:
     if name != "none":
         written(tmp_path, "mcap", [scan(2, [1.0])]).rename(tmp_path / "robot.mcap")
-    page = PageOptions(address=parsed_address("127.0.0.1:0"))
+    page = parsed_address("127.0.0.1:0")
     words = "no such file" if name == "none" else "demo --view --recording"
     with pytest.raises(RecordingError, match=words):
         view_recording(tmp_path / name, page)
