@@ -1,7 +1,7 @@
 """The steps of one run, with true poses, of a simulated or a recorded robot."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,8 +67,8 @@ class Course:
     """File or world of the map, for errors."""
     steps: Iterator[TrueStep]
     """The steps, each computed when it is requested."""
-    kidnap: Callable[[], object]
-    """Kidnaps the robot before the next step; raises ValueError for a recorded robot."""
+    simulation: Simulation | None
+    """The simulated robot; None: it is a recorded one."""
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
@@ -85,13 +85,13 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
             steps = simulated_steps(source, settings, grid_map.digest)
             map_name = str(robot.map or robot.world)
-            return Course(grid_map, map_name, steps, simulation.kidnap)
+            return Course(grid_map, map_name, steps, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
             scans = steps_of(robot.opened(settings), settings, grid_map.digest)
             true_steps = _with_truth(scans, reference, start_step, case.updates)
-            return Course(grid_map, str(robot.map), true_steps, _cannot_kidnap)
+            return Course(grid_map, str(robot.map), true_steps, None)
 
 
 def _with_truth(
@@ -100,7 +100,3 @@ def _with_truth(
     end = None if steps is None else start_step + steps
     for scan in itertools.islice(scans, start_step, end):
         yield scan, reference.pose_at(scan.stamp_ns) if reference else None
-
-
-def _cannot_kidnap() -> None:
-    raise ValueError("a recorded robot cannot be kidnapped")

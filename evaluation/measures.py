@@ -33,7 +33,11 @@ class ReportedPlace(NamedTuple):
     """A place of a belief, compared with the truth."""
 
     probability: float
-    right: bool
+    error: PoseError
+
+    @property
+    def right(self) -> bool:
+        return self.error.right
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +53,6 @@ class StepFacts:
     """The true pose; None if it is unknown."""
     reported: tuple[ReportedPlace, ...]
     """Most probable first; empty if the true pose is unknown."""
-    best_error: PoseError | None
-    """Error of the most probable reported place; None: there is none."""
     elsewhere: float | None
     """Probability that the robot is at none of the places; None: not in the belief."""
     off_map: float
@@ -64,7 +66,7 @@ class StepFacts:
     @property
     def error(self) -> PoseError | None:
         """Error of the estimate; None: there is no estimate."""
-        return self.best_error if self.claims else None
+        return self.claims[0].error if self.claims else None
 
     @property
     def truth_probability(self) -> float:
@@ -87,18 +89,16 @@ class StepFacts:
 
 def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None) -> StepFacts:
     """Return the facts of a step."""
-    places = outcome.hypotheses if truth else ()
-    errors = [pose_error(place.pose, truth) for place in places if truth]
     return StepFacts(
         step=step,
         stamp_ns=stamp_ns,
         state=outcome.state,
         truth=truth,
         reported=tuple(
-            ReportedPlace(place.probability, error.right)
-            for place, error in zip(places, errors, strict=True)
+            ReportedPlace(place.probability, pose_error(place.pose, truth))
+            for place in outcome.hypotheses
+            if truth
         ),
-        best_error=errors[0] if errors else None,
         elsewhere=outcome.elsewhere_probability,
         off_map=outcome.off_map_probability,
     )

@@ -71,8 +71,8 @@ def recorded(
         row["beams"], row["known"] = np.int16(beams.count), pose is not None
         rows.append(row)
         before = after
-        if len(rows) == kidnapped_at:
-            course.kidnap()
+        if len(rows) == kidnapped_at and course.simulation is not None:
+            course.simulation.kidnap()
     table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     return Record(
         case.name,

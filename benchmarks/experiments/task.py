@@ -80,6 +80,6 @@ class Run:
             yield outcome
             if self.observer.over:
                 return
-            if self.observer.kidnap_now:
-                self._course.kidnap()
+            if self.observer.kidnap_now and self._course.simulation is not None:
+                self._course.simulation.kidnap()
                 self.observer.kidnapped()
