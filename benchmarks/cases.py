@@ -75,7 +75,7 @@ def scan(beams: int) -> tuple[NDArray[np.float64], NDArray[np.float64], Points]:
     """Ranges, angles and end points of a scan from the blob's middle."""
     angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
     pose = np.array([[*CENTRE, 0.3]])
-    ranges = cast_rays_from_poses(jump_field(cells()), CELL_M, pose, angles, MAX_RANGE_M)[0]
+    ranges = cast_rays_from_poses(jump_field(cells()), field().grid, pose, angles, MAX_RANGE_M)[0]
     points = np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=-1)
     return ranges, angles, points
 
@@ -126,7 +126,7 @@ def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
     exact, marching = in_c("cast_all", jumps, cast_c), in_c("march_all", clear, marched_c)
 
     def ours() -> NDArray[np.float64]:
-        return cast_rays_from_poses(jumps, CELL_M, poses, angles, MAX_RANGE_M)
+        return cast_rays_from_poses(jumps, field().grid, poses, angles, MAX_RANGE_M)
 
     def check() -> None:
         if exact is not None and marching is not None:

@@ -49,7 +49,8 @@ def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTup
     angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges), dtype=np.float64)
 
     def cast(lasers: Poses, directions: NDArray[np.float64]) -> NDArray[np.float64]:
-        return cast_rays_from_poses(jumps, grid_map.cell_m, lasers, directions, scan.range_max_m)
+        in_map = compose(np.array(grid_map.map_from_grid), lasers)
+        return cast_rays_from_poses(jumps, grid_map.grid, in_map, directions, scan.range_max_m)
 
     best = _best_anywhere(grid_map, cast, angles, ranges, count * _REFINED_PER_PLACE, rng)
     best = _refined(best, cast, angles, ranges, rng)

@@ -33,13 +33,14 @@ def steps(
         cluster=ClusterSettings(particles=particles), sensor=SensorSettings(max_beams=beams)
     )
     grid = np.tile(cells(), (tiles, tiles))
-    model = computed_model(Grid(grid, CELL_M, np.zeros(3)), settings.sensor)
+    ground = Grid(grid, CELL_M, np.zeros(3))
+    model = computed_model(ground, settings.sensor)
     rng = np.random.default_rng(0)
     free = np.argwhere(grid == 0)
     jobs = [_job(number, _place(number, free, rng), model, settings) for number in range(clusters)]
     log_belief = np.full(clusters, -np.log(clusters))
     angles = np.linspace(-np.pi / 2, np.pi / 2, max(beams, 181))
-    seen_m = cast_rays_from_poses(jump_field(grid), CELL_M, _TRUE_POSE, angles, 30.0)[0]
+    seen_m = cast_rays_from_poses(jump_field(grid), ground, _TRUE_POSE, angles, 30.0)[0]
     step = 1
     while True:
         scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)

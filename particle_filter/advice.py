@@ -22,7 +22,7 @@ from particle_filter.evidence_model import evidence_weight, scan_exponent
 from particle_filter.kernels import plain
 from particle_filter.landmark_views import landmark_evidence
 from particle_filter.observations import NOTHING_OBSERVED, Landmarks
-from particle_filter.poses import TURN, compose, heading_distance, inverse, wrap_angle
+from particle_filter.poses import TURN, compose, heading_distance, wrap_angle
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.roads import SPACING_M, Roads, roads_of
 from particle_filter.sensor_model import LaserScan, SensorModel
@@ -255,9 +255,9 @@ def _thinned(laser: LaserScan, max_beams: int) -> LaserScan:
 
 def cast(at: Poses, laser: LaserScan, model: SensorModel) -> NDArray[np.float64]:
     """Return (K, B) ranges of a laser on a robot at (K, 3) poses [m]."""
-    grid, longest = model.grid, min(laser.range_max_m, model.settings.max_range_m)
-    in_grid = compose(inverse(grid.map_from_grid), compose(at, laser.robot_from_laser))
-    return cast_rays_from_poses(model.jumps, grid.cell_m, in_grid, laser.angles, longest)
+    longest = min(laser.range_max_m, model.settings.max_range_m)
+    map_from_laser = compose(at, laser.robot_from_laser)
+    return cast_rays_from_poses(model.jumps, model.grid, map_from_laser, laser.angles, longest)
 
 
 def _driven(

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Poses
 from particle_filter.observation_likelihood import log_likelihood_ratio
 from particle_filter.observations import Landmarks, Observation
-from particle_filter.poses import between, compose, inverse
+from particle_filter.poses import between
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_model import SensorModel
 
@@ -39,7 +39,6 @@ def landmark_evidence(
     if not landmarks.names:
         return evidence, frozenset()
     marks = np.column_stack([landmarks.positions, np.zeros(len(landmarks.names))])
-    in_grid = compose(inverse(grid.map_from_grid), at)
     poses = around.reshape(-1, 3)
     for k in range(count):
         seen = between(at[k], marks)[:, :2]
@@ -48,8 +47,7 @@ def landmark_evidence(
         if not len(near):
             continue
         angles = np.arctan2(seen[near, 1], seen[near, 0])
-        rays = in_grid[k : k + 1], angles, SIGHT_M
-        free_m = cast_rays_from_poses(model.jumps, grid.cell_m, *rays)[0]
+        free_m = cast_rays_from_poses(model.jumps, grid, at[k : k + 1], angles, SIGHT_M)[0]
         sights = near[free_m > far_m[near] - _BEHIND_M]
         observed = [
             Observation(seen[i], _SIGMA_M**2 * np.eye(2), landmarks.names[i], _OUTLIER_PROBABILITY)

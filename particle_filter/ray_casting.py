@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
+from particle_filter.grid import Grid
 from particle_filter.kernels import kernel, plain, read_only
+from particle_filter.poses import between
 
 JumpField: TypeAlias = NDArray[np.uint8]
 """(4, rows, cols) number of cells that a ray may jump ahead from a cell: see `jump_field`."""
@@ -44,8 +46,8 @@ def jump_field(cells: Cells) -> JumpField:
 
 def cast_rays_from_poses(
     jumps: JumpField,
-    cell_m: float,
-    grid_from_laser: Poses,
+    grid: Grid,
+    map_from_laser: Poses,
     angles: NDArray[np.float64],
     max_range_m: float,
 ) -> NDArray[np.float64]:
@@ -53,8 +55,8 @@ def cast_rays_from_poses(
 
     Args:
         jumps: `jump_field` of the map.
-        cell_m: side of a cell [m].
-        grid_from_laser: (N, 3) poses of the laser in the grid's frame.
+        grid: the map.
+        map_from_laser: (N, 3) poses of the laser.
         angles: (B,) directions of the beams in the laser's frame [rad].
         max_range_m: length at which a ray ends [m].
 
@@ -67,12 +69,13 @@ def cast_rays_from_poses(
     References:
         Amanatides and Woo, A Fast Voxel Traversal Algorithm (1987).
     """
-    if not (cell_m > 0 and max_range_m > 0):
-        raise ValueError(f"cell {cell_m} m and range {max_range_m} m must be positive")
-    if not (np.isfinite(grid_from_laser).all() and np.isfinite(angles).all()):
+    if not (grid.cell_m > 0 and max_range_m > 0):
+        raise ValueError(f"cell {grid.cell_m} m and range {max_range_m} m must be positive")
+    if not (np.isfinite(map_from_laser).all() and np.isfinite(angles).all()):
         raise ValueError("rays start at finite poses and angles")
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    return _cast_all(read_only(jumps), cell_m, plain(grid_from_laser), directions, max_range_m)
+    grid_from_laser = plain(between(grid.map_from_grid, map_from_laser))
+    return _cast_all(read_only(jumps), grid.cell_m, grid_from_laser, directions, max_range_m)
 
 
 @kernel

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import Pose
-from particle_filter.poses import compose, inverse
+from particle_filter.poses import compose
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
 from robot_simulator.robot import Drive, driven
@@ -87,10 +87,8 @@ class Lidar:
     """A simulated laser scanner."""
 
     def __init__(self, model: LidarModel, ground: GridMap, rng: np.random.Generator) -> None:
-        self.model = model
-        self._rng = rng
-        self._jumps, self._cell_m = jump_field(ground.cells), ground.cell_m
-        self._grid_from_map = inverse(np.array(ground.map_from_grid))
+        self.model, self._rng = model, rng
+        self._jumps, self._grid = jump_field(ground.cells), ground.grid
         self._robot_from_laser = np.array(model.robot_from_laser)
 
     def scan(self, map_from_robot: PoseTuple) -> NDArray[np.float64]:
@@ -110,7 +108,5 @@ class Lidar:
     def exact_ranges(self, map_from_laser: Pose) -> NDArray[np.float64]:
         """Return (beams,) ranges without noise [m]."""
         angles, range_max_m = self.model.angles, self.model.range_max_m
-        grid_from_laser = compose(self._grid_from_map, map_from_laser)[None]
-        return cast_rays_from_poses(
-            self._jumps, self._cell_m, grid_from_laser, angles, range_max_m
-        ).reshape(-1)
+        seen = self._jumps, self._grid, map_from_laser[None], angles, range_max_m
+        return cast_rays_from_poses(*seen).reshape(-1)

@@ -109,7 +109,7 @@ def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
         job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
         job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
     angles = np.zeros(1)
-    cast_rays_from_poses(model.jumps, model.grid.cell_m, np.ones((1, 3)), angles, 1.0)  # advice
+    cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:

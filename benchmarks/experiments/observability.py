@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
-from particle_filter.poses import compose, inverse, wrap_angle
+from particle_filter.poses import compose, wrap_angle
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -55,19 +55,14 @@ class ScanObservability:
     """
 
     def __init__(self, grid_map: GridMap) -> None:
-        self._jumps, self._cell_m = jump_field(grid_map.cells), grid_map.cell_m
-        self._grid_from_map = inverse(np.array(grid_map.map_from_grid))
+        self._jumps, self._grid = jump_field(grid_map.cells), grid_map.grid
 
     def expected(self, scan: Scan, poses: Sequence[PoseTuple]) -> NDArray[np.float64]:
         """Return the (N, B) expected ranges of the scan's beams at N poses [m]."""
         beams = scan.ranges.shape[0]
         angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(beams, dtype=np.float64)
-        grid_from_laser = compose(
-            compose(self._grid_from_map, np.array(poses)), np.array(scan.robot_from_laser)
-        )
-        return cast_rays_from_poses(
-            self._jumps, self._cell_m, grid_from_laser, angles, scan.range_max_m
-        )
+        lasers = compose(np.array(poses), np.array(scan.robot_from_laser))
+        return cast_rays_from_poses(self._jumps, self._grid, lasers, angles, scan.range_max_m)
 
     def distinguishes(self, scan: Scan, places: Sequence[PoseTuple]) -> bool:
         """Return whether a scan at the first place would look different from all other places.

@@ -15,7 +15,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.places import cluster_by_source_point
-from particle_filter.poses import between, compose, heading_distance, inverse
+from particle_filter.poses import between, compose, heading_distance
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.settings import SensorSettings
 from robot_simulator.free_space import FreeSpace
@@ -73,9 +73,8 @@ class LookAlikeSearch:
     """
 
     def __init__(self, grid_map: GridMap, range_m: float, rng: np.random.Generator) -> None:
-        self._range_m, self._cell_m, self._rng = range_m, grid_map.cell_m, rng
+        self._range_m, self._rng, self._grid = range_m, rng, grid_map.grid
         self._jumps = jump_field(grid_map.cells)
-        self._grid_from_map = inverse(np.array(grid_map.map_from_grid))
         self._free_space = FreeSpace(grid_map)
         room_m = math.sqrt(grid_map.free_area_m2 * _HEADINGS / MOST_POSES)
         self.spacing_m = max(_SPACING_M, room_m)
@@ -123,8 +122,7 @@ class LookAlikeSearch:
         return bool(np.mean(off_m > _DIFFERS_M) < ALIKE_SHARE)
 
     def _ranges(self, poses: Poses) -> NDArray[np.float64]:
-        in_grid = compose(self._grid_from_map, poses)
-        return cast_rays_from_poses(self._jumps, self._cell_m, in_grid, _ANGLES, self._range_m)
+        return cast_rays_from_poses(self._jumps, self._grid, poses, _ANGLES, self._range_m)
 
 
 def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:

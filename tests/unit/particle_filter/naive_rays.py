@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
+from particle_filter.grid import Grid
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.settings import SensorSettings
 
@@ -45,7 +46,8 @@ def cast_rays(
     """The product's rays from one pose, cell by cell: no jump is longer than one."""
     one_by_one = np.broadcast_to((cells != OCCUPIED).view(np.uint8), (4, *cells.shape))
     poses = np.reshape(grid_from_laser, (1, 3))
-    return cast_rays_from_poses(one_by_one, cell_m, poses, angles, max_range_m).reshape(-1)
+    grid = Grid(cells, cell_m, np.zeros(3))
+    return cast_rays_from_poses(one_by_one, grid, poses, angles, max_range_m).reshape(-1)
 
 
 def _between(

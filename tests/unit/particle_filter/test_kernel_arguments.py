@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from particle_filter import gaussian, log_weights, motion, places, ray_casting
+from particle_filter.grid import Grid
 from particle_filter.settings import MotionSettings
 from tests.unit.particle_filter.rooms import plain_room
 
@@ -18,6 +19,7 @@ pytestmark = pytest.mark.skipif(
 AFTER, EVEN = np.array([0.3, 0.1, 0.2]), np.ones(6)
 OMNI, TWO_WHEELS = MotionSettings(), MotionSettings(model="differential")
 JUMPS = ray_casting.jump_field(plain_room())
+GRID = Grid(plain_room(), 0.1, np.zeros(3))
 
 
 def rng() -> np.random.Generator:
@@ -29,7 +31,7 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
     (motion._drive_along_bearing, lambda p: motion.move(p, AFTER, OMNI, rng())),
     (motion._turn_drive_turn, lambda p: motion.move(p, AFTER, TWO_WHEELS, rng())),
     (motion._slipped, lambda p: motion.slipped(p, p, AFTER, rng())),
-    (ray_casting._cast_all, lambda p: ray_casting.cast_rays_from_poses(JUMPS, 0.1, p, EVEN, 9.0)),
+    (ray_casting._cast_all, lambda p: ray_casting.cast_rays_from_poses(JUMPS, GRID, p, EVEN, 9.0)),
     (places._assign, lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3)),
     (log_weights._weights_and_ess, lambda p: log_weights.weights_and_ess(p[:, 0])),
     (log_weights._multiplied, lambda p: log_weights.multiplied(p[:, 0], p[:, 1], 0.5, p[:, 2])),

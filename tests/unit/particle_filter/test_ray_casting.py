@@ -6,7 +6,9 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
+from particle_filter.grid import Grid
 from particle_filter.kernels import checked
+from particle_filter.poses import compose
 from particle_filter.ray_casting import (
     cast_ray,
     cast_rays_from_poses,
@@ -52,14 +54,17 @@ def test_a_jump_too_long_for_a_byte_becomes_several() -> None:
     cells[290, 0] = 1
     assert jump_field(cells)[0, 289, 250:258].tolist() == [251, 252, 253, 254, 255, 255, 255, 255]
     laser = np.array([599.5, 290.5, np.pi])
-    assert cast_rays_from_poses(jump_field(cells), 1.0, laser[None], np.zeros(1), 1e3) == [[598.5]]
+    grid = Grid(cells, 1.0, np.zeros(3))
+    assert cast_rays_from_poses(jump_field(cells), grid, laser[None], np.zeros(1), 1e3) == [[598.5]]
 
 
 @relaxed
 @given(cells=grids, seed=seeds)
 def test_rays_with_jumps_are_as_long_as_naive_rays(cells: Cells, seed: int) -> None:
     poses = random_poses(seed)
-    jumped = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
+    map_from_grid = np.array([1.5, -2.0, 0.4])
+    grid, in_map = Grid(cells, CELL_M, map_from_grid), compose(map_from_grid, poses)
+    jumped = cast_rays_from_poses(jump_field(cells), grid, in_map, ALL_AROUND, 3.0)
     naive = [
         [naive_rays.cast_ray(cells, CELL_M, pose, angle, 3.0) for angle in ALL_AROUND]
         for pose in poses
