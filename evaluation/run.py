@@ -1,5 +1,6 @@
 """One run of an algorithm on a robot's steps, and the parallel execution of several."""
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -62,21 +63,10 @@ class Run:
             model = sensor_model(course.map, settings.sensor, folder)
         except ValueError as error:  # the map has no obstacle
             raise MapFileError(course.map_name, str(error)) from error
-        return course, _estimated_steps(course, self.follow, model, settings)
-
-
-def _estimated_steps(
-    course: Course, follow: Outcomes, model: SensorModel, settings: Settings
-) -> Iterator[EstimatedStep]:
-    truths: dict[int, PoseTuple | None] = {}
-
-    def scans() -> Iterator[Scan]:
-        for scan, truth in course.steps:
-            truths[scan.step] = truth
-            yield scan
-
-    for scan, outcome in follow(scans(), model, settings):
-        yield scan, outcome, truths.pop(scan.step)
+        scans, truths = itertools.tee(course.steps)
+        followed = self.follow((scan for scan, _ in scans), model, settings)
+        steps = zip(followed, truths, strict=True)
+        return course, ((scan, outcome, truth) for (scan, outcome), (_, truth) in steps)
 
 
 class RunError(ClusterMclError):

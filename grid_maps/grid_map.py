@@ -90,11 +90,6 @@ class GridMap:
         """The map for the particle filter."""
         return Grid(self.cells, self.cell_m, np.array(self.map_from_grid))
 
-    @cached_property
-    def free_area_m2(self) -> float:
-        """Area of the free cells [m²]."""
-        return int(np.count_nonzero(self.cells == FREE)) * self.cell_m**2
-
     @property
     def size_m(self) -> tuple[float, float]:
         """Width along the columns and height along the rows [m]."""

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
-from particle_filter.arrays import Cells, Pose
+import numpy as np
+
+from particle_filter.arrays import FREE, Cells, Pose
 from particle_filter.kernels import ToCells, read_only, to_cells
 
 T = TypeVar("T")
@@ -31,6 +33,11 @@ class Grid:
     def in_cells(self) -> ToCells:
         """The transform from points of the map to cells of the grid."""
         return to_cells(self.map_from_grid, self.cell_m)
+
+    @cached_property
+    def free_m2(self) -> float:
+        """Area of the free cells [m²]."""
+        return int(np.count_nonzero(self.cells == FREE)) * self.cell_m**2
 
     @cached_property
     def _kept(self) -> dict[Hashable, Any]:

@@ -43,8 +43,8 @@ class Kernel:
         types = tuple(map(_type_of, arguments))
         if (compiled := self.compiled.get(types)) is None:
             name = f"{self.function.__module__}.{self.function.__qualname__}{types}"
-            if _recording is not None:
-                return _recording.call(name, self.function, arguments)
+            if _record is not None:
+                return _record(name, self.function, arguments)
             compiled = self.compiled[types] = kernel_library.entry(name) or self.by_numba
         return compiled(*arguments)
 
@@ -74,26 +74,8 @@ class Kernel:
         return typeof(self.by_numba)
 
 
-class _Recording:
-    def __init__(self) -> None:
-        self.entries: kernel_library.Entries = {}
-        self._inside = False
-
-    def call(self, name: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Call as plain Python; note the kernel unless another kernel calls it."""
-        if self._inside:
-            return function(*arguments)
-        from numba import typeof  # noqa: PLC0415
-
-        self.entries[name] = function, tuple(map(typeof, arguments))
-        self._inside = True
-        try:
-            return function(*arguments)
-        finally:
-            self._inside = False
-
-
-_recording: _Recording | None = None
+_record: Callable[[str, Callable[..., Any], tuple[Any, ...]], Any] | None = None
+"""Called in place of all kernels while `called_in` runs."""
 
 
 def called_in(run: Callable[[], None]) -> kernel_library.Entries:
@@ -101,13 +83,27 @@ def called_in(run: Callable[[], None]) -> kernel_library.Entries:
 
     It must be called before any kernel is.
     """
-    global _recording  # noqa: PLW0603 - for this process, which then compiles them and ends
-    _recording = _Recording()
-    try:
-        run()
-        return _recording.entries
-    finally:
-        _recording = None
+    entries: kernel_library.Entries = {}
+    inside = False
+
+    def record(name: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+        """Call as plain Python; note the kernel unless another kernel calls it."""
+        nonlocal inside
+        if inside:
+            return function(*arguments)
+        from numba import typeof  # noqa: PLC0415
+
+        entries[name] = function, tuple(map(typeof, arguments))
+        inside = True
+        result = function(*arguments)
+        inside = False
+        return result
+
+    global _record  # noqa: PLW0603 - for this process, which then compiles them and ends
+    _record = record
+    run()
+    _record = None
+    return entries
 
 
 _SCALARS = {

@@ -267,8 +267,8 @@ def _poses_in_field(
     corners = seen.mean + np.column_stack([cols, rows]) * field.cell_m
     poses[:, :2] = corners + rng.random((count, 2)) * field.cell_m
     is_free = ground_log_penalty(poses, grid, -1.0) == 0.0
-    free_m2 = max(int(np.count_nonzero(grid.cells == 0)), 1) * grid.cell_m**2
-    return poses[is_free], -np.log1p(shares[chosen[is_free]] * free_m2 / field.cell_m**2)
+    expected = shares[chosen[is_free]] * grid.free_m2 / field.cell_m**2
+    return poses[is_free], -np.log1p(expected)
 
 
 def free_shares(

@@ -102,7 +102,6 @@ def log_average_ratio(
     """
     if not observations:
         return 0.0
-    free_m2 = max(int(np.count_nonzero(grid.cells == 0)), 1) * grid.cell_m**2
     total = 0.0
     for seen in observations:
         if seen.field is not None:
@@ -110,9 +109,9 @@ def log_average_ratio(
         right, any_landmark = factors(seen, landmarks, grid)
         if seen.landmark:
             named = landmarks.names.count(seen.landmark)
-            ratio = (right * named + any_landmark * len(landmarks.names)) / free_m2
+            ratio = (right * named + any_landmark * len(landmarks.names)) / grid.free_m2
         else:
-            ratio = right / free_m2 / (math.tau if len(seen.mean) == 3 else 1.0)
+            ratio = right / grid.free_m2 / (math.tau if len(seen.mean) == 3 else 1.0)
         total += seen.share * math.log1p(ratio)
     return total
 

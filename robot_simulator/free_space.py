@@ -9,8 +9,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, Points, Pose, Poses
-from particle_filter.kernels import to_cells
+from particle_filter.arrays import FREE, Points, Poses
 from particle_filter.poses import compose
 from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
@@ -92,9 +91,7 @@ class FreeSpace:
     """
 
     def __init__(self, ground: GridMap) -> None:
-        self._cell_m = ground.cell_m
-        self._map_from_grid: Pose = np.array(ground.map_from_grid)
-        self._to_cells = to_cells(self._map_from_grid, ground.cell_m)
+        self._grid = ground.grid
         # Cells off the map count as blocked.
         blocked = np.pad(ground.cells != FREE, 1, constant_values=True)
         self._clearance: NDArray[np.float32] = (
@@ -115,7 +112,7 @@ class FreeSpace:
 
     def has_room_between(self, x: float, y: float, to_x: float, to_y: float) -> bool:
         """Return whether the line between two points is `EDGE_CLEARANCE_M` from obstacles."""
-        steps = max(1, ceil(hypot(to_x - x, to_y - y) / self._cell_m))
+        steps = max(1, ceil(hypot(to_x - x, to_y - y) / self._grid.cell_m))
         return all(
             self.clearance_m(x + (to_x - x) * i / steps, y + (to_y - y) * i / steps)
             >= EDGE_CLEARANCE_M
@@ -165,9 +162,9 @@ class FreeSpace:
 
     def _points(self, nodes: NDArray[np.int64]) -> Points:
         """Return (n, 2) node positions in the map [m]."""
-        in_grid = (self._nodes[nodes][:, ::-1] + 0.5) * self._cell_m
+        in_grid = (self._nodes[nodes][:, ::-1] + 0.5) * self._grid.cell_m
         poses: Poses = np.column_stack([in_grid, np.zeros(len(in_grid))])
-        return np.asarray(compose(self._map_from_grid, poses)[:, :2])
+        return np.asarray(compose(self._grid.map_from_grid, poses)[:, :2])
 
     def _nearest_node(self, x: float, y: float) -> int:
         offsets = self._nodes - np.array(self._cell_at(x, y))
@@ -186,5 +183,5 @@ class FreeSpace:
 
     def _cell_at(self, x: float, y: float) -> tuple[int, int]:
         """Return the row and column of a point, which may lie off the map."""
-        c, s, x0, y0 = self._to_cells
+        c, s, x0, y0 = self._grid.in_cells
         return floor(s * x + c * y + y0), floor(c * x - s * y + x0)

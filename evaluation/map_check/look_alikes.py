@@ -76,7 +76,7 @@ class LookAlikeSearch:
         self._range_m, self._rng, self._grid = range_m, rng, grid_map.grid
         self._jumps = jump_field(grid_map.cells)
         self._free_space = FreeSpace(grid_map)
-        room_m = math.sqrt(grid_map.free_area_m2 * _HEADINGS / MOST_POSES)
+        room_m = math.sqrt(grid_map.grid.free_m2 * _HEADINGS / MOST_POSES)
         self.spacing_m = max(_SPACING_M, room_m)
         self._lattice = _lattice(grid_map, self.spacing_m)
         usual = SensorSettings()

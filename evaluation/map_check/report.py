@@ -62,7 +62,7 @@ def ground_of(grid_map: GridMap) -> Ground:
         cell_m=grid_map.cell_m,
         width_m=width_m,
         height_m=height_m,
-        free_m2=grid_map.free_area_m2,
+        free_m2=grid_map.grid.free_m2,
         occupied_share=float(np.mean(cells == OCCUPIED)),
         unknown_share=float(np.mean(cells == UNKNOWN)),
         pieces=max(int(np.count_nonzero(sizes >= SMALLEST_PIECE_M2)), 1),

@@ -28,7 +28,7 @@ def a_map(
 
 
 def test_the_free_area_counts_free_cells_only() -> None:
-    assert a_map().free_area_m2 == 4 * 0.25
+    assert a_map().grid.free_m2 == 4 * 0.25
     assert a_map().size_m == (1.5, 1.0)
 
 

@@ -223,4 +223,4 @@ def test_published_maps_of_other_projects_are_read(
 ) -> None:
     grid_map: GridMap = load_map(recording_or_skip(f"{name}.yaml"))
     assert grid_map.cells.shape == shape
-    assert grid_map.free_area_m2 == pytest.approx(free_m2, abs=0.1)
+    assert grid_map.grid.free_m2 == pytest.approx(free_m2, abs=0.1)
