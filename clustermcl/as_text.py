@@ -25,16 +25,14 @@ def pose_text(pose: PoseTuple) -> str:
     return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
 
 
-def spread(covariance: Covariance) -> tuple[float, float]:
-    """Return the largest standard deviation of the position [m], and that of the heading [rad]."""
+def place_text(pose: PoseTuple, covariance: Covariance) -> str:
+    """Return a pose and its standard deviations, as in ``x 1.23 m ...  +-0.06 m, 3.6 deg``.
+
+    The first is the largest one of the position, the second that of the heading.
+    """
     longer_m, _, _ = ellipse_axes(covariance[0], covariance[1], covariance[4])
-    return longer_m, math.sqrt(max(covariance[8], 0.0))
-
-
-def spread_text(covariance: Covariance) -> str:
-    """Return the standard deviations of `spread` as text, such as ``+-0.06 m, 3.6 deg``."""
-    position_m, heading_rad = spread(covariance)
-    return f"+-{position_m:.2f} m, {math.degrees(heading_rad):.1f} deg"
+    heading_deg = math.degrees(math.sqrt(max(covariance[8], 0.0)))
+    return f"{pose_text(pose)}  +-{longer_m:.2f} m, {heading_deg:.1f} deg"
 
 
 def pose_lines(answer: PoseAnswer) -> Iterator[str]:
@@ -46,7 +44,7 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
     else:
         yield (
             f"{answer.state} with probability {answer.probability:.2f}: "
-            f"{pose_text(answer.pose)}  {spread_text(answer.covariance)}"
+            f"{place_text(answer.pose, answer.covariance)}"
         )
     yield from _doubts(answer)
     if answer.pose is not None and answer.elsewhere_probability > DOUBT:
@@ -63,8 +61,7 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
     for place in answer.hypotheses:
-        where = f"{pose_text(place.pose)}  {spread_text(place.covariance)}"
-        yield f"  {place.probability:6.3f}  {where}"
+        yield f"  {place.probability:6.3f}  {place_text(place.pose, place.covariance)}"
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _off_map(answer.pose)
     yield from _doubts(answer.pose)

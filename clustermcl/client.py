@@ -247,7 +247,15 @@ class Client(RobotCommands):
         """Yield each new belief of the newest term, and None after a short wait without one."""
         published = self.published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
-        return _of_newest_term(published)
+
+        def of_newest_term() -> Iterator[Belief | None]:
+            term = 0
+            for belief in published:
+                if belief is None or belief.term >= term:
+                    term = belief.term if belief else term
+                    yield belief
+
+        return of_newest_term()
 
     def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
         """Yield the stored events, then each new event, without end.
@@ -261,22 +269,22 @@ class Client(RobotCommands):
             UnreachableError: no coordinator answers, or no event arrived in time.
             StoppedError: the client's stop flag was set.
         """
-        published = self.published(keys.EVENTS, JobEvents, timeout_s)
-        return self._without_gaps(self.events(), _without_pauses(published))
+        published = _without_pauses(self.published(keys.EVENTS, JobEvents, timeout_s))
+        first = self.events()
 
-    def _without_gaps(
-        self, known: JobEvents, published: Iterator[JobEvents]
-    ) -> Iterator[NumberedEvent]:
-        last_term, last_number = 0, -1
-        while True:
-            for event in known.events:
-                if (known.term, event.number) > (last_term, last_number):
-                    last_term, last_number = known.term, event.number
-                    yield event
-            known = next(published)
-            follows = last_number + 1 if known.term == last_term else 0
-            if known.events and known.events[0].number > follows:
-                known = self.events()
+        def without_gaps() -> Iterator[NumberedEvent]:
+            known, last_term, last_number = first, 0, -1
+            while True:
+                for event in known.events:
+                    if (known.term, event.number) > (last_term, last_number):
+                        last_term, last_number = known.term, event.number
+                        yield event
+                known = next(published)
+                follows = last_number + 1 if known.term == last_term else 0
+                if known.events and known.events[0].number > follows:
+                    known = self.events()
+
+        return without_gaps()
 
     def published(
         self, key: str, kind: type[A], timeout_s: float | None = None
@@ -284,28 +292,28 @@ class Client(RobotCommands):
         """Subscribe; yield each message on the key, and None after a short wait without one."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, kind, inbox, key)
-        return self._decoded(inbox, key, kind, timeout_s)
 
-    def _decoded(
-        self, inbox: Events, key: str, kind: type[A], timeout_s: float | None
-    ) -> Iterator[A | None]:
-        received_s = time.monotonic()
-        while True:
-            self._stop.check()
-            event = inbox.get(_POLL_S)
-            if isinstance(event, Received):
-                yield decode(event.payload, kind)
-                received_s = time.monotonic()
-                continue
-            yield None
-            if timeout_s is not None and time.monotonic() - received_s > timeout_s:
-                raise UnreachableError(
-                    peer="coordinator",
-                    endpoint=self._settings.zenoh.router,
-                    waited_s=timeout_s,
-                    problem=f"robot {self._settings.robot.name!r} published nothing on {key!r} "
-                    f"for {timeout_s:g} s: does it stand still, or has it ended?",
-                )
+        def decoded() -> Iterator[A | None]:
+            received_s = time.monotonic()
+            while True:
+                self._stop.check()
+                event = inbox.get(_POLL_S)
+                if isinstance(event, Received):
+                    yield decode(event.payload, kind)
+                    received_s = time.monotonic()
+                    continue
+                yield None
+                if timeout_s is not None and time.monotonic() - received_s > timeout_s:
+                    robot = self._settings.robot.name
+                    raise UnreachableError(
+                        peer="coordinator",
+                        endpoint=self._settings.zenoh.router,
+                        waited_s=timeout_s,
+                        problem=f"robot {robot!r} published nothing on {key!r} for "
+                        f"{timeout_s:g} s: does it stand still, or has it ended?",
+                    )
+
+        return decoded()
 
     @property
     def _session(self) -> zenoh.Session:
@@ -362,14 +370,6 @@ class Client(RobotCommands):
             f"{router} ({error}): start one with 'clustermcl up', or name another robot or router"
             f"{denied if router.startswith('tls/') else ''}",
         )
-
-
-def _of_newest_term(beliefs: Iterator[Belief | None]) -> Iterator[Belief | None]:
-    term = 0
-    for belief in beliefs:
-        if belief is None or belief.term >= term:
-            term = belief.term if belief else term
-            yield belief
 
 
 def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:

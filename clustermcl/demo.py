@@ -100,11 +100,6 @@ class _Run:
     def is_simulated(self) -> bool:
         return isinstance(parsed_source(self.settings.bridge.source), Simulated)
 
-    @property
-    def ends_when_localized(self) -> bool:
-        """Whether the demo ends after `LOCALIZED_STEPS` localized steps."""
-        return self.is_simulated and self.options.steps is None and self.page is None
-
     def page_arguments(self) -> list[str] | None:
         if self.page is None:
             return None
@@ -216,15 +211,16 @@ class _Audience:
 
     def follow(self) -> None:
         """Receive beliefs until the run ends."""
-        received_s = time.monotonic()
+        run, received_s = self._run, time.monotonic()
+        ends_early = run.is_simulated and run.options.steps is None and run.page is None
         while True:
             if belief := self._receive():
                 received_s = time.monotonic()
                 is_found = self.summary.localized_steps >= LOCALIZED_STEPS
-                if belief.last or (is_found and self._run.ends_when_localized):
+                if belief.last or (is_found and ends_early):
                     self.summary.truth = self._truth_of(belief)
                     return
-            elif time.monotonic() - received_s > _SILENCE_S and not self._run.options.by_hand:
+            elif time.monotonic() - received_s > _SILENCE_S and not run.options.by_hand:
                 raise StalledError(silent_s=_SILENCE_S)
 
     def _truth_of(self, belief: Belief) -> PoseTuple | None:

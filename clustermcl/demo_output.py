@@ -12,9 +12,9 @@ from clustermcl.as_json import JsonObject, belief_object
 from clustermcl.as_text import (
     belief_line,
     is_unweighed,
+    place_text,
     pose_text,
     progress_text,
-    spread_text,
 )
 from evaluation.pose_error import PoseError, pose_error
 from process_runtime.logs import is_quiet
@@ -87,7 +87,7 @@ def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
     for place in belief.hypotheses[:_SHOWN_PLACES]:
-        where = f"{pose_text(place.pose)}  {spread_text(place.covariance)}"
+        where = place_text(place.pose, place.covariance)
         yield _row(f"c{place.cluster}", place.probability, where)
     if others := belief.hypotheses[_SHOWN_PLACES:]:
         yield _row(f"{len(others)} more", sum(place.probability for place in others))
@@ -180,7 +180,7 @@ class DemoSummary:
             yield f"From step {since} on the robot was localized."
         if belief and belief.hypotheses:
             best = belief.hypotheses[0]
-            where = f"{pose_text(best.pose)}  {spread_text(best.covariance)}"
+            where = place_text(best.pose, best.covariance)
             yield f"At the end {belief.state} with probability {best.probability:.2f}: {where}"
             if error := self._error():
                 yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."

@@ -1,7 +1,6 @@
 """`clustermcl record`: write map, scans, odometry and beliefs of a running system to a file."""
 
 import logging
-import signal
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +12,7 @@ import zenoh
 
 from grid_maps.map_message import from_message
 from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
+from process_runtime.stop import StopFlag, stop_on_signals
 from protocol import keys
 from protocol.answers import Belief
 from protocol.errors import ClusterMclError
@@ -28,16 +27,15 @@ M = TypeVar("M", bound=Message)
 _POLL_S = 0.1
 _MAP_TIMEOUT_S = 30.0
 _HISTORY_TIMEOUT_S = 2.0
+_END_WITHIN_S = 60.0
+"""Limit for writing what was received until Ctrl-C [s]."""
 
 _log = logging.getLogger(__name__)
 
 
 def run_record(settings: Settings, path: Path) -> int:
     """Record until SIGINT or SIGTERM, and return the number of recorded steps."""
-    stop = StopFlag()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    recorder = Recorder(settings, stop)
+    recorder = Recorder(settings, stop_on_signals(exit_after_s=_END_WITHIN_S))
     recorder.write(path)
     return recorder.steps
 

@@ -67,7 +67,8 @@ class CarmenParser:
     def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
         match words[0]:
             case "PARAM":
-                self._parameter(words)
+                if len(words) >= 3 and words[1] in _PARAMETERS:
+                    self._parameters[words[1]] = numbers_of(words[2:3])[0]
                 return None
             case "ODOM":
                 _check_count(words, 1 + 6 + _TAIL)
@@ -109,10 +110,6 @@ class CarmenParser:
         own = {entry.stamp_ns for entry in entries}
         logged = {self._logged_ns[entry.line_number] for entry in entries}
         return len(own) == 1 < len(logged)
-
-    def _parameter(self, words: Sequence[str]) -> None:
-        if len(words) >= 3 and words[1] in _PARAMETERS:
-            self._parameters[words[1]] = numbers_of(words[2:3])[0]
 
     def _mount(self) -> PoseTuple | None:
         """Return the laser's mount from the parameters; None: they do not have it."""
@@ -204,14 +201,7 @@ def flaser_angles(beams: int, step_deg: float | None = None) -> tuple[float, flo
         step_deg: the parameter of the log [degrees].
     """
     steps = beams if beams % 2 == 0 else max(beams - 1, 1)
-    step_deg = _SICK.get(beams) or _plausible(step_deg, steps) or _common(steps) or 180.0 / steps
+    given = step_deg if step_deg is not None and 0.0 < step_deg * steps <= 360.0 else None
+    usual = (step for step in _COMMON_STEPS_DEG if 180.0 <= step * steps <= 270.0)
+    step_deg = _SICK.get(beams) or given or next(usual, None) or 180.0 / steps
     return -math.radians(step_deg * steps / 2.0), math.radians(step_deg)
-
-
-def _plausible(step_deg: float | None, steps: int) -> float | None:
-    return step_deg if step_deg is not None and 0.0 < step_deg * steps <= 360.0 else None
-
-
-def _common(steps: int) -> float | None:
-    fitting = (step for step in _COMMON_STEPS_DEG if 180.0 <= step * steps <= 270.0)
-    return next(fitting, None)

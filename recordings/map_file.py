@@ -80,7 +80,9 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
     with BagFile(path, MapFileError) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)
         held = ", ".join(topics) or "none"
-        chosen = [one for one in topics if one == topic or (not topic and _is_map(one))]
+        chosen = [
+            one for one in topics if one == topic or (not topic and one.rpartition("/")[2] == _MAP)
+        ]
         if len(chosen) != 1:
             problem = f"no map on {topic or 'a topic called map'}; it has nav_msgs/OccupancyGrid"
             problem += f" on: {held}"
@@ -93,7 +95,3 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
         return grid_map_of(sent[0].content)
     except ValueError as problem:
         raise MapFileError(path, f"{chosen[0]}: {problem}") from problem
-
-
-def _is_map(topic: str) -> bool:
-    return topic.rpartition("/")[2] == _MAP

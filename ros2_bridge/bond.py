@@ -8,11 +8,9 @@ the manager then expects.
 
 import logging
 import os
-import tempfile
 import threading
 import time
 import uuid
-from pathlib import Path
 from urllib.parse import quote
 
 import msgspec
@@ -87,14 +85,17 @@ class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class RestartFile:
-    """Exists while the bridge runs and after it was killed.
+    """Exists while the bridge runs and after it was killed, in the coordinator's state folder.
 
     Args:
-        path: path of the file; None: no file.
+        settings: the robot and the folder.
+        node: full name of the node.
     """
 
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
+    def __init__(self, settings: Settings, node: str) -> None:
+        folder = state_folder(settings.coordinator.state_folder)
+        name = quote(f"{settings.robot.name}-{settings.ros2.domain_id}{node}", safe="")
+        self._path = None if folder is None else folder / f"ros2-{name}.json"
         self._kept: BridgeState | None = None
         self._again_s = 0.0
 
@@ -124,25 +125,11 @@ class RestartFile:
             if bridge_state == self._kept:
                 os.utime(self._path)
             else:
-                _replace(self._path, msgspec.json.encode(bridge_state))
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                part = self._path.with_suffix(".part")
+                part.write_bytes(msgspec.json.encode(bridge_state))
+                part.replace(self._path)
         except OSError as error:
             _log.warning("a killed bridge will start unconfigured: %s", error)
             self._path = None
         self._kept, self._again_s = bridge_state, now_s + _EVERY_S
-
-
-def restart_file(settings: Settings, node: str) -> RestartFile:
-    """Return the file of a node, by its full name, in the folder of the coordinator's state."""
-    folder = state_folder(settings.coordinator.state_folder)
-    if folder is None:
-        return RestartFile(None)
-    name = quote(f"{settings.robot.name}-{settings.ros2.domain_id}{node}", safe="")
-    return RestartFile(folder / f"ros2-{name}.json")
-
-
-def _replace(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    number, part = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
-    with os.fdopen(number, "wb") as file:
-        file.write(content)
-    Path(part).replace(path)

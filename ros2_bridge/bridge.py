@@ -27,7 +27,7 @@ from protocol.steps import LaserReading, MapReading, Observation, OdometryReadin
 from protocol.work import Reported, TrackReport
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
-from ros2_bridge.bond import BondThread, BridgeState, RestartFile, restart_file
+from ros2_bridge.bond import BondThread, BridgeState, RestartFile
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
@@ -81,9 +81,9 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         resources.enter_context(log_to_ros(publishers[topics.ROSOUT.name], full_name))
         bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
         resources.callback(bond.end)
-        file = restart_file(settings, full_name)
+        file = RestartFile(settings, full_name)
         resources.callback(file.remove)
-        loop = BridgeLoop(settings, core, publishers, bond, file)
+        loop = BridgeLoop(settings, full_name, core, publishers, bond, file)
         for service, ros_type in loop.services.types().items():
             node.serve(service, ros_type, core.inbox)
         for topic in names.read():
@@ -98,6 +98,7 @@ class BridgeLoop:
     def __init__(
         self,
         settings: Settings,
+        full_name: str,
         node: Node,
         publishers: Mapping[str, RosPublisher],
         bond: BondThread,
@@ -106,8 +107,6 @@ class BridgeLoop:
         self._settings, self._node = settings, node
         self._publishers, self._bond, self._file = publishers, bond, file
         self._amcl = Amcl(settings.ros2)
-        name = node_name(settings.ros2)
-        full_name = name.topic(name.name)
         self.services = Services(self._amcl, settings, self._clock_ns, full_name)
         self._topics = Topics(settings.ros2)
         self._map: MapReading | None = None

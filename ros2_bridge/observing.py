@@ -34,11 +34,12 @@ _EQUATOR_M, _SQUARED_ECCENTRICITY = 6378137.0, 6.69437999014e-3
 class Datum:
     """Where the map lies on Earth."""
 
-    latitude_deg: float
-    """Latitude of the map's origin."""
-    longitude_deg: float
-    direction_deg: float
-    """Direction of the map's x axis, counter-clockwise from east."""
+    origin: NDArray[np.float64]
+    """(3,) from the centre of the Earth to the map's origin [m]."""
+    map_from_east_north: NDArray[np.float64]
+    """(2, 2) rotation."""
+    map_from_earth: NDArray[np.float64]
+    """(2, 3) rotation and projection."""
 
     @classmethod
     def of(cls, settings: Ros2Settings) -> "Datum | None":
@@ -56,24 +57,17 @@ class Datum:
         if not (abs(latitude) < 90.0 and abs(longitude) <= 180.0 and abs(direction) <= 360.0):
             problem = f"ros2.datum = {settings.datum!r}: expected latitude, longitude, direction"
             raise SettingsError(key="ros2.datum", problem=f"{problem} of the x axis, in degrees")
-        return cls(latitude, longitude, direction)
-
-    def map_from_east_north(self) -> NDArray[np.float64]:
-        """Return the (2, 2) rotation."""
-        angle = math.radians(self.direction_deg)
-        cos, sin = math.cos(angle), math.sin(angle)
-        return np.array([[cos, sin], [-sin, cos]])
+        angle, lat, lon = map(math.radians, (direction, latitude, longitude))
+        sin, cos = math.sin(lat), math.cos(lat)
+        east = (-math.sin(lon), math.cos(lon), 0.0)
+        north = (-sin * math.cos(lon), -sin * math.sin(lon), cos)
+        turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        return cls(_from_centre(latitude, longitude), turn, turn @ np.array((east, north)))
 
     def in_map(self, latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
         """Return the (2,) position in the map of a point at the height of the ellipsoid."""
-        latitude, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
-        x, y, z = _from_centre(latitude_deg, longitude_deg) - _from_centre(
-            self.latitude_deg, self.longitude_deg
-        )
-        outward = math.cos(longitude) * x + math.sin(longitude) * y
-        east = math.cos(longitude) * y - math.sin(longitude) * x
-        north = math.cos(latitude) * z - math.sin(latitude) * outward
-        return np.asarray(self.map_from_east_north() @ [east, north])
+        at = _from_centre(latitude_deg, longitude_deg)
+        return np.asarray(self.map_from_earth @ (at - self.origin))
 
 
 def _from_centre(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
@@ -81,9 +75,8 @@ def _from_centre(latitude_deg: float, longitude_deg: float) -> NDArray[np.float6
     latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
     sin, cos = math.sin(latitude), math.cos(latitude)
     to_axis = _EQUATOR_M / math.sqrt(1.0 - _SQUARED_ECCENTRICITY * sin**2)
-    across = to_axis * cos
-    up = to_axis * (1.0 - _SQUARED_ECCENTRICITY) * sin
-    return np.array([across * math.cos(longitude), across * math.sin(longitude), up])
+    x, y = cos * math.cos(longitude), cos * math.sin(longitude)
+    return to_axis * np.array([x, y, (1.0 - _SQUARED_ECCENTRICITY) * sin])
 
 
 class Observing:
@@ -133,7 +126,7 @@ class Observing:
             raise ValueError("its covariance is unknown")
         if not (abs(message.latitude) <= 90.0 and abs(message.longitude) <= 180.0):
             raise ValueError("it is not on Earth")
-        turn, offset = self._datum.map_from_east_north(), IDENTITY
+        turn, offset = self._datum.map_from_east_north, IDENTITY
         with suppress(TransformMissingError):
             antenna = frame_name(message.header.frame_id)
             stamp_ns = _stamp_of(message)

@@ -61,6 +61,10 @@ class Parameter:
         return self.to_setting(value)
 
     @property
+    def description(self) -> str:
+        return self.setting or f"without effect: {self.reason}"
+
+    @property
     def is_live(self) -> bool:
         """Whether the parameter can be set while the node runs."""
         return self.setting in LIVE or self.live_name is not None

@@ -12,7 +12,7 @@ from protocol.errors import SettingsError
 from protocol.live_settings import AS_STARTED, LiveSettings
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, response_of
-from ros2_bridge.parameter_table import LIVE_SECTIONS, PARAMETERS, Parameter, Value
+from ros2_bridge.parameter_table import LIVE_SECTIONS, PARAMETERS, Value
 
 _NOT_SET = 0
 _TYPES: dict[type, tuple[int, str]] = {
@@ -66,7 +66,7 @@ class Parameters:
                 "rcl_interfaces/msg/ParameterDescriptor",
                 name=name,
                 type=self._value(name).type,
-                description=_description(parameter) if parameter else "",
+                description=parameter.description if parameter else "",
                 read_only=parameter is not None and not parameter.is_live,
             )
             for name, parameter in ((name, PARAMETERS.get(name)) for name in request.names)
@@ -146,7 +146,3 @@ def _is_listed(name: str, prefixes: list[str], depth: int) -> bool:
             if depth == 0 or levels <= depth:
                 return True
     return False
-
-
-def _description(parameter: Parameter) -> str:
-    return parameter.setting or f"without effect: {parameter.reason}"

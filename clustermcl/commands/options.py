@@ -1,9 +1,10 @@
 """Options and behaviour that several commands share."""
 
-import inspect
 from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import typer
 
@@ -16,21 +17,8 @@ from protocol.errors import SettingsError
 if TYPE_CHECKING:
     from clustermcl.client import Client
 
-P = ParamSpec("P")
+Command: TypeAlias = Callable[..., None]
 
-Robot = Annotated[
-    str | None,
-    typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Robot name (robot.name)."),
-]
-Router = Annotated[
-    str | None,
-    typer.Option(
-        "--router",
-        metavar="ENDPOINT",
-        envvar=ROUTER_VARIABLE,
-        help="Router endpoint (zenoh.router).",
-    ),
-]
 SettingsFile = Annotated[
     Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
 ]
@@ -40,12 +28,17 @@ Assignments = Annotated[
         "--set", metavar="KEY=VALUE", help="A setting, which overrides the file; may be repeated."
     ),
 ]
-ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Scan topic in a ROS bag.")]
-OdomTopic = Annotated[
-    str, typer.Option(metavar="TOPIC", help="Odometry topic in a ROS bag, instead of tf.")
-]
-OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="Odometry frame in a ROS bag.")]
-BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame in a ROS bag.")]
+_SHARED = {
+    "robot": ("robot.name", "NAME", "Robot name (robot.name)."),
+    "router": ("zenoh.router", "ENDPOINT", "Router endpoint (zenoh.router)."),
+    "scan_topic": ("bridge.scan_topic", "TOPIC", "Scan topic in a ROS bag."),
+    "odom_topic": ("bridge.odom_topic", "TOPIC", "Odometry topic in a ROS bag, instead of tf."),
+    "odom_frame": ("bridge.odom_frame", "FRAME", "Odometry frame in a ROS bag."),
+    "base_frame": ("bridge.base_frame", "FRAME", "The robot's frame in a ROS bag."),
+}
+"""Setting, metavariable and help of the options that several commands have."""
+_VARIABLES = {"robot": ROBOT_VARIABLE, "router": ROUTER_VARIABLE}
+_OF_BAGS = ("scan_topic", "odom_topic", "odom_frame", "base_frame")
 Listen = Annotated[
     str | None,
     typer.Option(metavar="HOST:PORT", help="Address of the page; by default only on this machine."),
@@ -65,70 +58,69 @@ Output = Annotated[
 ]
 
 
-def as_assignments(robot: str | None, router: str | None) -> list[str]:
-    """Return assignments of `robot.name` and `zenoh.router` for the options that are given."""
-    named = {"robot.name": robot, "zenoh.router": router}
-    return [f"{setting}={value}" for setting, value in named.items() if value]
+class Given(NamedTuple):
+    """The settings on a command line."""
+
+    file: Path | None
+    assignments: list[str]
+
+    def words(self) -> list[str]:
+        """Return the settings as arguments of another program."""
+        file = ["--settings", str(self.file)] if self.file else []
+        return file + [word for assignment in self.assignments for word in ("--set", assignment)]
 
 
-def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Return a command that also has the options of a client, and loads the settings."""
+def given_command(*shared: str) -> Callable[[Command], Command]:
+    """Return a decorator: the command also has the options of settings, and gets a `Given`.
 
-    def run(
-        *,
-        robot: Robot = None,
-        router: Router = None,
-        settings_file: SettingsFile = None,
-        assignments: Assignments = None,
-        **own: Any,
-    ) -> None:
-        given = [*log_settings(), *as_assignments(robot, router), *(assignments or ())]
-        # Typer reads the signature set below, so `own` has the command's own options.
-        command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
-
-    return _with_options_of(command, run)
-
-
-def recording_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Return a command that also has the options of a ROS bag, and loads the settings.
-
-    The returned command raises a `SettingsError` if a topic or frame is given although its
-    parameter `recording` is not a bag.
+    Args:
+        shared: names of further options, whose values become settings. The command raises a
+            `SettingsError` if those of a ROS bag are given and its recording is not a bag.
     """
 
-    def run(
-        *,
-        scan_topic: ScanTopic = "",
-        odom_topic: OdomTopic = "",
-        odom_frame: OdomFrame = "",
-        base_frame: BaseFrame = "",
-        settings_file: SettingsFile = None,
-        assignments: Assignments = None,
-        **own: Any,
-    ) -> None:
-        named = {
-            "scan_topic": scan_topic,
-            "odom_topic": odom_topic,
-            "odom_frame": odom_frame,
-            "base_frame": base_frame,
-        }
-        if any(named.values()):
-            refuse_without("a ROS bag", _may_be_bag(own["recording"]), **named)
-        given = [*log_settings(), *(assignments or ())]
-        given += [f"bridge.{setting}={name}" for setting, name in named.items() if name]
-        command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
+    def decorated(command: Command) -> Command:
+        def run(
+            settings_file: SettingsFile = None, assignments: Assignments = None, **own: Any
+        ) -> None:
+            named = {option: value for option in shared if (value := own.pop(option))}
+            if bag := {option: value for option, value in named.items() if option in _OF_BAGS}:
+                refuse_without("a ROS bag", _may_be_bag(own["recording"]), **bag)
+            values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
+            given = [*log_settings(), *values, *(assignments or ())]
+            command(Given(settings_file, given), **own)
 
-    return _with_options_of(command, run)
+        kinds: dict[str, Any] = {}
+        for name in shared:
+            _, metavar, text = _SHARED[name]
+            option = typer.Option(metavar=metavar, envvar=_VARIABLES.get(name), help=text)
+            kinds[name] = Annotated[str | None, option]
+        kinds |= {"settings_file": SettingsFile, "assignments": Assignments}
+        added = [
+            Parameter(n, Parameter.KEYWORD_ONLY, default=None, annotation=kinds[n]) for n in kinds
+        ]
+        own = list(signature(command).parameters.values())[1:]
+        setattr(run, "__signature__", Signature([*own, *added]))  # noqa: B010 - mypy
+        run.__doc__ = command.__doc__
+        return run
+
+    return decorated
 
 
-def _with_options_of(command: Callable[..., None], run: Callable[..., None]) -> Callable[..., None]:
-    """Give `run` the docstring and the options of a command, before those of `run` itself."""
-    common = inspect.signature(run).parameters.values()
-    own = list(inspect.signature(command).parameters.values())[1:]
-    added = [parameter for parameter in common if parameter.kind is not parameter.VAR_KEYWORD]
-    setattr(run, "__signature__", inspect.Signature([*own, *added]))  # noqa: B010 - mypy
-    run.__doc__ = command.__doc__
-    return run
+def settings_command(*shared: str) -> Callable[[Command], Command]:
+    """Return a decorator as `given_command` does; the command gets the loaded settings."""
+
+    def decorated(command: Command) -> Command:
+        @wraps(command)
+        def with_settings(given: Given, **own: Any) -> None:
+            command(load_settings(given.file, given.assignments), **own)
+
+        return given_command(*shared)(with_settings)
+
+    return decorated
+
+
+client_command = settings_command("robot", "router")
+recording_command = settings_command(*_OF_BAGS)
 
 
 def connected(settings: Settings) -> "Client":

@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from clustermcl.commands import options as common
-from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
-from process_runtime.settings_file import load_settings, with_setting
+from process_runtime.settings_file import with_setting
 from process_runtime.supervisor import python_module
 from protocol.errors import SettingsError
 
@@ -78,7 +77,9 @@ def demo(
     run_demo(options, settings)
 
 
+@common.given_command("robot", "router")
 def up(
+    given: common.Given,
     nav2_params: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
@@ -90,29 +91,22 @@ def up(
     ] = False,
     listen: common.Listen = None,
     allow_commands: common.AllowCommands = False,
-    robot: common.Robot = None,
-    router: common.Router = None,
-    settings_file: common.SettingsFile = None,
-    assignments: common.Assignments = None,
 ) -> None:
     """Localize a robot: run all processes on this machine until Ctrl-C."""
     common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
         common.refuse_without("several processes", None, view=view, nav2_params=nav2_params)
-        settings = common.as_assignments(robot, router)
-        _become("clustermcl.one_process", [], settings_file, settings, assignments)
+        _become("clustermcl.one_process", given)
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
-    given = [*log_settings(), *common.as_assignments(robot, router), *(assignments or ())]
-    chosen, notes = common.settings_with_nav2(nav2_params, settings_file, given)
+    chosen, notes = common.settings_with_nav2(nav2_params, given.file, given.assignments)
     for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
     run_up(chosen, view_at=(listen or common.HERE) if view else None, allow_commands=allow_commands)
 
 
-def warm_up(
-    settings_file: common.SettingsFile = None, assignments: common.Assignments = None
-) -> None:
+@common.settings_command()
+def warm_up(settings: Settings) -> None:
     """Prepare this machine, so that later starts take seconds.
 
     Compiles the filter's kernels, and computes the likelihood field of bridge.map. Both are kept
@@ -120,72 +114,55 @@ def warm_up(
     """
     from clustermcl.warm_up import run_warm_up  # noqa: PLC0415 - see the package
 
-    run_warm_up(load_settings(settings_file, [*log_settings(), *(assignments or ())]))
+    run_warm_up(settings)
 
 
-def ros2(
-    robot: common.Robot = None,
-    router: common.Router = None,
-    settings_file: common.SettingsFile = None,
-    assignments: common.Assignments = None,
-) -> None:
+@common.given_command("robot", "router")
+def ros2(given: common.Given) -> None:
     """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
-    _become("ros2_bridge", [], settings_file, common.as_assignments(robot, router), assignments)
+    _become("ros2_bridge", given)
 
 
+@common.given_command("router")
 def router(
+    given: common.Given,
     config: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used unchanged."),
     ] = None,
-    router: common.Router = None,
-    settings_file: common.SettingsFile = None,
-    assignments: common.Assignments = None,
 ) -> None:
     """Run only the router, for several robots."""
-    given = [] if config is None else ["--config", str(config)]
-    _become(
-        "zenoh_link.router", given, settings_file, common.as_assignments(None, router), assignments
-    )
+    _become("zenoh_link.router", given, *([] if config is None else ["--config", str(config)]))
 
 
+@common.given_command("robot", "router")
 def worker(
+    given: common.Given,
     name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
     count: Annotated[int | None, typer.Option(min=1, help="Number of them (worker.count).")] = None,
     fleet: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Serve the robots of its settings files."),
     ] = None,
-    robot: common.Robot = None,
-    router: common.Router = None,
-    settings_file: common.SettingsFile = None,
-    assignments: common.Assignments = None,
 ) -> None:
     """Run more workers, on this machine or another one, for a robot or a fleet."""
-    if fleet is not None and robot is not None:
+    if fleet is not None and any(each.startswith("robot.name=") for each in given.assignments):
         problem = "--robot with --fleet: the files of the fleet name its robots; leave one out"
         raise SettingsError(key="--fleet", problem=problem)
-    given = ["--name", name, *([] if count is None else ["--count", str(count)])]
-    given += [] if fleet is None else ["--fleet", str(fleet)]
-    _become("worker", given, settings_file, common.as_assignments(robot, router), assignments)
+    words = ["--name", name, *([] if count is None else ["--count", str(count)])]
+    words += [] if fleet is None else ["--fleet", str(fleet)]
+    _become("worker", given, *words)
 
 
-def _become(
-    module: str,
-    arguments: list[str],
-    settings_file: Path | None,
-    settings: list[str],
-    assignments: list[str] | None,
-) -> None:
+def _become(module: str, given: common.Given, *arguments: str) -> None:
     """Replace this process by another program, which then receives the signals."""
-    command = [*python_module(module), *arguments]
-    command += ["--settings", str(settings_file)] if settings_file else []
-    for assignment in [*log_settings(), *settings, *(assignments or ())]:
-        command += ["--set", assignment]
+    command = [*python_module(module), *arguments, *given.words()]
     os.execv(command[0], command)
 
 
+@common.given_command("router")
 def serve_view(
+    given: common.Given,
     recording: Annotated[
         Path | None,
         typer.Argument(
@@ -214,9 +191,6 @@ def serve_view(
             help="Overrides robot.name; may be repeated.",
         ),
     ] = None,
-    router: common.Router = None,
-    settings_file: common.SettingsFile = None,
-    assignments: common.Assignments = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
     common.refuse_without("a recording", recording, map=map_file, save=save_file)
@@ -225,13 +199,9 @@ def serve_view(
         raise SettingsError(key="--robot", problem=problem)
     if recording is None:
         flags = {"--allow-commands": allow_commands, "--open": open_browser}
-        words = [
-            "--listen",
-            listen or common.HERE,
-            *(flag for flag, given in flags.items() if given),
-        ]
+        words = [flag for flag, is_given in flags.items() if is_given]
         words += [word for robot in robots or () for word in ("--robot", robot)]
-        _become("live_view", words, settings_file, common.as_assignments(None, router), assignments)
+        _become("live_view", given, "--listen", listen or common.HERE, *words)
         return
     from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
     from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package

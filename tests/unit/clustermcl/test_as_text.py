@@ -7,9 +7,9 @@ from clustermcl.as_text import (
     advice_lines,
     belief_line,
     hypotheses_lines,
+    place_text,
     pose_lines,
     pose_text,
-    spread_text,
     status_lines,
 )
 from protocol.advice import Advice, Way
@@ -28,7 +28,7 @@ def test_the_spread_is_that_of_the_longer_axis_however_it_lies(turn: float) -> N
     c, s = math.cos(turn), math.sin(turn)
     xx, xy, yy = 0.09 * c * c + 0.01 * s * s, 0.08 * c * s, 0.09 * s * s + 0.01 * c * c
     covariance = (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, math.radians(2.0) ** 2)
-    assert spread_text(covariance) == "+-0.30 m, 2.0 deg"
+    assert place_text((0.0, 0.0, 0.0), covariance).endswith("  +-0.30 m, 2.0 deg")
 
 
 def test_a_pose_is_printed_with_the_reasons_to_doubt_it() -> None:
