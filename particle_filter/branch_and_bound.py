@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,13 +46,6 @@ _SUMS_PER_LOOKUP = 4
 _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
 """Number of additions between two checks for the end of a slice."""
 
-
-_FOUND = np.dtype(
-    [("leaf", np.int32), ("heading", np.int32), ("sum", np.uint16), ("log_worth", np.float64)],
-    align=True,
-)
-"""A leaf within the margin of the best one so far: numbers of leaf and heading, sum of steps, and
-log of the number of leaves that it stands for."""
 
 Circle: TypeAlias = tuple[float, float, float]
 """x [m], y [m], radius [m] in the map."""
@@ -121,6 +114,21 @@ class SearchSpace:
         return compose(self._map_from_grid, in_grid)
 
 
+class _Found(NamedTuple):
+    """Columns of the leaves within the margin of the best one so far."""
+
+    leaves: NDArray[np.int32]
+    headings: NDArray[np.int32]
+    sums: Sums
+    log_worth: LogWeights
+    """(N,) log of the number of leaves that a leaf stands for."""
+
+    def at(self, chosen: NDArray[np.int64]) -> "_Found":
+        return _Found(
+            self.leaves[chosen], self.headings[chosen], self.sums[chosen], self.log_worth[chosen]
+        )
+
+
 @dataclass(frozen=True)
 class Leaves:
     """The good leaves of one shard."""
@@ -166,9 +174,9 @@ class BranchAndBoundSearch:
         headings = range(shard, len(space.headings), settings.shards)
         self._offsets = {heading: self._offsets_at(heading) for heading in headings}
         self._best, self._good_share = 0, 0.0
-        self._leaves = np.empty(0, _FOUND)
-        self._waiting: list[NDArray[np.void]] = []
-        self._waiting_count = 0
+        self._found: list[_Found] = []
+        """The leaves that `_sift` kept, and those found since."""
+        self._new_count = 0
         self._meter = WorkMeter()
 
     def slices(self) -> Iterator[None]:
@@ -210,22 +218,21 @@ class BranchAndBoundSearch:
         self._best = max(self._best, _best(runs, sums, free))
         good, kept = _good(runs, sums, free, self._least())
         self._good_share = len(good) / leaves
-        found = np.zeros(len(good), _FOUND)
-        found["leaf"], found["heading"], found["sum"] = good, heading, kept
-        self._waiting.append(found)
-        self._waiting_count += len(found)
-        if self._waiting_count > _WAITING * self._most:
+        headings = np.full(len(good), heading, np.int32)
+        self._found.append(_Found(good, headings, kept, np.zeros(len(good))))
+        self._new_count += len(good)
+        if self._new_count > _WAITING * self._most:
             yield from self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
         """Return the leaves within the margin of the best one, or a weighted sample of them."""
-        found = self._leaves
+        (found,) = self._found
         floor = self._scale * len(self._hits) * self._pyramid.log_floor
-        scores = np.asarray(floor + self._scale * self._pyramid.log_step * found["sum"])
-        log_weights = scores + found["log_worth"]
-        sampled = normalised_weights(log_weights)[found["log_worth"] > 0.0].sum()
+        scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
+        log_weights = scores + found.log_worth
+        sampled = normalised_weights(log_weights)[found.log_worth > 0.0].sum()
         return Leaves(
-            self._space.poses(found["leaf"], found["heading"]),
+            self._space.poses(found.leaves, found.headings),
             log_weights - math.log(self._space.leaf_count),
             scores,
             float(sampled),
@@ -245,17 +252,17 @@ class BranchAndBoundSearch:
     def _sift(self, count: int) -> Iterator[None]:
         """Keep at most `count` of the leaves that are within the margin of the best one."""
         yield
-        found = np.concatenate([self._leaves, *self._waiting])
-        self._waiting, self._waiting_count = [], 0
+        found = _Found(*map(np.concatenate, zip(*self._found, strict=True)))
+        self._found, self._new_count = [], 0
         yield
-        found = found[found["sum"] >= self._least()]
+        found = found.at(np.flatnonzero(found.sums >= self._least()))
         yield
-        scores = self._scale * self._pyramid.log_step * found["sum"]
+        scores = self._scale * self._pyramid.log_step * found.sums
         chosen, log_weights = yield from optimal_resampling(
-            scores + found["log_worth"], count, self._rng
+            scores + found.log_worth, count, self._rng
         )
-        self._leaves = found[chosen]
-        self._leaves["log_worth"] = log_weights - scores[chosen]
+        log_worth = log_weights - scores[chosen]
+        self._found = [found.at(chosen)._replace(log_worth=log_worth)]
         yield
 
 
