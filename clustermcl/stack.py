@@ -15,6 +15,7 @@ from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.stop import StopFlag
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from protocol.errors import ClusterMclError
 
@@ -89,6 +90,10 @@ class Stack:
 
     def start_coordinator(self) -> None:
         self._supervisor.add(self._coordinator)
+
+    def wait(self, stop: StopFlag) -> bool:
+        """Wait until a process has ended or is due to start; return whether to stop."""
+        return self._supervisor.wait(stop)
 
     def ended(self) -> list[ChildExit]:
         """Restart ended processes after a delay; return those that ended since the last call."""

@@ -19,8 +19,6 @@ from process_runtime.stop import stop_on_signals
 from process_runtime.supervisor import ChildExit
 from protocol.errors import SettingsError
 
-_POLL_S = 0.1
-
 
 def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run all processes of a robot until Ctrl-C; restart a process that ends."""
@@ -33,7 +31,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
             stack.start_all()
             say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
             say(f"query it with: {_query_command(settings)}")
-            while not stop.wait(_POLL_S):
+            while not stack.wait(stop):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
                         raise ProcessEndedError(ended)

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from urllib.parse import quote
 
@@ -51,6 +52,7 @@ def without_checksum(data: bytes) -> bytes:
     return kept.content
 
 
+@cache
 def file_of(folder: Path, robot: str) -> Path:
     return folder / f"state-{quote(robot, safe='')}.msgpack"
 
@@ -86,22 +88,31 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     Raises:
         OSError: the folder cannot be written, or the disk is full; the last file is unchanged.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     target = file_of(folder, robot)
-    part = target.with_suffix(".part")  # one name: what a killed process left is written over
+    part = f"{target}.part"  # one name: what a killed process left is written over
     try:
-        number = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        number = _opened(part, folder)
         with os.fdopen(number, "wb") as file:
             file.write(with_checksum(encode(checkpoint)))
             file.flush()
             if sync:
                 os.fsync(number)
-        part.replace(target)
+        Path(part).replace(target)
     except OSError:
-        part.unlink(missing_ok=True)
+        Path(part).unlink(missing_ok=True)
         raise
     if sync:
         _sync_folder(folder)
+
+
+def _opened(file: str, folder: Path) -> int:
+    """Open a file for writing; create its folder only if that fails, which is seldom."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+    try:
+        return os.open(file, flags, 0o600)
+    except FileNotFoundError:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(file, flags, 0o600)
 
 
 def _sync_folder(folder: Path) -> None:

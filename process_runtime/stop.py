@@ -1,50 +1,75 @@
 """The stop flag of a process, set by SIGINT, SIGTERM or the program itself."""
 
 import faulthandler
+import os
+import select
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import FrameType
+from typing import Protocol
 
-_POLL_S = 0.05
+_LOOK_EVERY_S = 1.0
 
 
 class StoppedError(Exception):
     """The process was asked to stop while it waited; not a failure."""
 
 
+class HasFile(Protocol):
+    """A socket, or anything else with a file descriptor."""
+
+    def fileno(self) -> int: ...
+
+
+def wait_until_readable(files: Iterable[int | HasFile], timeout_s: float) -> None:
+    """Wait until one of the files can be read, at most `timeout_s` [s]; signal handlers run."""
+    poll = select.poll()
+    for file in files:
+        poll.register(file, select.POLLIN)
+    poll.poll(timeout_s * 1000.0)
+
+
 class StopFlag:
     """Set once, never cleared; every loop of a process checks it.
 
     No `threading.Event`, whose `set` takes a lock: a second signal during the first one's handler
-    would deadlock on it.
+    would deadlock on it. A pipe wakes those that wait.
     """
 
     def __init__(self) -> None:
         self._is_set = False
+        self._reading, self._writing = os.pipe()
         self.on_look: Callable[[], None] = lambda: None
         """Called at each check, so in every turn of a running loop: the sign of life."""
 
+    def __del__(self) -> None:
+        os.close(self._reading)
+        os.close(self._writing)
+
+    def fileno(self) -> int:
+        """Return a file that can be read once the flag is set."""
+        return self._reading
+
     def set(self) -> None:
         """Request the stop; safe in any thread and signal handler, and more than once."""
-        self._is_set = True
+        if not self._is_set:
+            self._is_set = True
+            os.write(self._writing, b"\0")
 
     def is_set(self) -> bool:
         self.on_look()
         return self._is_set
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait at most `timeout_s` [s] for the flag; return whether it is set.
-
-        Signal handlers run between two naps, so a signal takes effect within 0.05 s.
-        """
+        """Wait at most `timeout_s` [s] for the flag; return whether it is set."""
         deadline_s = time.monotonic() + timeout_s
         while not self._is_set:
             self.on_look()
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 return False
-            time.sleep(min(left_s, _POLL_S))
+            wait_until_readable([self], min(left_s, _LOOK_EVERY_S))
         return True
 
     def check(self) -> None:

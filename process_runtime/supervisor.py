@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from typing import NoReturn, Protocol, TypeAlias
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR, outermost
 from process_runtime.parent import PARENT_VARIABLE, die_with_parent
-from process_runtime.stop import StopFlag, stop_on_signals
+from process_runtime.stop import HasFile, StopFlag, stop_on_signals, wait_until_readable
 from process_runtime.watchdog import Listener, SignsOfLife
 
 _log = logging.getLogger(__name__)
@@ -32,7 +32,7 @@ _TERMINATE_WITHIN_S = 1.5
 _TERMINATE_FORKS_WITHIN_S = 1.2
 """Less, because their parent may itself be a supervisor's child."""
 _GIVEN_UP_BEFORE_S = 10.0
-_POLL_S = 0.05
+_POLL_S, _LONGEST_POLL_S = 0.05, 1.0
 HUNG_AFTER_S = 15.0
 """A turn of a process's loop takes less than a second."""
 FORK_HUNG_AFTER_S = 120.0
@@ -128,6 +128,18 @@ class Supervisor:
         polled = [child.polled(now_s) for child in self._children]
         return [ended for ended in polled if ended is not None]
 
+    def wait(self, stop: StopFlag) -> bool:
+        """Wait until `poll` may have something to do; return whether the stop flag is set."""
+        children = [*self._children, *self._leaving]
+        files: list[int | HasFile] = [stop]
+        for child in children:
+            files += child.files()
+        # A `HangDetector` expects several calls in the time after which a child hangs.
+        longest_s = min(_LONGEST_POLL_S, self._hung_after_s / 8)
+        is_settled = not self._leaving and all(child.wakes for child in children)
+        wait_until_readable(files, longest_s if is_settled else _POLL_S)
+        return stop.is_set()
+
     def jobs(self) -> dict[str, int | None]:
         """Return the number of jobs of each child; None: it has not reported any."""
         return {child.spec.name: child.jobs for child in self._children}
@@ -192,10 +204,21 @@ class _Child:
         self._start_at_s: float | None = None
         self._leaves_until_s = 0.0
         self._listener: Listener | None = None
+        self._end: int | None = None
+        """A file that can be read once the process has ended; only Linux has it."""
 
     @property
     def jobs(self) -> int | None:
         return self._listener.jobs if self._listener is not None else None
+
+    @property
+    def wakes(self) -> bool:
+        """Whether `files` tell when the process needs attention."""
+        return self._end is not None
+
+    def files(self) -> list[int | HasFile]:
+        """Return the files that can be read when the process has ended or given a sign."""
+        return [file for file in (self._end, self._listener) if file is not None]
 
     def start(self) -> None:
         self._start_at_s, self._started_at_s = None, time.monotonic()
@@ -204,6 +227,9 @@ class _Child:
             self.process = _executed(self.spec, self._listener.variables())
         else:
             self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
+        if hasattr(os, "pidfd_open"):
+            with suppress(OSError):  # an old kernel, or a container that forbids it
+                self._end = os.pidfd_open(self.process.pid)
 
     def polled(self, now_s: float) -> ChildExit | None:
         """Start the process if it is due, kill it if it hangs, and return its exit once."""
@@ -243,6 +269,9 @@ class _Child:
     def forget(self) -> None:
         """Drop the ended process and cancel its restart."""
         self.process, self._start_at_s = None, None
+        if self._end is not None:
+            os.close(self._end)
+            self._end = None
         self._stop_listening()
 
     def _stop_listening(self) -> None:
@@ -393,7 +422,7 @@ def run_forked(
             idle = [child for child, held in jobs.items() if held == 0]
             for child in idle[::-1][: max(len(jobs) - wanted, 0)]:
                 supervisor.remove(child)
-            if stop.wait(_POLL_S):
+            if supervisor.wait(stop):
                 return
             for ended in supervisor.poll(time.monotonic()):
                 _log.warning(

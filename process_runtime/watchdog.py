@@ -117,5 +117,9 @@ class Listener:
                         self.jobs = int(word[len(_JOBS) :])
         return self._detector.hangs(now_s)
 
+    def fileno(self) -> int:
+        """Return the file from which `is_hung` reads."""
+        return self._socket.fileno()
+
     def close(self) -> None:
         self._socket.close()
