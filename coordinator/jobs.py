@@ -135,6 +135,13 @@ class Jobs(Part):
             job_id: job for job_id, job in self.placed.items() if isinstance(job.job, SearchJob)
         }
 
+    def of_lone_cluster(self) -> list[str]:
+        """Return the ids of all jobs, if they are one cluster, which comes first, and elsewhere."""
+        others = [i for i, job in self.placed.items() if isinstance(job.job, ElsewhereJob)]
+        clusters = [i for i, job in self.placed.items() if isinstance(job.job, TrackJob)]
+        is_lone = len(clusters) == 1 and len(others) + 1 == len(self.placed)
+        return [*clusters, *others] if is_lone else []
+
     # --- begin, change hands and end
 
     def begin(self, jobs: Mapping[str, Job]) -> None:

@@ -154,8 +154,7 @@ class Placement(Part):
         able = [name for name in ready if may_work(name, now_ns, answers=live[name].answered)]
         able = able or ready
         trusted = self.stragglers.trusted(able) or able
-        moves = balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
-        self.jobs.move(moves, term, now_ns)
+        self.jobs.move(self._moves(trusted), term, now_ns)
         self.jobs.move(self._trials(able, trusted), term, now_ns)
         jobs = self.jobs.by_worker()
         return [
@@ -163,6 +162,24 @@ class Placement(Part):
             for name in ready
             if self._is_order_due(live[name], jobs.get(name, {}), now_ns)
         ]
+
+    def _moves(self, trusted: Sequence[str]) -> dict[str, str]:
+        """Return the new worker of each job that changes hands.
+
+        One worker does all jobs of a lone cluster: to wake a second one costs more than the
+        other job.
+        """
+        lone = self.jobs.of_lone_cluster()
+        if not lone or not trusted:
+            return balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
+        held_by = [self.jobs.placed[job_id].worker for job_id in lone]
+        at_work = [worker for worker in held_by if worker is not None and worker in trusted]
+        home = at_work[0] if at_work else min(trusted)
+        return {
+            job_id: home
+            for job_id, worker in zip(lone, held_by, strict=True)
+            if worker is None or (worker != home and worker in trusted)
+        }
 
     def _is_order_due(self, worker: LiveWorker, jobs: dict[str, int], now_ns: int) -> bool:
         is_unanswered = not worker.answered and now_ns - worker.sent_ns >= RESEND_AFTER_NS

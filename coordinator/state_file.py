@@ -89,7 +89,7 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
         OSError: the folder cannot be written, or the disk is full; the last file is unchanged.
     """
     target = file_of(folder, robot)
-    part = f"{target}.part"  # one name: what a killed process left is written over
+    part = target.with_suffix(".part")  # one name: what a killed process left is written over
     try:
         number = _opened(part, folder)
         with os.fdopen(number, "wb") as file:
@@ -97,15 +97,15 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
             file.flush()
             if sync:
                 os.fsync(number)
-        Path(part).replace(target)
+        part.replace(target)
     except OSError:
-        Path(part).unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         raise
     if sync:
         _sync_folder(folder)
 
 
-def _opened(file: str, folder: Path) -> int:
+def _opened(file: Path, folder: Path) -> int:
     """Open a file for writing; create its folder only if that fails, which is seldom."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
     try:

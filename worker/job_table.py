@@ -88,6 +88,10 @@ class JobTable:
             (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
         )
 
+    @property
+    def is_empty(self) -> bool:
+        return not self._jobs
+
     def has_changes(self, order: WorkOrder) -> bool:
         """Return whether an order changes the jobs; after an outage it may be a repeated one."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
@@ -126,6 +130,8 @@ class JobTable:
             for assignment in order.begin
         }
         self._jobs = kept | begun
+        if self.is_empty:
+            self._recent.clear()  # old scans, once there is a job again
         for job_id, particles, first_step in order.resize:
             if (job := self._tracked(job_id)) is not None:
                 job.size = particles, first_step

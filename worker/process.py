@@ -187,7 +187,9 @@ class WorkerLoop:
         self._adviser = Adviser(node)
         self._reports = node.publisher(keys.worker_report(node.name), may_wait=True)
         node.publish_health(keys.worker_health(node.name))
-        node.subscribe(keys.SCAN, Scan, self._on_scan, kind="scan", kept=KEPT_SCANS)
+        self._scans = node.subscribe(
+            keys.SCAN, Scan, self._on_scan, kind="scan", kept=KEPT_SCANS, paused=True
+        )
         self._checkpoints = node.poll(keys.CHECKPOINT, Checkpoint, "checkpoint", KEPT_CHECKPOINTS)
         node.serve(keys.worker_order(node.name), self._on_order, WorkOrder.max_bytes)
         node.serve(keys.worker_state(node.name), self._on_state)
@@ -245,6 +247,7 @@ class WorkerLoop:
     # --- instructions
 
     def _carry_out(self, instructions: Iterable[Instruction]) -> None:
+        self._scans.pause(not self._worker.needs_scans)  # a scan would only wake this process
         reports = list[Report]()
         for instruction in instructions:
             match instruction:

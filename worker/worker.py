@@ -167,6 +167,8 @@ class Worker:
         self._waiting: _WaitingOrder | None = None
         self._ordered: FilterSettings | None = None
         """Settings of the last order."""
+        self._ordered_map = ""
+        """Digest of the last order's map."""
         self._live = AS_STARTED
         """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None
@@ -180,6 +182,11 @@ class Worker:
     def jobs(self) -> int:
         """Number of jobs that this worker has."""
         return len(self._table.summary())
+
+    @property
+    def needs_scans(self) -> bool:
+        """Whether this worker has a job, or an order that waits for a sensor model."""
+        return not self._table.is_empty or self._waiting is not None
 
     @property
     def searches(self) -> bool:
@@ -218,6 +225,8 @@ class Worker:
             scan: the step.
             dropped: scans that this process dropped from a full inbox since its start.
         """
+        if not self.needs_scans:
+            return []
         if self._is_of_another_map(scan):
             detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
             return [Warn("scan of another map", detail)]
@@ -308,7 +317,10 @@ class Worker:
         return [Warn("order overtaken", detail), Answer(question, self._answer())]
 
     def _continue(self) -> list[Instruction]:
-        """Follow the waiting order and take the held scans, or request what they need."""
+        """Follow the waiting order and take the held scans, or request what they need.
+
+        A worker without a job also requests the model, so that it can take over at once.
+        """
         waiting, wanted = self._waiting, self._wanted()
         if wanted is None:
             return []
@@ -327,11 +339,10 @@ class Worker:
         return [BuildModel(self._map, sensor)]
 
     def _wanted(self) -> tuple[FilterSettings, str] | None:
-        """Return the settings and the map's digest of the waiting order, or of the held scans."""
+        """Return the settings and the map's digest of the waiting order, or of the last one."""
         if self._waiting is not None:
             return self._waiting.settings, self._waiting.order.map_digest
-        # Scans are held only after an order was followed.
-        return (self._ordered, self._model_digest) if self._held and self._ordered else None
+        return (self._ordered, self._ordered_map) if self._ordered and self._ordered_map else None
 
     def _has_model(self, map_digest: str, sensor: SensorSettings) -> bool:
         model = self._model
@@ -375,7 +386,7 @@ class Worker:
             if self._model is not None:
                 settings = filter_with(waiting.settings, self._live)
                 self._table.follow(order, self._model, settings)
-                self._ordered = waiting.settings
+            self._ordered, self._ordered_map = waiting.settings, order.map_digest
         except (OldTermError, ValueError) as error:
             return self._refused(waiting.question, error)
         self._fence.order = order.order

@@ -46,6 +46,37 @@ class Call:
     """Whether it handles something that was received."""
 
 
+class Subscription:
+    """Receives what is published on a key, except while it is paused.
+
+    Args:
+        subscribe: subscribes through a session.
+        paused: whether it is paused until `pause(False)`.
+    """
+
+    def __init__(
+        self, subscribe: Callable[[zenoh.Session], zenoh.Subscriber[None]], *, paused: bool
+    ) -> None:
+        self._subscribe, self._paused = subscribe, paused
+        self._session: zenoh.Session | None = None
+        self._subscriber: zenoh.Subscriber[None] | None = None
+
+    def declare(self, session: zenoh.Session) -> None:
+        """Receive through this session from now on."""
+        self._session = session
+        self._subscriber = None if self._paused else self._subscribe(session)
+
+    def pause(self, paused: bool) -> None:
+        """Receive nothing until `pause(False)`, so that no message wakes this process."""
+        if paused == self._paused:
+            return
+        self._paused = paused
+        if self._subscriber is not None:
+            self._subscriber.undeclare()  # type: ignore[no-untyped-call] # the stub's
+        if self._session is not None:
+            self.declare(self._session)
+
+
 class Node:
     """A process's connection to Zenoh: receives, dispatches to handlers, publishes and queries.
 
@@ -148,7 +179,8 @@ class Node:
         kind: str,
         kept: int,
         own: bool = True,
-    ) -> None:
+        paused: bool = False,
+    ) -> Subscription:
         """Call `handler` with each message on `key`, decoded and as received.
 
         Args:
@@ -159,6 +191,7 @@ class Node:
                 with the same handler may share it.
             kept: most messages queued.
             own: also receive what this process publishes.
+            paused: receive nothing until `Subscription.pause(False)`.
         """
 
         def on_received(received: wire.Received) -> None:
@@ -166,9 +199,12 @@ class Node:
 
         self.inbox.keep(kind, kept)
         self._on_received[kind] = on_received
-        self.declare(
-            lambda session: wire.subscribe(session, key, message, self.inbox, kind, own=own)
+        subscription = Subscription(
+            lambda session: wire.subscribe(session, key, message, self.inbox, kind, own=own),
+            paused=paused,
         )
+        self.declare(subscription.declare)
+        return subscription
 
     def poll(self, key: str, message: Any, kind: str, kept: int) -> wire.Unread:
         """Keep the newest messages on `key` without waking the loop; arguments as `subscribe`."""

@@ -117,7 +117,7 @@ def subscribe(
     kind: str,
     *,
     own: bool = True,
-) -> None:
+) -> zenoh.Subscriber[None]:
     """Put what is published on `key` into the inbox, as states of one kind.
 
     `message` is the class of the messages, or a union; a payload beyond its limit is refused
@@ -134,7 +134,7 @@ def subscribe(
             inbox.put_newest(kind, received)
 
     origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
-    session.declare_subscriber(key, on_sample, allowed_origin=origin)
+    return session.declare_subscriber(key, on_sample, allowed_origin=origin)
 
 
 class Unread:

@@ -1,7 +1,7 @@
 from coordinator.placement import RESEND_AFTER_NS, Placement
 from coordinator.slow_workers import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, Job, OrderAnswer, SearchJob, TrackJob, WorkOrder
+from protocol.work import Assignment, ElsewhereJob, Job, OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
@@ -223,3 +223,18 @@ def test_a_worker_that_is_asked_for_its_state_gets_no_order_before_its_answer() 
     assert due(made, SECOND - 1) == []
     made.on_worker_jobs("a", [], 0)
     assert begun(due(made, 1)) == {"a": ["c0"]}
+
+
+def test_one_worker_has_all_jobs_of_a_lone_cluster_and_the_other_stands_by() -> None:
+    made = placement("a", "b")
+    made.jobs.begin({"elsewhere": ElsewhereJob(first_step=0), "c0": track(0), "c1": track(1)})
+    follow(made, due(made, 0))
+    assert all(made.workers.values())
+    made.jobs.end(["c0"])
+    follow(made, due(made, 1))
+    assert sorted(made.workers.values()) == [(), ("elsewhere", "c1")]
+    assert due(made, 9 * SECOND) == [], "it stays so"
+    (home,) = [name for name, jobs in made.workers.items() if jobs]
+    made.on_worker_left(home)
+    (other,) = begun(due(made, 10 * SECOND)).values()
+    assert sorted(other) == ["c1", "elsewhere"]

@@ -294,7 +294,7 @@ def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> N
     handled(fresh, asked(1, track("c0", cloud())))
     done = handled(fresh, asked(2))
     assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
-    assert handled(fresh, on_map(grid())) == [], "no job needs it any more"
+    assert handled(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)], "for the next"
 
 
 def test_an_order_whose_map_never_arrives_is_refused_and_the_next_one_queries_it_again(
@@ -396,7 +396,7 @@ def test_a_job_that_begins_behind_waits_for_history_while_others_continue(tracki
 def test_without_history_a_job_begins_with_the_scans_at_hand(
     fresh: Worker, model: SensorModel
 ) -> None:
-    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
     begun = handled(fresh, on_model("map", model))
     assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
     assert handled(fresh, on_scan(scan(6))) == []
@@ -405,8 +405,21 @@ def test_without_history_a_job_begins_with_the_scans_at_hand(
     assert reported(failed) == [("c0", 5), ("c0", 6)]
 
 
+def test_a_worker_needs_scans_only_for_a_job_and_fetches_those_since_it_began(
+    tracking: Worker,
+) -> None:
+    handled(tracking, on_scan(scan(1)))
+    assert tracking.needs_scans
+    handled(tracking, asked(2))
+    assert not tracking.needs_scans
+    assert handled(tracking, on_scan(scan(2))) == []
+    again = handled(tracking, asked(3, track("c1", cloud(step=90), epoch=2)))
+    assert tracking.needs_scans
+    assert again[1:] == [FetchScans(MissingScans(91, None), HISTORY_TIMEOUT_S)]
+
+
 def test_repeated_orders_request_past_scans_once(fresh: Worker, model: SensorModel) -> None:
-    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
     handled(fresh, on_model("map", model))
     again = handled(fresh, asked(2, track("c0", cloud(step=2))))
     assert [type(do) for do in again] == [Answer]
@@ -415,7 +428,7 @@ def test_repeated_orders_request_past_scans_once(fresh: Worker, model: SensorMod
 
 
 def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: SensorModel) -> None:
-    handled(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
     handled(fresh, on_model("map", model))
     wider = handled(fresh, on_scan(scan(8)))
     assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
