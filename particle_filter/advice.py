@@ -22,7 +22,7 @@ from particle_filter.evidence_model import evidence_weight, scan_exponent
 from particle_filter.kernels import plain
 from particle_filter.landmark_views import landmark_evidence
 from particle_filter.observations import NOTHING_OBSERVED, Landmarks
-from particle_filter.poses import TURN, compose, heading_distance, wrap_angle
+from particle_filter.poses import compose, heading_distance, wrap_angle
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.roads import SPACING_M, Roads, roads_of
 from particle_filter.sensor_model import LaserScan, SensorModel
@@ -217,7 +217,7 @@ class _Views:
 
     def pose_of(self, view: View) -> Pose:
         """Return the (3,) pose of a view in the robot's frame."""
-        return np.array([*self.spots[view[0]], view[1] * TURN / _OCTANTS])
+        return np.array([*self.spots[view[0]], view[1] * math.tau / _OCTANTS])
 
 
 def _views(
@@ -233,9 +233,9 @@ def _views(
     ways = [way for way in ways if way[1] > 1]
     origin = int(roads.spot_of[roads.origin])
     turned = np.zeros((_OCTANTS + 1, 3))
-    turned[:, 2] = np.arange(_OCTANTS + 1) * TURN / _OCTANTS
+    turned[:, 2] = np.arange(_OCTANTS + 1) * math.tau / _OCTANTS
     headings = {(origin, 0 if all_round else turn): 0.0 for turn in range(_OCTANTS)}
-    ways.append((turned, len(turned), dict.fromkeys(headings, (0.0, TURN / len(headings)))))
+    ways.append((turned, len(turned), dict.fromkeys(headings, (0.0, math.tau / len(headings)))))
     views = _Views(ways, {}, roads.nodes[roads.spots], angles + thin.robot_from_laser[2])
     for view in dict.fromkeys(view for *_, driven in ways for view in driven):
         views.seen[view] = _seen(views.pose_of(view), question, thin, model)
@@ -270,7 +270,7 @@ def _driven(
     poses[:, :2] = roads.nodes[nodes]
     poses[1:, 2] = headings
     turns = heading_distance(poses[1:, 2], poses[:-1, 2])
-    octants = np.round(headings * _OCTANTS / TURN).astype(np.int64) % _OCTANTS
+    octants = np.round(headings * _OCTANTS / math.tau).astype(np.int64) % _OCTANTS
     views: dict[View, tuple[float, float]] = {}
     for node, octant, length, turn in zip(
         nodes[1:], octants, np.hypot(along[:, 0], along[:, 1]), turns, strict=True

@@ -24,7 +24,7 @@ from particle_filter.evidence_model import scan_exponent
 from particle_filter.grid import Grid
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
-from particle_filter.poses import TURN, between, compose
+from particle_filter.poses import between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums, sum_steps
 from particle_filter.regions import Corners, is_region
 from particle_filter.resampling import optimal_resampling
@@ -92,8 +92,8 @@ class SearchSpace:
         for _ in range(LEVELS - 1):
             self.free.insert(0, _any_of_four(self.free[0]))
         self.runs = _runs(self.free[0])
-        per_shard = math.ceil(TURN / heading_step_rad / shards)
-        self.headings = np.arange(per_shard * shards) * (TURN / (per_shard * shards)) - math.pi
+        per_shard = math.ceil(math.tau / heading_step_rad / shards)
+        self.headings = np.arange(per_shard * shards) * (math.tau / (per_shard * shards)) - math.pi
         self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
         share = np.count_nonzero(free) / all_leaves
         self.leaf_count = share * free_cells / leaf_cells**2 * per_shard
@@ -102,7 +102,7 @@ class SearchSpace:
     @property
     def cell(self) -> NDArray[np.float64]:
         """(3,) size of a leaf [m, m, rad]."""
-        return np.array([self._leaf_m, self._leaf_m, TURN / len(self.headings)])
+        return np.array([self._leaf_m, self._leaf_m, math.tau / len(self.headings)])
 
     def poses(self, leaves: NDArray[np.int32], headings: NDArray[np.int32]) -> Poses:
         """Return (N, 3) centres of leaves, numbered row by row, with their headings."""

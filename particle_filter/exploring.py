@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from particle_filter.arrays import Points, Poses
-from particle_filter.poses import TURN
 from particle_filter.roads import MARGIN_M, Roads
 from particle_filter.sensor_model import LaserScan, usable_beams
 from particle_filter.view_memory import ViewMemory
@@ -32,7 +31,7 @@ def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads
         (n, 3) poses relative to the robot, 0.2 m apart; none if no way of `LEAST_M` is free.
     """
     wide_m = radius_m + MARGIN_M
-    bearings = np.arange(_LANES) * TURN / _LANES
+    bearings = np.arange(_LANES) * math.tau / _LANES
     ahead = np.column_stack([np.cos(bearings), np.sin(bearings)])
     hits, left = _hits(laser).T, np.column_stack([-ahead[:, 1], ahead[:, 0]])
     along, across = ahead @ hits, left @ hits
@@ -54,7 +53,7 @@ def unseen_way(laser: LaserScan, seen: ViewMemory, radius_m: float, roads: Roads
         return np.zeros((0, 3))
     way = np.zeros((counts[best] + 1, 3))
     way[1:, :2] = points[best, : counts[best]]
-    way[1:, 2] = math.remainder(bearings[best], TURN)
+    way[1:, 2] = math.remainder(bearings[best], math.tau)
     return way
 
 

@@ -150,17 +150,15 @@ class LikelihoodFieldModel:
         it. The mean is estimated from a systematic sample of the particles, minus a tolerance,
         because neither poses nor maps are exact.
         """
-        count, tolerance = self._particles_to_sample(sharers), self.settings.occlusion_tolerance
+        whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
+        # So many that all beams are checked equally often.
+        count = min(stride * ceil(whole / (stride * sharers)), whole)
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count, 0.5)
         occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
-        return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
-
-    def _particles_to_sample(self, sharers: int) -> int:
-        """Return the number of particles to sample so that all beams are checked equally often."""
-        whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
-        return min(stride * ceil(whole / (stride * sharers)), whole)
+        tolerated = self.settings.occlusion_tolerance * beams.count
+        return max(float(np.add.reduce(occluded)) / count - tolerated, 0.0)
 
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """Return (N,) the part of each pose's `log_likelihood` from occluded beams [nat].

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Poses
 
-TURN = 2.0 * np.pi
-"""A full turn [rad]."""
-
 
 @overload
 def wrap_angle(angle: float) -> float: ...
@@ -25,13 +22,13 @@ def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64
     if not isinstance(angle, np.ndarray):
         if -math.pi <= angle < math.pi:
             return angle
-        wrapped = angle - TURN * math.floor((angle + math.pi) / TURN)
+        wrapped = angle - math.tau * math.floor((angle + math.pi) / math.tau)
         return wrapped if -math.pi <= wrapped < math.pi else -math.pi  # after rounding
     turned = angle.copy()
     outside = (angle < -np.pi) | (angle >= np.pi)
     if outside.any():
         far = angle[outside]
-        far -= TURN * np.floor((far + np.pi) / TURN)
+        far -= math.tau * np.floor((far + np.pi) / math.tau)
         far[(far < -np.pi) | (far >= np.pi)] = -np.pi
         turned[outside] = far
     return turned

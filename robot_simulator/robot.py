@@ -1,13 +1,13 @@
 """A differential-drive robot that follows a route and then wanders."""
 
 from itertools import pairwise
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, hypot, sin, tau
 from typing import NamedTuple
 
 import numpy as np
 
 from particle_filter.arrays import Points
-from particle_filter.poses import TURN, wrap_angle
+from particle_filter.poses import wrap_angle
 from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
@@ -78,7 +78,7 @@ class Robot:
 
     def turn_round(self) -> None:
         """Turn once on the spot, then drive to random goals."""
-        self._hand, self._hand_left_s = (0.0, _TOP_TURN_RATE_RAD_S), TURN / _TOP_TURN_RATE_RAD_S
+        self._hand, self._hand_left_s = (0.0, _TOP_TURN_RATE_RAD_S), tau / _TOP_TURN_RATE_RAD_S
         self.follows = True
 
     def follow(self, points: Points) -> None:
