@@ -35,11 +35,11 @@ def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
 
 def belief_object(belief: Belief) -> JsonObject:
     """Convert a belief; ``pose`` and ``probability`` are of the most probable hypothesis."""
-    best = belief.hypotheses[0] if belief.hypotheses else None
+    pose, covariance = belief.pose, belief.covariance
     return {
         "step": belief.step,
         "state": belief.state,
-        "pose": pose_object(best.pose, best.covariance) if best else None,
+        "pose": pose_object(pose, covariance) if pose and covariance else None,
         "probability": belief.probability,
         **_fields(belief, "sender", "term", "odom_from_robot"),
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],

@@ -197,7 +197,7 @@ class Client(RobotCommands):
 
     def update(self) -> None:
         """Use the next scan for a step, even if the robot stands still."""
-        self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
+        self._carry_out(Update(sender=_SENDER, command_id=new_id()))
 
     def kidnap(self, pose: PoseTuple | None = None) -> None:
         """Move the simulated robot without letting its odometry show the motion.
@@ -205,8 +205,7 @@ class Client(RobotCommands):
         Args:
             pose: the new pose: x [m], y [m], heading [rad]; None: a random pose far away.
         """
-        command = Kidnap(sender=_SENDER, command_id=new_id(), pose=pose)
-        self._send(keys.KIDNAP, command)
+        self._carry_out(Kidnap(sender=_SENDER, command_id=new_id(), pose=pose))
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
         """Wait until the robot is localized and its pose is fresh, then return the pose.
@@ -321,13 +320,10 @@ class Client(RobotCommands):
             raise ValueError("the client is not connected: use it in a with block")
         return self._open
 
-    def _carry_out(self, command: SetPose | Relocalize) -> None:
-        self._send(keys.SET_POSE if isinstance(command, SetPose) else keys.RELOCALIZE, command)
-
-    def _send(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
-        done = self._ask(key, CommandDone, command)
+    def _carry_out(self, command: SetPose | Relocalize | Update | Kidnap) -> None:
+        done = self._ask(command.key, CommandDone, command)
         if done.problem:
-            raise CommandRefusedError(command=key, problem=done.problem)
+            raise CommandRefusedError(command=command.key, problem=done.problem)
 
     def _ask(
         self,

@@ -1,11 +1,10 @@
 """Parses the requests of a browser; its commands become messages of the system."""
 
 import uuid
-from typing import Annotated, TypeAlias
+from typing import Annotated, TypeAlias, get_args
 
 import msgspec
 
-from protocol import keys
 from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 
@@ -46,14 +45,9 @@ Request: TypeAlias = Drawn | ShowPast | ShowEarlier | AskAdvice | Command
 
 SENDER = "live_view"
 MAX_REQUEST_BYTES = 1000
-COMMAND_KEYS: dict[type[Command], str] = {
-    SetPose: keys.SET_POSE,
-    Relocalize: keys.RELOCALIZE,
-    Update: keys.UPDATE,
-    Kidnap: keys.KIDNAP,
-    Drive: keys.DRIVE,
+_COMMANDS: dict[str, type[Command]] = {
+    kind.__struct_config__.tag: kind for kind in get_args(Command)
 }
-_COMMANDS = {kind.__struct_config__.tag: kind for kind in COMMAND_KEYS}
 """Commands by their schemas."""
 
 

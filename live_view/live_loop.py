@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from live_view.commands import COMMAND_KEYS, AskAdvice, Command, ShowEarlier, ShowPast
+from live_view.commands import AskAdvice, Command, ShowEarlier, ShowPast
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
 from live_view.room import FromBrowser, PageOpened, Room
@@ -204,7 +204,7 @@ class LiveLoop:
         if isinstance(request, AskAdvice):
             self.node.ask(keys.ADVICE, Advice, on_advice, on_failure, timeout_s=_ADVICE_TIMEOUT_S)
         elif isinstance(request, Command):
-            key, limit_s = COMMAND_KEYS[type(request)], _COMMAND_TIMEOUT_S
+            key, limit_s = request.key, _COMMAND_TIMEOUT_S
             self.node.ask(key, CommandDone, on_done, on_failure, timeout_s=limit_s, message=request)
         else:
             answer_browser(self.room, self.picture, event)

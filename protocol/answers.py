@@ -5,6 +5,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from protocol import keys
 from protocol.health import Health
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import (
@@ -195,6 +196,7 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     arrives, the last `SetPose` or `Relocalize` is kept and applied then.
     """
 
+    key: ClassVar[str] = keys.SET_POSE
     command_id: Id
     """Makes the command idempotent: a repeated id has no effect. All commands have one."""
     pose: PoseTuple
@@ -212,6 +214,7 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
+    key: ClassVar[str] = keys.RELOCALIZE
     command_id: Id
     """As in `SetPose`."""
     near: Circle | None = None
@@ -226,6 +229,7 @@ class Update(Message, frozen=True, kw_only=True, tag="update/1"):
     The bridge answers before that step is made.
     """
 
+    key: ClassVar[str] = keys.UPDATE
     command_id: Id
     """As in `SetPose`."""
 
@@ -236,6 +240,7 @@ class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
     The bridge answers. The settings apply from its next step and replace all earlier ones.
     """
 
+    key: ClassVar[str] = keys.CONFIGURE
     settings: LiveSettings
     """All live settings, including unchanged ones."""
 
@@ -243,6 +248,7 @@ class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Move the simulated robot without odometry. A query on ``simulator/kidnap``."""
 
+    key: ClassVar[str] = keys.KIDNAP
     command_id: Id
     """As in `SetPose`."""
     pose: PoseTuple | None = None
@@ -255,6 +261,7 @@ class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
     Repeat it several times a second: the robot stops one second of its time after the last one.
     """
 
+    key: ClassVar[str] = keys.DRIVE
     speed_m_s: Finite = 0.0
     """Forward; limited to the robot's top speed, and by obstacles."""
     turn_rate_rad_s: Finite = 0.0

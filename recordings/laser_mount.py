@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -41,16 +40,15 @@ def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | 
         pairs: pose of the robot, and what may be the pose of the laser, in one frame.
     """
     try:
-        columns = list(zip(*(mounting(robot, laser) for robot, laser in pairs), strict=True))
+        mounts = np.array([mounting(robot, laser) for robot, laser in pairs])
     except ValueError:
         return None
-    if not columns:
+    if len(mounts) == 0:
         return None
-    x, y, heading = (median(column) for column in columns)
-    limits = (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_HEADING_RAD)
-    for column, middle, limit in zip(columns, (x, y, heading), limits, strict=True):
-        if any(abs(value - middle) > limit for value in column):
-            return None
+    middle = np.median(mounts, axis=0)
+    if np.any(np.abs(mounts - middle) > (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_HEADING_RAD)):
+        return None
+    x, y, heading = middle.tolist()
     mounted = math.hypot(x, y) > _SAME_PLACE_M or abs(heading) > _SAME_HEADING_RAD
     return (x, y, heading) if mounted else None
 

@@ -215,8 +215,7 @@ class Amcl:
             yield Publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.pose
         yield Publish(topics.STATE, new(types.STRING, data=belief.state))
-        probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
-        yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=probable))
+        yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=belief.probability))
 
     def all_places(self) -> Iterator[Output]:
         """Publish all places of the newest belief, once; this is not urgent."""

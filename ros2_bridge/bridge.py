@@ -47,12 +47,6 @@ _STATUS_EVERY_S = 1.0
 _COMMAND_TIMEOUT_S, _ADVICE_TIMEOUT_S = 5.0, 20.0
 _PLACES_WITHIN_S = 0.1
 """All places are published when the inbox is empty, at most this long after their belief."""
-_COMMAND_KEYS: dict[type[Command], str] = {
-    SetPose: keys.SET_POSE,
-    Relocalize: keys.RELOCALIZE,
-    Update: keys.UPDATE,
-    Configure: keys.CONFIGURE,
-}
 
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
@@ -245,14 +239,11 @@ class BridgeLoop:
                     self._command(replace(output, command_id=uuid.uuid4().hex))
 
     def _ask_advice(self) -> None:
-        def on_failure(problem: str) -> None:
-            self._refused(Refused("no advice", problem or "no answer"))
-
         self._node.ask(
             keys.ADVICE,
             Advice,
             lambda advice: self._do(self._amcl.on_advice(advice)),
-            on_failure,
+            lambda problem: self._refused(Refused("no advice", problem or "no answer")),
             timeout_s=_ADVICE_TIMEOUT_S,
         )
 
@@ -274,7 +265,7 @@ class BridgeLoop:
         values: dict[str, object] = {"life cycle": self.services.lifecycle.state.label}
         if belief is not None and belief.hypotheses:
             values["places"] = len(belief.hypotheses)
-            values["probability"] = f"{belief.hypotheses[0].probability:.3f}"
+            values["probability"] = f"{belief.probability:.3f}"
         if belief is not None:
             values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
             values["probability off the map"] = f"{belief.off_map_probability:.3f}"
@@ -293,16 +284,15 @@ class BridgeLoop:
     # --- messages to our system
 
     def _command(self, command: Command) -> None:
-        key = _COMMAND_KEYS[type(command)]
-
         def on_done(done: CommandDone) -> None:
             if done.problem:
-                self._refused(Refused("command refused", f"{key}: {done.problem}"))
+                self._refused(Refused("command refused", f"{command.key}: {done.problem}"))
 
         def on_failure(problem: str) -> None:
-            detail = f"{key}: {problem or 'no answer'}"
+            detail = f"{command.key}: {problem or 'no answer'}"
             self._refused(Refused("command not carried out", detail))
 
+        limit_s = _COMMAND_TIMEOUT_S
         self._node.ask(
-            key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=command
+            command.key, CommandDone, on_done, on_failure, timeout_s=limit_s, message=command
         )

@@ -9,7 +9,7 @@ import numpy as np
 from particle_filter.poses import between, compose
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.answers import SetPose
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Covariance
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.validity import gaussian_problem
 from recordings.headers import frame_name, stamp_of
@@ -20,8 +20,6 @@ from ros2_bridge.outputs import NO_ID
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
 """Least standard deviations: senders that omit the covariance send zeros."""
 _PLANAR = (0, 1, 5)
-_SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
-"""AMCL's standard deviations for a pose in parameters."""
 
 
 def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> SetPose:
@@ -44,13 +42,24 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
         with suppress(TransformMissingError):
             start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
             now = compose(then, between(np.array(start), np.array(end)))
-    return _command(settings, pose_tuple(now), covariance, now_ns)
+    return SetPose(
+        sender=settings.node_name,
+        command_id=NO_ID,
+        pose=pose_tuple(now),
+        covariance=covariance,
+        stamp_ns=now_ns,
+    )
 
 
 def initial_pose(settings: Ros2Settings) -> SetPose:
-    pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
-    spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
-    return _command(settings, pose, covariance_tuple(spread), None)
+    """Return the pose in the settings, with AMCL's standard deviations."""
+    return SetPose(
+        sender=settings.node_name,
+        command_id=NO_ID,
+        pose=(settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad),
+        position_sigma_m=0.5,
+        heading_sigma_rad=math.pi / 12.0,
+    )
 
 
 def pose_in_map(message: Any, settings: Ros2Settings) -> tuple[Any, Any]:
@@ -61,18 +70,6 @@ def pose_in_map(message: Any, settings: Ros2Settings) -> tuple[Any, Any]:
     given = message.pose
     pose = np.array(rigid_of(given.pose.position, given.pose.orientation).planar())
     return pose, np.reshape(given.covariance, (6, 6))[np.ix_(_PLANAR, _PLANAR)]
-
-
-def _command(
-    settings: Ros2Settings, pose: PoseTuple, covariance: Covariance, stamp_ns: int | None
-) -> SetPose:
-    return SetPose(
-        sender=settings.node_name,
-        command_id=NO_ID,
-        pose=pose,
-        covariance=covariance,
-        stamp_ns=stamp_ns,
-    )
 
 
 def _usable(covariance: Any) -> Covariance:

@@ -100,30 +100,33 @@ class Parameters:
         try:
             for wanted in parameters:
                 self._set(wanted.name, wanted.value)
-        except SettingsError as error:
+        except (SettingsError, ValueError) as error:
             (self.settings, self.live), reason = before, str(error)
         result = "rcl_interfaces/msg/SetParametersResult"
         return new(result, successful=not reason, reason=reason)
 
     def _set(self, name: str, wanted: Any) -> None:
+        """Set one parameter.
+
+        Raises:
+            SettingsError: the value is out of range.
+            ValueError: it cannot be set, or nav2 does not accept the value.
+        """
         parameter = PARAMETERS.get(name)
-        problem, value = "", None
         if parameter is None:
-            problem = f"there is no parameter {name}"
-        elif wanted.type != self._value(name).type:
-            problem = f"{name} is a {type(parameter.default).__name__}"
-        else:
-            value = getattr(wanted, _FIELDS[wanted.type])
-            if value == parameter.value(self.settings) and not parameter.live_name:
-                return
-        if parameter is not None and not problem and not parameter.is_live:
-            problem = parameter.reason or f"{parameter.setting} is read only at the start"
-        if parameter is None or problem:
-            raise SettingsError(key=name, problem=problem)
+            raise ValueError(f"there is no parameter {name}")
+        if wanted.type != self._value(name).type:
+            raise ValueError(f"{name} is a {type(parameter.default).__name__}")
+        value = getattr(wanted, _FIELDS[wanted.type])
+        if value == parameter.value(self.settings) and not parameter.live_name:
+            return
+        if not parameter.is_live:
+            reason = parameter.reason or f"{parameter.setting} is read only at the start"
+            raise ValueError(reason)
         try:
             setting = parameter.converted(value)
         except ValueError as error:
-            raise SettingsError(key=name, problem=f"{name} = {value}: {error}") from None
+            raise ValueError(f"{name} = {value}: {error}") from None
         self.settings = with_setting(self.settings, parameter.setting, setting, name)
         if parameter.live_name:
             self.live = msgspec.structs.replace(self.live, **{parameter.live_name: setting})

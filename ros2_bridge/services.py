@@ -153,7 +153,7 @@ class Services:
     def _is_localized(self, _request: Any) -> Answer:
         belief = self._amcl.belief
         state = belief.state if belief is not None else "searching"
-        probable = belief.hypotheses[0].probability if belief and belief.hypotheses else 0.0
+        probable = belief.probability if belief is not None else 0.0
         is_localized = state == "localized" and self.freshness == "fresh"
         words = f"{state}, {self.freshness}, probability {probable:.3f}"
         return new(response_of(types.TRIGGER), success=is_localized, message=words), []

@@ -52,46 +52,29 @@ def _topics(names: str, ros_type: str, qos: Qos) -> tuple[Topic, ...]:
     return tuple(Topic(name, ros_type, qos) for name in distinct)
 
 
-@dataclass(frozen=True)
 class Topics:
     """The topics whose names are settings."""
 
-    settings: Ros2Settings
-
-    @property
-    def tf(self) -> Topic:
-        return Topic(self.settings.tf_topic, types.TF_MESSAGE, Qos(depth=100))
-
-    @property
-    def tf_static(self) -> Topic:
-        qos = Qos(depth=100, latched=True)
-        return Topic(self.settings.tf_static_topic, types.TF_MESSAGE, qos)
-
-    @property
-    def scans(self) -> tuple[Topic, ...]:
-        qos = Qos(depth=5, best_effort=True)
-        return _topics(self.settings.scan_topic, types.LASER_SCAN, qos)
-
-    @property
-    def observed(self) -> tuple[Topic, ...]:
-        """Observations of other sensors."""
-        settings, sensor_data = self.settings, Qos(depth=5, best_effort=True)
-        return (
+    def __init__(self, settings: Ros2Settings) -> None:
+        sensor_data = Qos(depth=5, best_effort=True)
+        self.tf = Topic(settings.tf_topic, types.TF_MESSAGE, Qos(depth=100))
+        tf_qos = Qos(depth=100, latched=True)
+        self.tf_static = Topic(settings.tf_static_topic, types.TF_MESSAGE, tf_qos)
+        self.map = Topic(settings.map_topic, types.OCCUPANCY_GRID, _LAST)
+        self.scans = _topics(settings.scan_topic, types.LASER_SCAN, sensor_data)
+        self.observed = (
             *_topics(settings.pose_topics, types.POSE_STAMPED, Qos()),
             *_topics(settings.gnss_topics, types.NAV_SAT_FIX, sensor_data),
             *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),
             *_topics(settings.detection_topics, types.DETECTIONS, sensor_data),
         )
-
-    @property
-    def map(self) -> Topic:
-        return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
+        """Observations of other sensors."""
+        self._clock = (CLOCK,) if settings.use_sim_time else ()
 
     def read(self) -> tuple[Topic, ...]:
         """Return all topics to subscribe to."""
-        clock = (CLOCK,) if self.settings.use_sim_time else ()
         transforms = (self.tf, self.tf_static)
-        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.observed, *clock)
+        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.observed, *self._clock)
 
     def sent(self) -> tuple[Topic, ...]:
         """Return all topics to publish."""

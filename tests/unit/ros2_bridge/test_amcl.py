@@ -529,8 +529,7 @@ def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
     (given,) = Amcl(settings).activate()
     assert isinstance(given, SetPose)
     assert given.pose == (1.0, 0.0, 0.5)
-    assert given.covariance is not None
-    assert given.covariance[0] == 0.25
+    assert (given.position_sigma_m, given.covariance) == (0.5, None)
 
 
 def test_a_reset_keeps_the_pose_unless_always_reset_initial_pose_is_set() -> None:
