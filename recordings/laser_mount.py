@@ -2,10 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from particle_filter.poses import between
 from protocol.message import PoseTuple
@@ -53,8 +51,12 @@ def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | 
     return (x, y, heading) if mounted else None
 
 
-def _hangs_upside_down(frame: str, base_from_laser: Rigid) -> bool:
-    """Return whether a laser is mounted upside down, so that its beams run clockwise."""
+def is_upside_down(frame: str, base_from_laser: Rigid) -> bool:
+    """Return whether a laser is mounted upside down, so that its beams run clockwise.
+
+    Raises:
+        ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
+    """
     up, away_m = base_from_laser.up(), math.hypot(base_from_laser.x, base_from_laser.y)
     tilt_rad = math.acos(min(abs(up), 1.0))
     if tilt_rad > MAX_TILT_RAD:
@@ -62,28 +64,3 @@ def _hangs_upside_down(frame: str, base_from_laser: Rigid) -> bool:
     if away_m > MAX_MOUNT_M:
         raise ValueError(f"the laser {frame!r} is {away_m:.0f} m away")
     return up < 0.0
-
-
-def counter_clockwise(
-    scan: Any, base_from_laser: Rigid | None, least_m: float = -math.inf
-) -> tuple[float, float, NDArray[np.float32]]:
-    """Return first direction [rad], step [rad] and ranges of a scan, counter-clockwise.
-
-    Args:
-        scan: a `sensor_msgs/LaserScan`; ranges below its least one become 0, no return.
-        base_from_laser: pose of the laser on the robot, perhaps upside down; None: unknown.
-        least_m: shortest range, if larger than that of the scan.
-
-    Raises:
-        ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
-    """
-    ranges = np.array(scan.ranges, np.float32)
-    with np.errstate(invalid="ignore"):
-        ranges[ranges < max(scan.range_min, least_m)] = 0.0
-    start_rad, step_rad = float(scan.angle_min), float(scan.angle_increment)
-    if base_from_laser is not None and _hangs_upside_down(scan.header.frame_id, base_from_laser):
-        start_rad, step_rad = -start_rad, -step_rad
-    if step_rad < 0.0:  # clockwise: the last beam becomes the first
-        start_rad, step_rad = start_rad + step_rad * (len(ranges) - 1), -step_rad
-        ranges = ranges[::-1]
-    return start_rad, step_rad, ranges

@@ -48,6 +48,7 @@ class LaserEntry:
     range_limit_m: float | None = None
     laser: str = ""
     """Name of the laser; empty: the robot has only one."""
+    upside_down: bool = False
 
 
 Entry = OdometryEntry | LaserEntry

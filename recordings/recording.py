@@ -170,6 +170,7 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
         robot_from_laser=entry.robot_from_laser or mount,
         odom_from_robot=entry.odom_from_robot,
         laser=entry.laser,
+        upside_down=entry.upside_down,
     )
 
 

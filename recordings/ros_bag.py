@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
 from recordings.headers import frame_name, nanoseconds
-from recordings.laser_mount import counter_clockwise
+from recordings.laser_mount import is_upside_down
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from recordings.rigid import Rigid, rigid_of
 from recordings.transforms import TransformMissingError, TransformTree
@@ -275,18 +277,21 @@ def _is_mount_known(
 
 def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None) -> LaserEntry:
     scan = message.content
-    start, step, ranges = counter_clockwise(scan, base_from_laser)
     limit = float(scan.range_max)
+    ranges = np.array(scan.ranges, np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < scan.range_min] = 0.0
     return LaserEntry(
         line_number=message.number,
         stamp_ns=nanoseconds(scan.header.stamp),
         ranges=ranges,
-        angle_min_rad=start,
-        angle_step_rad=step,
+        angle_min_rad=float(scan.angle_min),
+        angle_step_rad=float(scan.angle_increment),
         robot_from_laser=base_from_laser.planar() if base_from_laser else None,
         odom_from_robot=None,
         range_limit_m=limit if limit > 0.0 and math.isfinite(limit) else None,
         laser=frame,
+        upside_down=base_from_laser is not None and is_upside_down(frame, base_from_laser),
     )
 
 

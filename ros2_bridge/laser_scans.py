@@ -7,12 +7,14 @@ As in AMCL, odometry and the laser's pose are those of tf at the scan's stamp, r
 import math
 from typing import Any
 
+import numpy as np
+
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
 from recordings.headers import frame_name, stamp_of
-from recordings.laser_mount import counter_clockwise
+from recordings.laser_mount import is_upside_down
 from recordings.transforms import TransformTree
 
 MAX_WAITING = 10
@@ -30,18 +32,19 @@ def laser_reading(scan: Any, frames: TransformTree, settings: Ros2Settings) -> L
     frame, stamp_ns = frame_name(scan.header.frame_id), stamp_of(scan.header)
     odom_from_base = frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
     base_from_laser = frames.lookup(settings.base_frame, frame, stamp_ns)
-    start, step, ranges = counter_clockwise(scan, base_from_laser, settings.laser_min_range_m)
     longest_m = settings.laser_max_range_m
     reading = LaserReading(
         sender=settings.node_name,
         stamp_ns=stamp_ns,
-        ranges=ArrayBlob.of(ranges, "float32"),
-        angle_min_rad=start,
-        angle_step_rad=step,
+        ranges=ArrayBlob.of(np.asarray(scan.ranges), "float32"),
+        angle_min_rad=float(scan.angle_min),
+        angle_step_rad=float(scan.angle_increment),
         range_max_m=min(float(scan.range_max), longest_m if longest_m > 0.0 else math.inf),
         robot_from_laser=base_from_laser.planar(),
         odom_from_robot=odom_from_base.planar(),
         laser=frame,
+        range_min_m=max(float(scan.range_min), settings.laser_min_range_m),
+        upside_down=is_upside_down(frame, base_from_laser),
     )
     if problem := laser_problem(reading):
         raise ValueError(problem.replace("_", " "))

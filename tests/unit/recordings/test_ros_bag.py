@@ -13,6 +13,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading
 from recordings.recording import Recording, open_recording
+from sensor_bridge.step_maker import beams_of
 from tests.unit.recordings.bags import (
     FORMS,
     LEVEL,
@@ -212,9 +213,10 @@ def test_a_named_base_frame_applies_to_odometry_and_mount(tmp_path: Path) -> Non
 
 
 def beam_ends(reading: LaserReading) -> list[tuple[float, float]]:
-    x, y, heading = reading.robot_from_laser
-    ranges = reading.ranges.array()
-    angles = heading + reading.angle_min_rad + reading.angle_step_rad * np.arange(len(ranges))
+    beams = beams_of(reading)
+    x, y, heading = beams.robot_from_laser
+    ranges = beams.ranges.array()
+    angles = heading + beams.angle_min_rad + beams.angle_step_rad * np.arange(len(ranges))
     ends = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
     return sorted((round(float(u), 5), round(float(v), 5)) for u, v in ends)
 
@@ -232,7 +234,7 @@ def test_beam_end_points_agree_with_tf_also_for_a_laser_upside_down(
     ends = Rotation.from_quat(turn).apply(beams) + np.array([0.3, 0.1, 0.2])
     expected = sorted((float(x), float(y)) for x, y, _ in ends)
     np.testing.assert_allclose(beam_ends(reading), expected, atol=2e-5)  # ends are rounded
-    assert reading.angle_step_rad > 0.0
+    assert beams_of(reading).angle_step_rad > 0.0
 
 
 def test_a_laser_on_a_chain_of_frames_is_placed_at_the_scan_s_time(tmp_path: Path) -> None:

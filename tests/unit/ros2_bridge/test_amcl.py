@@ -20,6 +20,7 @@ from ros2_bridge.laser_scans import MAX_WAITING
 from ros2_bridge.message_types import decode, new
 from ros2_bridge.messages_out import header, pose, pose_stamped, transform
 from ros2_bridge.outputs import Output, Publish, Refused
+from sensor_bridge.step_maker import beams_of
 from tests.unit.ros2_bridge.beliefs import COVARIANCE, belief
 
 SECOND = 1_000_000_000
@@ -134,9 +135,9 @@ def test_ranges_below_the_least_are_no_return() -> None:
     robot = Robot(Ros2Settings(laser_min_range_m=1.5))
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     (reading,) = readings(robot.scan(SECOND, (0.05, 1.4, 1.5, 2.0, nan, inf)))
-    np.testing.assert_array_equal(reading.ranges.array(), [0.0, 0.0, 1.5, 2.0, nan, inf])
+    np.testing.assert_array_equal(beams_of(reading).ranges.array(), [0.0, 0.0, 1.5, 2.0, nan, inf])
     (reading,) = readings(Robot().drive(SECOND, (0.0, 0.0, 0.0)))
-    np.testing.assert_array_equal(reading.ranges.array(), [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(beams_of(reading).ranges.array(), [1.0, 2.0, 3.0])
 
 
 def test_the_longest_range_is_the_shorter_of_the_lasers_and_the_settings() -> None:
@@ -170,8 +171,9 @@ def test_the_beams_of_an_upside_down_laser_are_reordered() -> None:
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     (reading,) = readings(robot.scan(SECOND, (1.0, 2.0, 3.0), "roof"))
     # Beams at -0.5, -0.25 and 0 rad of the laser are at 0.5, 0.25 and 0 seen from above.
-    assert (reading.angle_min_rad, reading.angle_step_rad) == (0.0, 0.25)
-    np.testing.assert_array_equal(reading.ranges.array(), [3.0, 2.0, 1.0])
+    beams = beams_of(reading)
+    assert (beams.angle_min_rad, beams.angle_step_rad) == (0.0, 0.25)
+    np.testing.assert_array_equal(beams.ranges.array(), [3.0, 2.0, 1.0])
     np.testing.assert_allclose(reading.robot_from_laser, (0.2, 0.0, 0.0), atol=1e-12)
 
 
