@@ -156,8 +156,7 @@ class Picture:
             event.number: event for event in published.events if event.number not in self._events
         }
         if new:
-            numbers = sorted(self._events | new)[-MAX_EVENTS:]
-            self._events = {number: (self._events | new)[number] for number in numbers}
+            self._events = dict(sorted((self._events | new).items())[-MAX_EVENTS:])
             self._set("events", frames.events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
         return min(new, default=expected) <= expected
 

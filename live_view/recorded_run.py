@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from grid_maps.landmarks import landmarks_of_map
 from grid_maps.map_message import to_message
 from live_view.admission import Address
@@ -183,11 +185,7 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
         step=belief.step,
         stamp_ns=belief.stamp_ns,
         odom_from_robot=belief.odom_from_robot,
-        robot_from_laser=first.robot_from_laser,
-        angle_min_rad=first.angle_min_rad,
-        angle_step_rad=first.angle_step_rad,
-        range_max_m=first.range_max_m,
-        ranges=first.ranges,
+        **msgspec.structs.asdict(first),
         map_digest=lasers[0].map_digest,
         others=tuple(others),
     )

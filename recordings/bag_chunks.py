@@ -7,7 +7,6 @@ from io import BytesIO
 from typing import BinaryIO
 
 import zstandard
-from lz4.frame import LZ4FrameDecompressor
 from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
@@ -30,10 +29,8 @@ def unpacked(compression: str, packed: bytes) -> bytes:
     match compression:
         case "":
             return packed
-        case "lz4":
-            content: bytes = LZ4FrameDecompressor().decompress(packed, MOST_BYTES + 1)
         case "zstd":
-            content = zstandard.ZstdDecompressor().stream_reader(packed).read(MOST_BYTES + 1)
+            content: bytes = zstandard.ZstdDecompressor().stream_reader(packed).read(MOST_BYTES + 1)
         case other:
             raise ValueError(f"chunks are compressed by {other!r:.20}")
     if len(content) > MOST_BYTES:

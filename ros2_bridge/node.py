@@ -126,11 +126,7 @@ class RosNode:
             if len(sample.payload) > MAX_MESSAGE_BYTES:
                 inbox.count_refused(topic.name)
                 return
-            problem = ""
-            try:
-                wire.parsed_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
-            except ValueError as error:
-                problem = str(error)
+            problem = _attachment_problem(sample)
             inbox.put_newest(topic.name, FromRos(topic, sample.payload.to_bytes(), problem))
 
         kind = wire.EndpointKind.SUBSCRIBER
@@ -159,14 +155,10 @@ class RosNode:
         """Put the calls of a service into an inbox, as `Called`."""
 
         def on_query(query: zenoh.Query) -> None:
-            payload, problem = b"", ""
+            payload = b""
             if query.payload is not None and len(query.payload) <= MAX_MESSAGE_BYTES:
                 payload = query.payload.to_bytes()
-            try:
-                wire.parsed_attachment(_attached(query))
-            except ValueError as error:
-                problem = str(error)
-            called = Called(service, payload, query, problem)
+            called = Called(service, payload, query, _attachment_problem(query))
             if not inbox.put(called):
                 called.drop()
 
@@ -188,8 +180,17 @@ class RosNode:
         self._kept.append(self._session.liveliness().declare_token(token))
 
 
-def _attached(query: zenoh.Query) -> bytes:
-    return query.attachment.to_bytes() if query.attachment is not None else b""
+def _attached(received: zenoh.Query | zenoh.Sample) -> bytes:
+    return received.attachment.to_bytes() if received.attachment is not None else b""
+
+
+def _attachment_problem(received: zenoh.Query | zenoh.Sample) -> str:
+    """Return why something received is not of ROS; empty: it seems to be."""
+    try:
+        wire.parsed_attachment(_attached(received))
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 class _RosLog(logging.Handler):

@@ -146,12 +146,7 @@ def serve_robot(
 class Bridge:
     """Makes steps from readings, publishes them, and serves the map and past steps.
 
-    Args:
-        node: the open node of the process.
-        settings: settings of the bridge.
-        grid_map: the map to localize in; None: a robot publishes it.
-        source: readings; None: a robot publishes them.
-        on_step: called with each step after it is published.
+    The arguments are those of `serve_robot`; `on_step` is called with each published step.
     """
 
     def __init__(
@@ -240,8 +235,7 @@ class Bridge:
         if maker.gate.held_back > held_back:
             health.happened(HELD_BACK, maker.gate.held_back - held_back)
         health.happened("scans" if is_laser else "odometry")
-        if maker.dropped != self._refused:
-            self._count_refused(maker.dropped, reading.stamp_ns)
+        self._count_refused(maker.dropped, reading.stamp_ns)
         if not is_laser and not self._flow.lockstep and maker.odometry is not None:
             stamp_ns, pose = maker.odometry
             self._odometry.put(
@@ -256,8 +250,7 @@ class Bridge:
             return
         maker.observe(observation)
         self._node.health.happened("observations")
-        if maker.dropped != self._refused:
-            self._count_refused(maker.dropped, observation.stamp_ns)
+        self._count_refused(maker.dropped, observation.stamp_ns)
 
     def _maker_of(self, reading: Reading | Observation) -> StepMaker | None:
         if self._map is None:
@@ -268,10 +261,10 @@ class Bridge:
         return self._maker
 
     def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
-        for cause, times in (dropped - self._refused).items():
-            for _ in range(times):
+        if dropped != self._refused:
+            for cause in (dropped - self._refused).elements():
                 self._warn(f"reading refused: {cause.replace('_', ' ')}", f"stamp {stamp_ns} ns")
-        self._refused = dropped.copy()
+            self._refused = dropped.copy()
 
     def _finish(self) -> None:
         """Send the source's last steps, which may still wait for later odometry."""

@@ -7,7 +7,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from particle_filter.poses import between, compose, wrap_angle
 from particle_filter.settings import section_with
@@ -215,11 +215,7 @@ class StepMaker:
             step=self._next_step - 1,
             stamp_ns=reading.stamp_ns,
             odom_from_robot=pose,
-            robot_from_laser=beams.robot_from_laser,
-            angle_min_rad=beams.angle_min_rad,
-            angle_step_rad=beams.angle_step_rad,
-            range_max_m=beams.range_max_m,
-            ranges=beams.ranges,
+            **asdict(beams),
             map_digest=self._map_digest,
             lockstep=self._lockstep,
             live=self._live,
