@@ -124,15 +124,16 @@ def _last_scan(scan_age_s: float) -> str:
     return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan yet"
 
 
-def progress_text(search_progress: float) -> str:
-    """Return a progress from 0 to 1 as text, such as `` 50 %``; empty for 0."""
-    return f" {100.0 * search_progress:.0f} %" if search_progress > 0.0 else ""
+def search_text(progress: float, *, runs: bool) -> str:
+    """Return such as ``, a search runs 50 %``; the progress from 0 to 1 alone, or nothing."""
+    reached = f" {100.0 * progress:.0f} %" if progress > 0.0 else ""
+    return f"{', a search runs' if runs else ''}{reached}"
 
 
 def belief_line(belief: Belief) -> str:
     """Return a belief as one line: its state, its best pose, and its largest probabilities."""
-    search = ", a search runs" if belief.searching and belief.state != "searching" else ""
-    search += progress_text(belief.search_progress)
+    runs = belief.searching and belief.state != "searching"
+    search = search_text(belief.search_progress, runs=runs)
     note = ", dead reckoning" if is_unweighed(belief) else ""
     head = f"step {belief.step}: {belief.state}{search}{note}"
     if not belief.hypotheses:
@@ -160,8 +161,7 @@ def event_line(numbered: NumberedEvent) -> str:
 def status_lines(status: Status) -> Iterator[str]:
     """Yield a status as text: state, steps, map, workers and processes."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
-    search = ", a search runs" if status.searching else ""
-    search += progress_text(status.search_progress)
+    search = search_text(status.search_progress, runs=status.searching)
     scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "dead_reckoning" else ""
     yield f"state     {status.state}, {status.freshness.replace('_', ' ')}{age}{scan}"
     yield (

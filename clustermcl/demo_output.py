@@ -14,7 +14,7 @@ from clustermcl.as_text import (
     is_unweighed,
     place_text,
     pose_text,
-    progress_text,
+    search_text,
 )
 from evaluation.pose_error import PoseError, pose_error
 from process_runtime.logs import is_quiet
@@ -83,7 +83,7 @@ class DemoOutput:
 
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     """Yield a step's state, its places, elsewhere and off the map, and the true pose if known."""
-    search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
+    search = search_text(belief.search_progress, runs=True) if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
     for place in belief.hypotheses[:_SHOWN_PLACES]:

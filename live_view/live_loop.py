@@ -63,9 +63,6 @@ class LiveLoop:
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered, self._has_link = False, 0, False
         self._ask = partial(self.node.ask, timeout_s=settings.zenoh.query_timeout_s)
-        self._declare()
-
-    def _declare(self) -> None:
         node = self.node
         node.on_other = self._on_browser
         node.watch_link(self._on_link)

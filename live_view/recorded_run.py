@@ -102,7 +102,7 @@ class RecordedRun:
         }  # fmt: skip
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
         self.picture.on_link("replaying")
-        self._is_map_given, self._map_digest = grid_map is not None, ""
+        self._is_map_given = grid_map is not None
         self._map: MapMessage | None = None
         if grid_map is not None:
             self._show_map(grid_map)
@@ -160,8 +160,7 @@ class RecordedRun:
             self._lasers.append(run_log.decoded(message, LaserFields, path))
         elif message.topic == run_log.GRID and not self._is_map_given:
             grid_map = run_log.map_in(message, path)
-            if grid_map.digest != self._map_digest:
-                self._map_digest = grid_map.digest
+            if self._map is None or grid_map.digest != self._map.digest:
                 self._show_map(to_message(grid_map, "recording"))
 
     def _on_belief(self, belief: Belief) -> None:

@@ -5,7 +5,6 @@ in all ROS releases, so the library's definitions are used, and those in the bag
 """
 
 import tempfile
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -67,7 +66,6 @@ class BagFile:
 
     Attributes:
         topics: message type of each topic that is not empty.
-        counts: number of messages of each topic.
         left_out: messages that could not be read so far; the last may be the damaged end.
 
     Raises:
@@ -82,9 +80,6 @@ class BagFile:
             self._closing = stack.pop_all()
         connections = [one for one in self._reader.connections if one.msgcount]
         self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
-        self.counts: Mapping[str, int] = sum(
-            (Counter({one.topic: one.msgcount}) for one in connections), Counter()
-        )
 
     def __enter__(self) -> "BagFile":
         return self

@@ -6,28 +6,22 @@ LAST_NS = 2**31 * 1_000_000_000 - 1
 """ROS's seconds have 31 bits [ns]."""
 
 
-def stamp_of(header: Any) -> int:
-    """Return the time in a message's header [ns].
+def time_of(time: Any) -> int:
+    """Convert a `builtin_interfaces/Time` to nanoseconds.
 
     Raises:
-        ValueError: the stamp is not a valid ROS time.
+        ValueError: it is not a valid ROS time.
     """
-    stamp_ns = nanoseconds(header.stamp)
-    if problem := time_problem(stamp_ns):
-        raise ValueError(problem)
-    return stamp_ns
+    time_ns = nanoseconds(time)
+    if not 0 <= time_ns <= LAST_NS:
+        last_s = LAST_NS // 10**9
+        raise ValueError(f"a time of {time_ns / 1e9:.9g} s is not between 0 and {last_s} s")
+    return time_ns
 
 
 def nanoseconds(time: Any) -> int:
-    """Convert a `builtin_interfaces/Time` to nanoseconds."""
+    """Convert a `builtin_interfaces/Time` to nanoseconds, unchecked."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
-def time_problem(time_ns: int) -> str:
-    """Return why this is not a valid ROS time; empty: it is valid."""
-    if 0 <= time_ns <= LAST_NS:
-        return ""
-    return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
 
 
 def frame_name(name: str) -> str:

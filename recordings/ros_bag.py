@@ -86,7 +86,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
 def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
     """Return the named topic, or if the name is empty the only topic of a type."""
     topics = bag.of_type(message_type)
-    held = ", ".join(f"{topic} ({bag.counts[topic]} messages)" for topic in topics) or "none"
+    held = ", ".join(topics) or "none"
     if named in topics:
         return named
     short = message_type.replace("/msg/", "/")

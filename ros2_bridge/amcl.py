@@ -17,7 +17,7 @@ from protocol.pose_arrays import pose_tuple
 from protocol.reading_checks import pose_problem
 from protocol.steps import LaserReading, MapReading, OdometryReading
 from protocol.work import Particles
-from recordings.headers import frame_name, nanoseconds, stamp_of, time_problem
+from recordings.headers import frame_name, time_of
 from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
 from ros2_bridge import laser_scans, observing, topics
@@ -108,9 +108,10 @@ class Amcl:
 
     def on_clock(self, message: Any) -> Iterator[Output]:
         """Handle a `rosgraph_msgs/Clock`."""
-        now_ns = nanoseconds(message.clock)
-        if problem := time_problem(now_ns):
-            yield Refused("clock refused", problem)
+        try:
+            now_ns = time_of(message.clock)
+        except ValueError as problem:
+            yield Refused("clock refused", str(problem))
             return
         before_ns, self.clock_ns = self.clock_ns, now_ns
         if before_ns is not None and now_ns < before_ns:
@@ -125,7 +126,7 @@ class Amcl:
                 continue
             try:
                 link = rigid_of(one.transform.translation, one.transform.rotation)
-                stamp_ns = stamp_of(one.header)
+                stamp_ns = time_of(one.header.stamp)
             except ValueError as problem:
                 yield Refused("transform refused", f"{parent!r} -> {child!r}: {problem}")
                 continue

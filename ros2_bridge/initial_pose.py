@@ -12,7 +12,7 @@ from protocol.answers import SetPose
 from protocol.message import Covariance
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.validity import gaussian_problem
-from recordings.headers import frame_name, stamp_of
+from recordings.headers import frame_name, time_of
 from recordings.rigid import rigid_of
 from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge.outputs import NO_ID
@@ -36,7 +36,7 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
         raise ValueError(problem.replace("_", " "))
     odom, base = settings.odom_frame, settings.base_frame
     now_ns = frames.newest_ns(odom, base)
-    stamp_ns = stamp_of(message.header)
+    stamp_ns = time_of(message.header.stamp)
     now = then
     if now_ns is not None and 0 < stamp_ns < now_ns:
         with suppress(TransformMissingError):

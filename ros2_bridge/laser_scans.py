@@ -13,7 +13,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
-from recordings.headers import frame_name, stamp_of
+from recordings.headers import frame_name, time_of
 from recordings.laser_mount import is_upside_down
 from recordings.transforms import TransformTree
 
@@ -29,7 +29,7 @@ def laser_reading(scan: Any, frames: TransformTree, settings: Ros2Settings) -> L
         ValueError: the scan is malformed, the laser's plane is not horizontal, or the laser is
             not on the robot.
     """
-    frame, stamp_ns = frame_name(scan.header.frame_id), stamp_of(scan.header)
+    frame, stamp_ns = frame_name(scan.header.frame_id), time_of(scan.header.stamp)
     odom_from_base = frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
     base_from_laser = frames.lookup(settings.base_frame, frame, stamp_ns)
     longest_m = settings.laser_max_range_m

@@ -15,7 +15,7 @@ from protocol.errors import SettingsError
 from protocol.message import MAX_ID_CHARACTERS
 from protocol.reading_checks import observation_problem
 from protocol.steps import Observation
-from recordings.headers import frame_name, stamp_of
+from recordings.headers import frame_name, time_of
 from recordings.rigid import IDENTITY, Rigid
 from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge import message_types as types
@@ -178,7 +178,7 @@ class Observing:
 
 
 def _stamp_of(message: Any) -> int:
-    stamp_ns = stamp_of(message.header)
+    stamp_ns = time_of(message.header.stamp)
     if stamp_ns == 0:
         raise ValueError("it has no stamp")
     return stamp_ns

@@ -120,10 +120,6 @@ def _one_of(known: dict[str, str], value: str) -> str:
     return known[value]
 
 
-def _motion_model(name: str) -> str:
-    return name if name in _PLUGINS.values() else _one_of(_PLUGINS, name)  # a name of ROS 1
-
-
 def _nav2_motion_model(model: str) -> str:
     return next((plugin for plugin, ours in _PLUGINS.items() if ours == model), model)
 
@@ -182,7 +178,7 @@ _ALL = (
         "robot_model_type",
         "nav2_amcl::DifferentialMotionModel",
         "motion.model",
-        _motion_model,
+        partial(_one_of, _PLUGINS),
         _nav2_motion_model,
     ),
     Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),

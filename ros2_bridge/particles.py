@@ -56,12 +56,10 @@ class ClusterParticles:
         total = sum(places[number] for number in self._clouds)
         if total <= 0.0:
             return None
-        drawn = [
-            cloud.drawn(max(1, round(CLOUD * places[number])))
-            for number, cloud in self._clouds.items()
-        ]
-        counts, odometry = [len(some) for some in drawn], np.array(belief.odom_from_robot)
-        moved = [between(cloud.odom_from_robot, odometry) for cloud in self._clouds.values()]
-        shares = [places[number] / total for number in self._clouds]
-        poses = compose(np.concatenate(drawn), np.repeat(moved, counts, axis=0))
-        return poses, np.repeat(np.divide(shares, counts), counts)
+        odometry, poses, weights = np.array(belief.odom_from_robot), [], []
+        for number, cloud in self._clouds.items():
+            count = max(1, round(CLOUD * places[number]))
+            moved = between(cloud.odom_from_robot, odometry)
+            poses.append(compose(cloud.drawn(count), moved))
+            weights.append(np.full(count, places[number] / total / count))
+        return np.concatenate(poses), np.concatenate(weights)

@@ -121,17 +121,9 @@ def serve_robot(
         AlreadyRunningError: the robot has a bridge.
     """
     settings = invocation.settings
+    name, stop, shared = invocation.process, invocation.stop, invocation.session
     peers = keys.COORDINATOR_ALIVE
-    with closing(
-        Node(
-            invocation.process,
-            "bridge",
-            settings,
-            invocation.stop,
-            peers=peers,
-            session=invocation.session,
-        )
-    ) as node:
+    with closing(Node(name, "bridge", settings, stop, peers=peers, session=shared)) as node:
         session = node.open()
         if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
             raise AlreadyRunningError(

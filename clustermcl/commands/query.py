@@ -3,7 +3,8 @@
 import logging
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -64,14 +65,10 @@ def events(
     as_json: AsJson = False,
 ) -> None:
     """Print which clusters and searches began and ended, and why."""
-
-    def followed() -> None:
-        with connected(settings) as client:
+    if follow:
+        with _until_interrupted(), connected(settings) as client:
             for event in client.follow_events():
                 print_answer(js.event_object(event) if as_json else [text.event_line(event)])
-
-    if follow:
-        _until_interrupted(followed)
         return
     with connected(settings) as client:
         answer = client.events()
@@ -89,13 +86,9 @@ def status(settings: Settings, as_json: AsJson = False) -> None:
 @client_command
 def watch(settings: Settings, as_json: AsJson = False) -> None:
     """Print each new belief, until Ctrl-C."""
-
-    def watched() -> None:
-        with connected(settings) as client:
-            for belief in client.beliefs():
-                print_answer(js.belief_object(belief) if as_json else [text.belief_line(belief)])
-
-    _until_interrupted(watched)
+    with _until_interrupted(), connected(settings) as client:
+        for belief in client.beliefs():
+            print_answer(js.belief_object(belief) if as_json else [text.belief_line(belief)])
 
 
 @client_command
@@ -109,10 +102,11 @@ def snapshot(
     save_snapshot(file, settings)
 
 
-def _until_interrupted(action: Callable[[], None]) -> None:
-    """Run an endless action until Ctrl-C."""
+@contextmanager
+def _until_interrupted() -> Iterator[None]:
+    """Run an endless ``with`` block until Ctrl-C."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        action()
+        yield
     except KeyboardInterrupt:
         logging.getLogger(__name__).debug("interrupted")

@@ -114,7 +114,7 @@ def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
 def test_two_scan_topics_need_a_name(tmp_path: Path) -> None:
     sent = [MOUNT, *drive(), scan(S, (4.0,), topic="/rear/scan")]
     problem = refusal(tmp_path, sent)
-    assert "/rear/scan (1 messages), /scan (10 messages)" in problem
+    assert "/rear/scan, /scan" in problem
     assert "--scan-topic" in problem
     named = opened(tmp_path / "named", sent, scan_topic="/rear/scan")
     assert named.laser_count == 1
