@@ -1,6 +1,6 @@
 """Converts messages to JSON objects, with units in the names and covariances as 3 x 3 lists."""
 
-from typing import Any
+from typing import Any, TypeAlias, assert_never
 
 import msgspec
 
@@ -10,6 +10,7 @@ from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Covariance, Message, PoseTuple
 
 JsonObject = dict[str, Any]
+Answer: TypeAlias = Belief | PoseAnswer | Hypotheses | Advice | JobEvents | NumberedEvent | Status
 
 
 def dumped(value: JsonObject) -> str:
@@ -17,68 +18,55 @@ def dumped(value: JsonObject) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
-def pose_object(pose: PoseTuple, covariance: Covariance) -> JsonObject:
+def json_object(answer: Answer | Hypothesis) -> JsonObject:
+    """Convert an answer; the pose of a belief or answer is that of its most probable hypothesis."""
+    found: JsonObject
+    match answer:
+        case Belief():
+            found = {
+                "step": answer.step,
+                "state": answer.state,
+                "pose": _pose(answer.pose, answer.covariance),
+                "probability": answer.probability,
+                **_fields(answer, "sender", "term", "odom_from_robot"),
+                "hypotheses": list(map(json_object, answer.hypotheses)),
+            }
+        case PoseAnswer():
+            pose = _pose(answer.pose, answer.covariance)
+            plain = _fields(answer, "sender", "term", "pose", "covariance")
+            found = {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
+        case Hypotheses():
+            places = list(map(json_object, answer.hypotheses))
+            found = {**json_object(answer.pose), "hypotheses": places}
+        case Hypothesis():
+            found = {
+                "cluster": answer.cluster,
+                "probability": answer.probability,
+                **(_pose(answer.pose, answer.covariance) or {}),
+                "effective_sample_size": answer.effective_sample_size,
+                "age_steps": answer.age_steps,
+            }
+        case Advice():
+            found = _fields(answer, "sender")
+        case JobEvents():
+            found = {"term": answer.term, "events": list(map(json_object, answer.events))}
+        case NumberedEvent():  # without nested objects
+            found = msgspec.to_builtins(answer)
+            found |= found.pop("event")
+        case Status():
+            processes = [{"name": one.sender, **_fields(one, "sender")} for one in answer.processes]
+            found = {**_fields(answer, "sender", "processes"), "processes": processes}
+        case other:
+            assert_never(other)
+    return found
+
+
+def _pose(pose: PoseTuple | None, covariance: Covariance | None) -> JsonObject | None:
+    if pose is None or covariance is None:
+        return None
     x_m, y_m, heading_rad = pose
     rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
-
-
-def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
-    return {
-        "cluster": hypothesis.cluster,
-        "probability": hypothesis.probability,
-        **pose_object(hypothesis.pose, hypothesis.covariance),
-        "effective_sample_size": hypothesis.effective_sample_size,
-        "age_steps": hypothesis.age_steps,
-    }
-
-
-def belief_object(belief: Belief) -> JsonObject:
-    """Convert a belief; ``pose`` and ``probability`` are of the most probable hypothesis."""
-    pose, covariance = belief.pose, belief.covariance
-    return {
-        "step": belief.step,
-        "state": belief.state,
-        "pose": pose_object(pose, covariance) if pose and covariance else None,
-        "probability": belief.probability,
-        **_fields(belief, "sender", "term", "odom_from_robot"),
-        "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
-    }
-
-
-def pose_answer_object(answer: PoseAnswer) -> JsonObject:
-    pose = None
-    if answer.pose is not None and answer.covariance is not None:
-        pose = pose_object(answer.pose, answer.covariance)
-    plain = _fields(answer, "sender", "term", "pose", "covariance")
-    return {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
-
-
-def hypotheses_object(answer: Hypotheses) -> JsonObject:
-    places = [hypothesis_object(hypothesis) for hypothesis in answer.hypotheses]
-    return {**pose_answer_object(answer.pose), "hypotheses": places}
-
-
-def advice_object(answer: Advice) -> JsonObject:
-    return _fields(answer, "sender")
-
-
-def event_object(numbered: NumberedEvent) -> JsonObject:
-    """Convert an event of a cluster or search to an object without nested objects."""
-    plain: JsonObject = msgspec.to_builtins(numbered)
-    event: JsonObject = plain.pop("event")
-    return {**plain, **event}
-
-
-def events_object(answer: JobEvents) -> JsonObject:
-    return {"term": answer.term, "events": [event_object(event) for event in answer.events]}
-
-
-def status_object(status: Status) -> JsonObject:
-    processes = [
-        {"name": process.sender, **_fields(process, "sender")} for process in status.processes
-    ]
-    return {**_fields(status, "sender", "processes"), "processes": processes}
 
 
 def _fields(message: Message, *without: str) -> JsonObject:

@@ -269,7 +269,10 @@ class _Audience:
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Run:
     """Check the inputs, before any process is started."""
-    page = None if options.view_at is None else _page_at(options.view_at)
+    page = None if options.view_at is None else parsed_address(options.view_at)
+    if page is not None and not (page.is_loopback and page.port):
+        problem = "--listen: a demo needs a loopback address and a port"
+        raise SettingsError(key="--listen", problem=problem)
     if page is None and options.by_hand:
         problem = "--drive needs --view: the robot is driven on the page"
         raise SettingsError(key="--drive", problem=problem)
@@ -340,15 +343,6 @@ def _recorded(path: str, run: _Run) -> _Run:
     reference = load_reference(options.reference) if options.reference else None
     recorded_source(path, bridge)  # raises if no scan can be used
     return replace(run, reference=reference)
-
-
-def _page_at(view_at: str) -> Address:
-    """Return the address of the page."""
-    address = parsed_address(view_at)
-    if not address.is_loopback or not address.port:
-        problem = "--listen: a demo needs a loopback address and a port"
-        raise SettingsError(key="--listen", problem=problem)
-    return address
 
 
 def _pause(stop: StopFlag, stack: Stack, seconds: float = _POLL_S) -> None:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from clustermcl.as_json import JsonObject, belief_object
+from clustermcl.as_json import JsonObject, json_object
 from clustermcl.as_text import (
     belief_line,
     is_unweighed,
@@ -148,7 +148,7 @@ class DemoSummary:
         """Return the last belief, its error, and the numbers of steps as a JSON object."""
         error = self._error()
         return {
-            **(belief_object(self.belief) if self.belief else {}),
+            **(json_object(self.belief) if self.belief else {}),
             "steps": status.steps_applied,
             "steps_lost": status.steps_lost,
             "wall_s": wall_s,

@@ -107,7 +107,7 @@ class Recorder:
         self._log.on_odometry(reading)
 
     def _on_belief(self, belief: Belief) -> None:
-        self._log.on_belief(belief)
+        self._log.on_belief(belief, belief.stamp_ns)
 
     def _on_scan(self, scan: Scan) -> None:
         last = self._last
@@ -116,7 +116,7 @@ class Recorder:
         for one in (*self._lost_before(scan), scan):
             if self._log.wants_map(one):
                 self._write_map(one)
-            self._log.on_scan(one)
+            self._log.on_scan(one, one.stamp_ns)
             self.steps += 1
         self._last = scan
 

@@ -92,18 +92,16 @@ class Admission:
             socket: whether the request opens a WebSocket, which only this page may do.
         """
         host = headers.get("host", "")
-        if self.address.is_loopback and host not in self._own_names():
+        port = self.address.port
+        names = {self.address.netloc, *(f"{name}:{port}" for name in LOOPBACK_NAMES)}
+        names |= set(LOOPBACK_NAMES) if port == 80 else set()
+        if self.address.is_loopback and host not in names:
             return f"this page is served at {self.address.netloc}, not at {host!r}"
         if socket and urlsplit(headers.get("origin", "")).netloc != host:
             return f"a page of {headers.get('origin', 'no origin')!r} may not connect"
         if self.token and not self._knows_token(target, headers):
             return "the token is missing or wrong: open the link that `clustermcl view` printed"
         return ""
-
-    def _own_names(self) -> set[str]:
-        port = self.address.port
-        names = {f"{name}:{port}" for name in LOOPBACK_NAMES} | {self.address.netloc}
-        return names | (set(LOOPBACK_NAMES) if port == 80 else set())
 
     def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
         given = parse_qs(urlsplit(target).query).get("token", [""])[0]

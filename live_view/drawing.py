@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from grid_maps.grid_map import GridMap, coarse
 from live_view.map_reduction import MAX_SIDE
-from particle_filter.arrays import FREE, OCCUPIED, Cells
+from particle_filter.arrays import FREE, OCCUPIED
 from particle_filter.poses import compose
 from protocol.message import ellipse_axes
 
@@ -79,29 +79,18 @@ def extent_m(grid_map: GridMap) -> tuple[float, float, float, float]:
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
 
 
-def _corners(grid_map: GridMap) -> list[tuple[float, float]]:
+def _view_of(grid_map: GridMap) -> tuple[View, tuple[int, int]]:
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
     width, height = grid_map.size_m
-    sides = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
-    return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
-
-
-def _view_of(grid_map: GridMap) -> tuple[View, tuple[int, int]]:
-    xs, ys = zip(*_corners(grid_map), strict=True)
+    corners = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
+    xs, ys = zip(*((x0 + c * a - s * b, y0 + s * a + c * b) for a, b in corners), strict=True)
     long_m = max(max(xs) - min(xs), max(ys) - min(ys))
     px_per_m = _FINER * LONG_SIDE_PX / long_m
     margin = _FINER * _MARGIN_PX
     view = View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
     right, bottom = view.at(max(xs), min(ys))
     return view, (math.ceil(right + margin), math.ceil(bottom + margin))
-
-
-def _map_picture(cells: Cells) -> Image.Image:
-    """Return a picture with one pixel for each cell; its first line has the lowest y."""
-    colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
-    colours[cells == FREE], colours[cells == OCCUPIED] = _FREE_RGB, _OCCUPIED_RGB
-    return Image.fromarray(colours)
 
 
 def _paste_map(canvas: Image.Image, grid_map: GridMap, view: View) -> None:
@@ -116,7 +105,10 @@ def _paste_map(canvas: Image.Image, grid_map: GridMap, view: View) -> None:
         c * k * cell, -s * k * cell, (c * dx + s * dy) * cell,
         -s * k * cell, -c * k * cell, (-s * dx + c * dy) * cell,
     )  # fmt: skip
-    turned = _map_picture(coarse(grid_map.cells, every)).transform(
+    cells = coarse(grid_map.cells, every)
+    colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)  # a pixel for each cell
+    colours[cells == FREE], colours[cells == OCCUPIED] = _FREE_RGB, _OCCUPIED_RGB
+    turned = Image.fromarray(colours).transform(
         canvas.size, Image.Transform.AFFINE, coefficients, fillcolor=_UNKNOWN_RGB
     )
     canvas.paste(turned)

@@ -118,10 +118,8 @@ def history_row(frame: Frame) -> list[Any]:
 
 def scan_points_cm(scan: Scan) -> list[int]:
     """Return the end points of all beams that returned: x, y, x, y, ..., robot's frame [cm]."""
-    cm = _points_cm(scan)
-    for other in scan.others:
-        cm += _points_cm(other)
-    return cm
+    lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
+    return [cm for beams in lasers for cm in _points_cm(beams)]
 
 
 def _points_cm(scan: Scan | LaserBeams) -> list[int]:

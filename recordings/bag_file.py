@@ -77,15 +77,9 @@ class BagFile:
         self.left_out: list[SkippedLine] = []
         with ExitStack() as stack:
             self._reader = self._opened(stack)
-            self._closing = stack.pop_all()
+            self.close = stack.pop_all().close
         connections = [one for one in self._reader.connections if one.msgcount]
         self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
-
-    def __enter__(self) -> "BagFile":
-        return self
-
-    def __exit__(self, *_how: object) -> None:
-        self._closing.close()
 
     def of_type(self, message_type: str) -> list[str]:
         """Return the topics of a message type, sorted by name."""

@@ -1,6 +1,7 @@
 """Loads maps: from ROS map_server YAML, run logs and ROS bags."""
 
 from collections import deque
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -77,7 +78,7 @@ def _load_bag_map(path: Path, topic: str) -> GridMap:
         path: the bag.
         topic: name of a topic; empty: the only topic called ``map``, in any namespace.
     """
-    with BagFile(path, MapFileError) as bag:
+    with closing(BagFile(path, MapFileError)) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)
         held = ", ".join(topics) or "none"
         chosen = [

@@ -274,19 +274,15 @@ def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
         return SHORTEST_MARKER_M
     longest = float(ranges.max())
     limit = _BAND * longest
-    return limit if _is_marked(ranges, longest, limit) else longest * (2.0 - _BAND)
-
-
-def _is_marked(ranges: NDArray[np.float32], longest: float, limit: float) -> bool:
     band, others = ranges[ranges >= limit], ranges[ranges < limit]
-    if longest < SHORTEST_MARKER_M or len(others) == 0:
-        return False
     near = np.count_nonzero(others >= _NEAR_BAND * longest)
     usual = near * (1.0 - _BAND) / (_BAND - _NEAR_BAND)
-    most_frequent = int(np.unique(band, return_counts=True)[1].max())
-    return bool(
-        len(band) >= _MIN_SHARE * len(ranges)
+    is_marked = (
+        longest >= SHORTEST_MARKER_M
+        and len(others) > 0
+        and len(band) >= _MIN_SHARE * len(ranges)
         and len(band) >= _MIN_CONTRAST * usual
-        and most_frequent >= _MIN_MODE * len(band)
+        and int(np.unique(band, return_counts=True)[1].max()) >= _MIN_MODE * len(band)
         and longest >= _MIN_REACH * float(np.median(others))
     )
+    return limit if is_marked else longest * (2.0 - _BAND)

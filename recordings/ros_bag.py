@@ -7,7 +7,7 @@ comes from a topic. Nothing is guessed: if there are several candidates, the err
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -72,7 +72,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
         RecordingError: the bag cannot be read, has no scan, has several candidates for an
             unnamed topic or frame, or lacks a transform.
     """
-    with BagFile(path, RecordingError) as bag:
+    with closing(BagFile(path, RecordingError)) as bag:
         try:
             scan_topic = _one_of(bag, LASER_SCAN, settings.scan_topic, "scan_topic")
             odom_topics = _odometry_topics(bag, settings)

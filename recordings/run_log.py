@@ -102,30 +102,18 @@ class RunLog:
         link = foxglove.frame_transform(at_ns, ODOM, BASE, reading.odom_from_robot)
         self.write(ODOMETRY, link, at_ns)
 
-    def on_scan(self, scan: Scan, at_ns: int | None = None) -> None:
-        """Write a step's beams and odometry.
-
-        Args:
-            scan: the step.
-            at_ns: time of the recording; None: the scan's own stamp.
-        """
+    def on_scan(self, scan: Scan, at_ns: int) -> None:
+        """Write a step's beams and odometry at a time of the recording."""
         stamp_ns = scan.stamp_ns
-        at_ns = stamp_ns if at_ns is None else at_ns
         link = foxglove.frame_transform(stamp_ns, ODOM, BASE, scan.odom_from_robot)
         self.write(ODOMETRY, link, at_ns)
         self.write(SCAN, foxglove.laser_scan(scan, scan), at_ns)
         for number, beams in enumerate(scan.others, start=1):
             self.write(f"{SCAN}_{number}", foxglove.laser_scan(scan, beams), at_ns)
 
-    def on_belief(self, belief: Belief, at_ns: int | None = None) -> None:
-        """Write a belief as a message, and as drawings for Foxglove.
-
-        Args:
-            belief: the belief.
-            at_ns: time of the recording; None: the belief's own stamp.
-        """
+    def on_belief(self, belief: Belief, at_ns: int) -> None:
+        """Write a belief as a message, and as drawings for Foxglove."""
         stamp_ns = belief.stamp_ns
-        at_ns = stamp_ns if at_ns is None else at_ns
         self.write(BELIEF, belief, at_ns)
         self.write(PLACES, foxglove.places(belief.hypotheses, stamp_ns), at_ns)
         if belief.pose is not None:

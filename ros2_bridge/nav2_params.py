@@ -14,7 +14,6 @@ from ros2_bridge.parameter_table import INSTEAD, PARAMETERS, Value
 _NODE = "amcl"
 _PARAMETERS = "ros__parameters"
 _ANY_NODE = ("/**", "/*")
-_SEPARATOR = "."
 
 
 def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
@@ -108,6 +107,6 @@ def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, An
     """Yield nested parameters by dotted names."""
     for name, value in parameters.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{above}{name}{_SEPARATOR}")
+            yield from _flat(value, f"{above}{name}.")
         else:
             yield f"{above}{name}", value

@@ -15,7 +15,7 @@ from zenoh import ext
 from ros2_bridge import wire
 from ros2_bridge.message_types import LOG, encode, new, type_hash
 from ros2_bridge.messages_out import header
-from ros2_bridge.topics import Topic, service_qos
+from ros2_bridge.topics import Topic
 from zenoh_link.inbox import Inbox
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
@@ -162,7 +162,8 @@ class RosNode:
             if not inbox.put(called):
                 called.drop()
 
-        qos = service_qos(ros_type)
+        # As in `rclpy`, parameter services have a longer queue.
+        qos = wire.Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else wire.Qos()
         key, token = self._endpoint(wire.EndpointKind.SERVICE, service, ros_type, qos)
         self._session.declare_queryable(key, on_query, complete=True)
         self._announce(token)

@@ -23,7 +23,6 @@ _TYPES: dict[type, tuple[int, str]] = {
 }
 """ROS's number of each type, and the field of a `ParameterValue` that holds it."""
 _FIELDS = dict(_TYPES.values())
-_SEPARATOR = "."
 
 
 class Parameters:
@@ -53,7 +52,7 @@ class Parameters:
     def names(self, request: Any) -> Any:
         """Answer `ListParameters`."""
         found = [name for name in PARAMETERS if _is_listed(name, request.prefixes, request.depth)]
-        prefixes = {name.rpartition(_SEPARATOR)[0] for name in found} - {""}
+        prefixes = {name.rpartition(".")[0] for name in found} - {""}
         listed = new(
             "rcl_interfaces/msg/ListParametersResult", names=found, prefixes=sorted(prefixes)
         )
@@ -143,9 +142,9 @@ class Parameters:
 
 def _is_listed(name: str, prefixes: list[str], depth: int) -> bool:
     for prefix in prefixes or [""]:
-        start = prefix + _SEPARATOR if prefix else ""
+        start = f"{prefix}." if prefix else ""
         if name == prefix or name.startswith(start):
-            levels = name.removeprefix(start).count(_SEPARATOR) + 1
+            levels = name.removeprefix(start).count(".") + 1
             if depth == 0 or levels <= depth:
                 return True
     return False

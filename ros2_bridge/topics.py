@@ -41,11 +41,6 @@ INITIAL_POSE = Topic("initialpose", types.POSE_STAMPED, Qos())
 CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
 
 
-def service_qos(ros_type: str) -> Qos:
-    """Return a service's QoS; as in `rclpy`, parameter services have a longer queue."""
-    return Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else Qos()
-
-
 def _topics(names: str, ros_type: str, qos: Qos) -> tuple[Topic, ...]:
     """Return the topics of a setting, which separates names by commas."""
     distinct = dict.fromkeys(filter(None, map(str.strip, names.split(","))))

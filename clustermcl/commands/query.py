@@ -11,8 +11,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from clustermcl import as_json as js
 from clustermcl import as_text as text
+from clustermcl.as_json import json_object
 from clustermcl.commands.options import AsJson, client_command, connected, print_answer
 from process_runtime.settings import Settings
 
@@ -27,7 +27,7 @@ def pose(settings: Settings, as_json: AsJson = False) -> None:
     """
     with connected(settings) as client:
         answer = client.pose()
-    print_answer(js.pose_answer_object(answer) if as_json else text.pose_lines(answer))
+    print_answer(json_object(answer) if as_json else text.pose_lines(answer))
     if answer.pose is None or answer.freshness != "fresh" or answer.state == "lost":
         sys.exit(EXIT_NO_POSE)
 
@@ -45,7 +45,7 @@ def hypotheses(
         answer = client.hypotheses()
     kept = tuple(place for place in answer.hypotheses if place.probability >= above)
     answer = msgspec.structs.replace(answer, hypotheses=kept)
-    print_answer(js.hypotheses_object(answer) if as_json else text.hypotheses_lines(answer))
+    print_answer(json_object(answer) if as_json else text.hypotheses_lines(answer))
 
 
 @client_command
@@ -53,7 +53,7 @@ def advise(settings: Settings, as_json: AsJson = False) -> None:
     """Print where to drive so that scans distinguish the robot's possible places."""
     with connected(settings) as client:
         answer = client.advice()
-    print_answer(js.advice_object(answer) if as_json else text.advice_lines(answer))
+    print_answer(json_object(answer) if as_json else text.advice_lines(answer))
 
 
 @client_command
@@ -68,11 +68,11 @@ def events(
     if follow:
         with _until_interrupted(), connected(settings) as client:
             for event in client.follow_events():
-                print_answer(js.event_object(event) if as_json else [text.event_line(event)])
+                print_answer(json_object(event) if as_json else [text.event_line(event)])
         return
     with connected(settings) as client:
         answer = client.events()
-    print_answer(js.events_object(answer) if as_json else map(text.event_line, answer.events))
+    print_answer(json_object(answer) if as_json else map(text.event_line, answer.events))
 
 
 @client_command
@@ -80,7 +80,7 @@ def status(settings: Settings, as_json: AsJson = False) -> None:
     """Print steps, workers, and counts of dropped data."""
     with connected(settings) as client:
         answer = client.status()
-    print_answer(js.status_object(answer) if as_json else text.status_lines(answer))
+    print_answer(json_object(answer) if as_json else text.status_lines(answer))
 
 
 @client_command
@@ -88,7 +88,7 @@ def watch(settings: Settings, as_json: AsJson = False) -> None:
     """Print each new belief, until Ctrl-C."""
     with _until_interrupted(), connected(settings) as client:
         for belief in client.beliefs():
-            print_answer(js.belief_object(belief) if as_json else [text.belief_line(belief)])
+            print_answer(json_object(belief) if as_json else [text.belief_line(belief)])
 
 
 @client_command

@@ -3,14 +3,7 @@ import math
 
 import msgspec
 
-from clustermcl.as_json import (
-    belief_object,
-    dumped,
-    events_object,
-    hypotheses_object,
-    pose_answer_object,
-    status_object,
-)
+from clustermcl.as_json import dumped, json_object
 from protocol.answers import Hypotheses, PoseAnswer
 from protocol.job_events import Began, Ended, JobEvents, NumberedEvent
 from tests.unit.evaluation.places import COVARIANCE, STATUS, belief, place
@@ -31,7 +24,7 @@ ANSWER = PoseAnswer(
 
 
 def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
-    pose = pose_answer_object(ANSWER)["pose"]
+    pose = json_object(ANSWER)["pose"]
     assert pose == {
         "x_m": 1.0,
         "y_m": 2.0,
@@ -41,15 +34,13 @@ def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
 
 
 def test_a_pose_has_the_ages_of_odometry_and_of_the_last_scan() -> None:
-    found = pose_answer_object(
-        msgspec.structs.replace(ANSWER, freshness="dead_reckoning", scan_age_s=7.5)
-    )
+    found = json_object(msgspec.structs.replace(ANSWER, freshness="dead_reckoning", scan_age_s=7.5))
     assert (found["freshness"], found["age_s"], found["scan_age_s"]) == ("dead_reckoning", 0.5, 7.5)
-    assert status_object(STATUS)["scan_age_s"] == -1.0
+    assert json_object(STATUS)["scan_age_s"] == -1.0
 
 
 def test_a_belief_without_a_place_has_no_pose() -> None:
-    found = belief_object(belief(4, "searching", searching=True))
+    found = json_object(belief(4, "searching", searching=True))
     assert found["pose"] is None
     assert (found["probability"], found["hypotheses"], found["searching"]) == (0.0, [], True)
 
@@ -58,7 +49,7 @@ def test_hypotheses_keep_their_order() -> None:
     answer = Hypotheses(
         sender="coordinator", pose=ANSWER, hypotheses=(place(0.7, cluster=4), place(0.3, cluster=1))
     )
-    assert [found["cluster"] for found in hypotheses_object(answer)["hypotheses"]] == [4, 1]
+    assert [found["cluster"] for found in json_object(answer)["hypotheses"]] == [4, 1]
 
 
 def test_infinite_and_nan_numbers_become_null_in_json() -> None:
@@ -67,7 +58,7 @@ def test_infinite_and_nan_numbers_become_null_in_json() -> None:
 
 
 def test_a_status_object_names_its_processes_and_has_no_schema() -> None:
-    plain = status_object(STATUS)
+    plain = json_object(STATUS)
     assert [process["name"] for process in plain["processes"]] == ["coordinator", "worker-0"]
     assert plain["processes"][1]["rates_per_s"] == {"reports": 9.5}
     assert "schema" not in dumped(plain)
@@ -78,7 +69,7 @@ def test_events_are_flat_objects() -> None:
     merged = NumberedEvent(number=4, step=9, stamp_ns=7, event=Ended("c3", "merged", ("c1",), 0.02))
     found = NumberedEvent(number=5, step=10, stamp_ns=8, event=Began("c4", "restart", 0.03))
     answer = JobEvents(sender="coordinator", events=(merged, found), term=2)
-    assert json.loads(dumped(events_object(answer))) == {
+    assert json.loads(dumped(json_object(answer))) == {
         "term": 2,
         "events": [
             {"number": 4, "step": 9, "stamp_ns": 7, "event": "ended", "job_id": "c3",

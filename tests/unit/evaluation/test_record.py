@@ -39,8 +39,8 @@ class Recorded:
             for scan, outcome, _ in steps:
                 if log.wants_map(scan):
                     log.on_map(course.map, scan.stamp_ns)
-                log.on_scan(scan)
-                log.on_belief(belief_after(scan, outcome, scan.sender))
+                log.on_scan(scan, scan.stamp_ns)
+                log.on_belief(belief_after(scan, outcome, scan.sender), scan.stamp_ns)
                 self.scans.append(scan)
                 self.outcomes.append(outcome)
 

@@ -54,12 +54,12 @@ def write_run(path: Path) -> None:
         log.on_map(world("cross").map, 0)
         for step in range(STEPS):
             seen = step_scan(step)
-            log.on_scan(seen)
+            log.on_scan(seen, seen.stamp_ns)
             later = seen.stamp_ns + 10**7
             reading = OdometryReading(sender="r", stamp_ns=later, odom_from_robot=(0.1, 0.2, 0.3))
             log.on_odometry(reading)
             reported = belief(step, 4, 7) if step else belief(step)
-            log.on_belief(msgspec.structs.replace(reported, stamp_ns=seen.stamp_ns))
+            log.on_belief(msgspec.structs.replace(reported, stamp_ns=seen.stamp_ns), seen.stamp_ns)
             log.write(JOB_EVENTS, EVENTS, seen.stamp_ns)
             log.flush()
 
