@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from live_view import frames
-from live_view.step_archive import ArchiveEntry, StepArchive
+from live_view.step_archive import StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
@@ -41,8 +41,8 @@ class Picture:
     def __init__(self, system: frames.Frame, archive: StepArchive | None = None) -> None:
         self._frames: dict[str, Any] = {"system": {**system, "link": "no router"}}
         self._changed = {"system"}
-        self._archive = archive or StepArchive()
-        self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=self._archive.max_steps)
+        self.archive = archive or StepArchive()
+        self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=self.archive.max_steps)
         self._slots = ColourSlots()
         self._scans: dict[int, Scan] = {}
         self._truths: dict[int, PoseTuple] = {}
@@ -73,12 +73,7 @@ class Picture:
     def past(self, step: int) -> dict[str, Any]:
         """Return the frames of a past step by topic, as far as they are archived."""
         events = [event for event in self._events.values() if event.step <= step]
-        return {**self._archive.at(step), "events": frames.events_frame(events[-SHOWN_EVENTS:])}
-
-    @property
-    def archived(self) -> list[ArchiveEntry]:
-        """All archived entries in the order of their steps."""
-        return self._archive.everything()
+        return {**self.archive.at(step), "events": frames.events_frame(events[-SHOWN_EVENTS:])}
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
         """Return at most `NEWEST_ROWS` rows before a step, for trails and plot."""
@@ -162,7 +157,7 @@ class Picture:
 
     def _forget(self) -> None:
         self._rows.clear()
-        self._archive.clear()
+        self.archive.clear()
         self._events.clear()
         self._drop_clouds_but(())
         self._slots = ColourSlots()
@@ -198,7 +193,7 @@ class Picture:
     def _show(self, topic: str, frame: Any) -> None:
         """Show a frame, and archive it for its step."""
         self._set(topic, frame)
-        self._archive.add(self._last_step, topic, frame)
+        self.archive.add(self._last_step, topic, frame)
 
     def _set(self, topic: str, frame: Any) -> None:
         self._frames[topic] = frame

@@ -16,7 +16,8 @@ _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
     """Return an HTML page that plays all archived steps of a run."""
-    past = base64.b64encode(zlib.compress(msgspec.json.encode(picture.archived), 9)).decode()
+    archived = msgspec.json.encode(picture.archive.everything())
+    past = base64.b64encode(zlib.compress(archived, 9)).decode()
     shown = {**picture.everything(), "past": past}
     if grid_map is not None:
         packed = base64.b64encode(grid_map.zlib_cells).decode()

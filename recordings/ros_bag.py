@@ -75,7 +75,9 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
     with closing(BagFile(path, RecordingError)) as bag:
         try:
             scan_topic = _one_of(bag, LASER_SCAN, settings.scan_topic, "scan_topic")
-            odom_topics = _odometry_topics(bag, settings)
+            odom_topics = [] if settings.odom_frame else bag.of_type(ODOMETRY)  # if tf has none
+            if settings.odom_topic:
+                odom_topics = [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
             tf_topics = _tf_topics(bag, scan_topic)
             content = _content(bag, {scan_topic, *tf_topics, *odom_topics})
             return _entries(content, odom_topics, settings), content.skipped
@@ -102,13 +104,6 @@ def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
 
 def _by_name(setting: str) -> str:
     return f"name one by --{setting.replace('_', '-')} (bridge.{setting})"
-
-
-def _odometry_topics(bag: BagFile, settings: BridgeSettings) -> list[str]:
-    """Return the named topic of odometry, or all topics that may replace odometry of tf."""
-    if settings.odom_topic:
-        return [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
-    return [] if settings.odom_frame else bag.of_type(ODOMETRY)
 
 
 def _tf_topics(bag: BagFile, scan_topic: str) -> list[str]:

@@ -57,7 +57,7 @@ class Amcl:
         self._waiting = TfQueue()
         self._observing = observing.Observing(self._frames, settings)
         self._place = MapFromOdom()
-        self._choice = PoseChoice(settings.publish)
+        self.choice = PoseChoice(settings.publish)
         self._particles = ClusterParticles()
         self._topics = Topics(settings)
         self._odometry_ns: int | None = None
@@ -69,7 +69,7 @@ class Amcl:
     def use(self, settings: Ros2Settings) -> None:
         """Change the settings; names of topics and frames stay the same."""
         self.settings = self._observing.settings = settings
-        self._choice.publish = settings.publish
+        self.choice.publish = settings.publish
 
     # --- lifecycle
 
@@ -87,12 +87,7 @@ class Amcl:
 
     def resume(self, held: int | None) -> None:
         """Continue in place of a killed bridge, which published the cluster `held` as the pose."""
-        self.is_active, self._choice.held = True, held
-
-    @property
-    def held(self) -> int | None:
-        """Number of the cluster that is published as the pose."""
-        return self._choice.held
+        self.is_active, self.choice.held = True, held
 
     def deactivate(self) -> None:
         """Stop using scans and publishing poses."""
@@ -203,7 +198,7 @@ class Amcl:
             return  # from a coordinator that has been replaced
         self.belief = self._unpublished = belief
         expected = self._place.expected(belief.stamp_ns)
-        chosen = self._choice.choose(belief, expected)
+        chosen = self.choice.choose(belief, expected)
         if chosen is None:
             self._place.forget_place()
         else:

@@ -135,7 +135,7 @@ class BridgeLoop:
             if event is None or time.monotonic() >= (self._places_until_s or math.inf):
                 self._publish_all_places()
             self._every_second()
-            state, held = self.services.lifecycle.state, self._amcl.held
+            state, held = self.services.lifecycle.state, self._amcl.choice.held
             bridge_state = BridgeState(state=state, bond=self._bond.instance_id, held=held)
             self._file.keep(bridge_state, time.monotonic())
 
