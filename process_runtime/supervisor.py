@@ -254,6 +254,7 @@ class _Child:
     def leave(self, until_s: float) -> None:
         """Ask the process to end; `has_left` kills it after this time of `time.monotonic` [s]."""
         self._leaves_until_s = until_s
+        self._stop_listening()  # else its last signs, which nobody reads, would end each wait
         if self.process is not None:
             self.process.send_signal(signal.SIGTERM)
 

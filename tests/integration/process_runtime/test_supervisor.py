@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import sys
 import time
@@ -8,6 +9,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from process_runtime import supervisor as supervisor_module
+from process_runtime.stop import StopFlag
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess, python_script
@@ -72,6 +75,47 @@ def test_a_child_that_ends_is_started_again(
     assert supervisor.pids() == {}
     wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
     assert supervisor.pids()["quick"] != first
+
+
+def test_a_wait_ends_with_a_child(
+    supervisors: list[Supervisor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor_module, "_LONGEST_POLL_S", 1e4)
+    supervisor = Supervisor(hung_after_s=1e6)
+    supervisors.append(supervisor)
+    supervisor.add(ChildSpec("quick", python("import time; time.sleep(1e4)")))
+    os.kill(supervisor.pids()["quick"], signal.SIGKILL)
+    assert not supervisor.wait(StopFlag())
+    assert poll_until_exit(supervisor).code == -signal.SIGKILL
+
+
+GIVES_SIGNS_AND_STAYS = r"""
+import os, signal, socket, time
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+signs = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+address = "\0" + os.environ["NOTIFY_SOCKET"][1:]
+while True:
+    try:
+        signs.sendto(b"WATCHDOG=1", address)
+    except OSError:
+        pass
+    time.sleep(0.01)
+"""
+
+
+def test_signs_of_a_child_that_must_leave_do_not_keep_the_supervisor_busy(
+    supervisors: list[Supervisor],
+) -> None:
+    supervisor, waits = Supervisor(), 0
+    supervisors.append(supervisor)
+    supervisor.add(ChildSpec("stays", python(GIVES_SIGNS_AND_STAYS)))
+    assert not supervisor.wait(StopFlag()), "a sign, or a second without one"
+    supervisor.remove("stays")
+    while supervisor.pids():
+        waits += 1
+        supervisor.wait(StopFlag())
+        supervisor.poll(time.monotonic())
+    assert waits < 60, "each waits for 0.05 s, and it is killed after 1.2 s"
 
 
 def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
