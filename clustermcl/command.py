@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
@@ -13,6 +12,7 @@ from clustermcl.verbosity import set_verbosity
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output_files import written_output
 from process_runtime.stop import StoppedError
+from process_runtime.version import VERSION
 from protocol.errors import ClusterMclError, UnreachableError
 
 EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
@@ -89,7 +89,7 @@ for _group, _commands in COMMANDS.items():
 
 def _print_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"clustermcl {version('clustermcl')}")
+        typer.echo(f"clustermcl {VERSION}")
         raise typer.Exit
 
 

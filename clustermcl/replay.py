@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 import typer
@@ -11,6 +10,7 @@ import typer
 from clustermcl.as_text import belief_line
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
+from process_runtime.version import VERSION
 from protocol.errors import printable
 
 
@@ -28,7 +28,7 @@ def print_replay(folder: Path, *, first_step: int | None, last_step: int | None)
     last = math.inf if last_step is None else last_step
     coordinators, step = 0, -1
     same: Counter[bool | None] = Counter()
-    for wall_ns, happening in replayed(folder, version("clustermcl")):
+    for wall_ns, happening in replayed(folder, VERSION):
         match happening:
             case CoordinatorActs():
                 coordinators += 1

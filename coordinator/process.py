@@ -4,7 +4,6 @@ import argparse
 import logging
 import time
 from contextlib import closing
-from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import quote
 
@@ -18,6 +17,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.state_folder import state_folder
+from process_runtime.version import VERSION
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from zenoh_link.metrics import metrics_served
@@ -93,7 +93,7 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
         filter_settings=filter_settings(settings),
         settings=settings.coordinator,
         bridge=settings.bridge,
-        version=version("clustermcl"),
+        version=VERSION,
         now_ns=time.monotonic_ns(),
         term=time.time_ns() // 1_000,
         known=known.checkpoint,

@@ -6,7 +6,6 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,6 +15,7 @@ from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
+from process_runtime.version import VERSION
 from process_runtime.watchdog import SignsOfLife
 from protocol.errors import ClusterMclError
 from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
@@ -139,9 +139,7 @@ def _parse(
     parser.add_argument(
         "--name", type=_name, default=name, help=f"name of this process (default: {name})"
     )
-    parser.add_argument(
-        "--version", action="version", version=f"clustermcl {version('clustermcl')}"
-    )
+    parser.add_argument("--version", action="version", version=f"clustermcl {VERSION}")
     if add_arguments is not None:
         add_arguments(parser)
     return parser.parse_args(argv)

@@ -13,7 +13,6 @@ from typing import Literal, NamedTuple, TypeVar
 import msgspec
 import numpy as np
 from mcap.records import Channel, Header, Message
-from mcap.writer import MCAP0_MAGIC, Writer
 
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
@@ -38,6 +37,8 @@ SCHEMAS = {
     SCAN: "foxglove.LaserScan", ODOMETRY: "foxglove.FrameTransform", GRID: "foxglove.Grid",
     POSE: "foxglove.PoseInFrame", PLACES: "foxglove.SceneUpdate", LINES: "foxglove.Log",
 }  # fmt: skip
+_MAGIC = b"\x89MCAP0\r\n"
+"""The first bytes of each MCAP file."""
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
 """Schema that marks the base64 strings; Foxglove knows the other fields by name."""
@@ -65,6 +66,8 @@ class RunLog:
     """
 
     def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
+        from mcap.writer import Writer  # noqa: PLC0415 - 3 MB, which a reader does not need
+
         self._path, self._map_digest = path, ""
         self._channels: dict[str, int] = {}
         with self._named():
@@ -203,7 +206,7 @@ class RunLogReader:
         channels: dict[int, str] = {}
         try:
             with self.path.open("rb") as file:
-                if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
+                if not _MAGIC.startswith(file.read(len(_MAGIC))):
                     raise RecordingError(self.path, "is not an MCAP file")
                 file.seek(0)
                 records = mcap_records(file)

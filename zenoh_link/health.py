@@ -4,11 +4,11 @@ import os
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from process_runtime.logs import CauseCounter
+from process_runtime.version import VERSION
 from protocol.health import Health, SourceHealth
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Publisher
@@ -39,7 +39,7 @@ class HealthReporter:
         inbox: Inbox[Any],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._name, self._role, self._version = name, role, version("clustermcl")
+        self._name, self._role, self._version = name, role, VERSION
         self._causes, self._inbox, self._clock = causes, inbox, clock
         self._started_s, self._published_s = clock(), -_EVERY_S
         self.sources: tuple[SourceHealth, ...] = ()

@@ -6,7 +6,6 @@ resumed by the same command, and a table can grow by seeds and algorithms.
 
 import csv
 from collections.abc import Callable, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from evaluation.evaluate import start_steps
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, value_of
+from process_runtime.version import VERSION
 from protocol.errors import InputFileError
 
 _KEYS = ("experiment", "role", "algorithm", "seed", "start_step")
@@ -122,7 +122,7 @@ class RunTable:
                 "start_step": task.start_step,
                 **{name: "" if value is None else value for name, value in measured.items()},
                 **dict(zip(_CLAIMS, finished.calibration.ravel().tolist(), strict=True)),
-                "version": version("clustermcl"),
+                "version": VERSION,
                 "settings": " ".join(changed_settings(task.settings)),
             }
         )

@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from process_runtime.version import VERSION
 from tests.soak.promises import Break, DoneFault, Verdict
 
 _KEPT = {True: "yes", False: "NO", None: "-"}
@@ -58,7 +58,7 @@ def print_result(result: SoakResult, console: Console) -> None:
 def as_json(result: SoakResult) -> str:
     """Return all figures as JSON; times are seconds since the start."""
     what = {
-        "version": version("clustermcl"),
+        "version": VERSION,
         "options": asdict(result.options),
         "minutes": result.at_s(result.end_ns) / 60,
         "kept": not result.is_broken,

@@ -4,7 +4,6 @@ import os
 import shutil
 import signal
 import subprocess
-from importlib.metadata import version
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from clustermcl.stack import COORDINATOR
 from coordinator.recorder.records import Happened
 from coordinator.recorder.replay import Believed, CoordinatorActs, replayed
 from process_runtime.settings import RecorderSettings
+from process_runtime.version import VERSION
 from protocol.answers import Belief
 from tests.integration.faults.live_robot import with_live_robot
 from tests.integration.faults.system import SMALL, System
@@ -79,7 +79,7 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     done = replay(folder)
     assert (done.stderr, done.returncode) == ("", 0)
     assert done.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
-    happenings = [each for _, each in replayed(folder, version("clustermcl"))]
+    happenings = [each for _, each in replayed(folder, VERSION)]
     computed = [each.belief for each in happenings if isinstance(each, Believed)]
     assert_same(published, computed)
     acts = [each for each in happenings if isinstance(each, CoordinatorActs)]
