@@ -9,8 +9,8 @@ from scipy.ndimage import distance_transform_edt
 
 from coordinator.belief.outcome import Outcome
 from evaluation import in_process
+from evaluation.map_check.look_alikes import refined
 from evaluation.map_check.mount import Mount, mount_of
-from evaluation.map_check.refining import refined
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField

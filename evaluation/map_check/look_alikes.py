@@ -10,9 +10,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.map_check.refining import refined
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, Points, Pose, Poses
+from particle_filter.arrays import FREE, LogWeights, Points, Pose, Poses
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.places import cluster_by_source_point
 from particle_filter.poses import between, compose, heading_distance
@@ -36,6 +35,10 @@ WAY_M = 4.0
 _SCANS, _BEAMS = 4, 60
 _ANGLES = np.linspace(-np.pi, np.pi, _BEAMS, endpoint=False)
 _DIFFERS_M = 0.3
+_TRIES = 200
+_SPREADS = np.array([(s, s, 0.25 * s) for s in (0.4, 0.2, 0.1, 0.05, 0.02)])
+"""Standard deviations of the trials: x [m], y [m], heading [rad]. That of the heading is a
+quarter, because beams end metres away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,3 +148,28 @@ def _best_of_each_place(poses: Poses, scores: np.ndarray) -> Poses:
     )
     _, first = np.unique(labels, return_index=True)
     return poses[order][np.sort(first)]
+
+
+def refined(
+    poses: Poses, hits_in_robot: Points, field: LikelihoodField, rng: np.random.Generator
+) -> tuple[Poses, LogWeights]:
+    """Improve each pose by trials in a shrinking neighbourhood.
+
+    Args:
+        poses: (N, 3).
+        hits_in_robot: (B, 2) end points of beams [m].
+        field: likelihood field of the map.
+        rng: draws the trials.
+
+    Returns:
+        (N, 3) poses, none less likely than before, and their (N,) log-likelihoods.
+    """
+    every = np.arange(len(poses))
+    for spread in _SPREADS:
+        steps = spread * rng.standard_normal((len(poses), _TRIES, 3))
+        steps[:, 0] = 0.0
+        tried = poses[:, None, :] + steps
+        scores = scan_log_likelihood(tried.reshape(-1, 3), hits_in_robot, field)
+        best = scores.reshape(len(poses), _TRIES).argmax(axis=1)
+        poses, found = tried[every, best], scores.reshape(len(poses), _TRIES)[every, best]
+    return poses, found
