@@ -44,7 +44,7 @@ def recording(model: SensorModel, tmp_path_factory: pytest.TempPathFactory) -> P
 
 @pytest.fixture(autouse=True)
 def _of_the_recordings_version(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(replay, "version", lambda _: VERSION)
+    monkeypatch.setattr(replay, "VERSION", VERSION)
 
 
 def run(*words: object) -> Result:
