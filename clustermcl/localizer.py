@@ -306,7 +306,7 @@ class ClusterMCL(RobotCommands):
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
         self._commands, self._odometry = state.commands, recent_odometry()
         self._odometry.add(*state.odometry)
-        self._set_belief(resumed.ensemble.repeated_outcome(scan.step, ()), scan)
+        self._set_belief(resumed.ensemble.outcome(scan.step), scan)
 
     def advice(self, *, radius_m: float = USUAL_RADIUS_M) -> Advice:
         """Return ways for the robot to drive so that scans distinguish its possible places.

@@ -120,16 +120,6 @@ class Coordinator(Part):
     step_resets: StepResetDetector = field(default_factory=StepResetDetector)
     linked: bool = True
 
-    @property
-    def map_digest(self) -> str:
-        """Digest of the map in which the robot is localized; empty before the first scan."""
-        return self.state.map_digest
-
-    @property
-    def filter_settings(self) -> FilterSettings:
-        """The filter's settings that hold at the applied step."""
-        return self.state.ensemble.settings
-
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
     ) -> list[Instruction]:
@@ -307,7 +297,7 @@ class Coordinator(Part):
             instructions += self._publication(now_ns)
         orders = self.state.placement.orders(
             term=self.term.number,
-            map_digest=self.map_digest,
+            map_digest=self.state.map_digest,
             now_ns=now_ns,
             newest_step=self.state.newest_step,
         )

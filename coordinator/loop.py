@@ -181,7 +181,7 @@ class Loop:
 
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
-        expected = self._coordinator.map_digest
+        expected = self._coordinator.state.map_digest
         if expected not in ("", scan.map_digest):
             error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
             # The coordinator counts such scans.
@@ -200,7 +200,7 @@ class Loop:
 
     def _on_report(self, report: Report, worker: str) -> None:
         self._node.health.happened("reports")
-        settings = self._coordinator.filter_settings
+        settings = self._coordinator.state.ensemble.settings
         check_places(report, settings)
         if has_too_large_snapshot(report, settings):
             # The report itself counts: the worker may have begun the job with earlier settings.

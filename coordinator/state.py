@@ -200,7 +200,8 @@ class CoordinatorState(Part):
         if scan is None:
             return True
         reports = self.collector.open_steps[scan.step].reports
-        deferrable = self.ensemble.deferrable if self.collector.waits_for_no_search else ()
+        waits_for_searches = scan.lockstep or self.settings.search_deadline_s > 0.0
+        deferrable = () if waits_for_searches else self.ensemble.deferrable
         return any(
             job_id not in reports and job_id not in deferrable and self.placement.waits_for(job_id)
             for job_id in self.ensemble.expected
@@ -255,7 +256,7 @@ class CoordinatorState(Part):
             return
         self.overload.on_step_decided(now_ns - ready.arrived_ns)
         if self.overload.is_overloaded:
-            self.ensemble.postpone_search(ready.scan.step)
+            self.ensemble.search.postpone(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Carry out a command; return False if it waits for the first step or is refused."""
@@ -381,7 +382,7 @@ class CoordinatorState(Part):
         if applied is not None:
             self._use(applied.settings)
             self.pose.resume(applied, state.age_s, now_ns)
-            outcome = self.ensemble.repeated_outcome(applied.step, state.missing)
+            outcome = self.ensemble.outcome(applied.step, state.missing)
             self.pose.believed(outcome, applied.odom_from_robot)
 
     def _begin_standing_jobs(self, applied: Scan | None) -> None:

@@ -243,12 +243,6 @@ class StepCollector(Part):
         """Number of the step before the next one; None: any step may be the first."""
         return self.base if self.applied is None else self.applied.step
 
-    @property
-    def waits_for_no_search(self) -> bool:
-        """Whether the next step is decided as soon as all but searches have reported."""
-        oldest = self.oldest_scan
-        return oldest is not None and not oldest.lockstep and self.settings.search_deadline_s == 0.0
-
     def _closed(self, scan: Scan, opened: OpenStep) -> ReadyStep:
         """Return a step, which is applied now; discard older steps."""
         self.open_steps = {s: other for s, other in self.open_steps.items() if s > scan.step}

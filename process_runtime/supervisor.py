@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn, Protocol, TypeAlias
+from typing import NoReturn, TypeAlias
 
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR, outermost
@@ -136,7 +136,7 @@ class Supervisor:
             files += child.files()
         # A `HangDetector` expects several calls in the time after which a child hangs.
         longest_s = min(_LONGEST_POLL_S, self._hung_after_s / 8)
-        is_settled = not self._leaving and all(child.wakes for child in children)
+        is_settled = not self._leaving and all(child.end is not None for child in children)
         wait_until_readable(files, longest_s if is_settled else _POLL_S)
         return stop.is_set()
 
@@ -165,16 +165,6 @@ class Supervisor:
             time.sleep(_POLL_S / 5)
 
 
-class _Process(Protocol):
-    """A running child; after its end `poll` returns the exit code, -9 for SIGKILL."""
-
-    pid: int
-
-    def poll(self) -> int | None: ...
-
-    def send_signal(self, sig: int) -> None: ...
-
-
 class _Fork:
     """A forked child process, with the methods of `Popen` that the supervisor uses."""
 
@@ -193,6 +183,9 @@ class _Fork:
             os.kill(self.pid, sig)  # not reaped yet, so the id is not reused
 
 
+_Process: TypeAlias = subprocess.Popen[bytes] | _Fork
+
+
 class _Child:
     """One child: the present process and when to start the next."""
 
@@ -204,21 +197,16 @@ class _Child:
         self._start_at_s: float | None = None
         self._leaves_until_s = 0.0
         self._listener: Listener | None = None
-        self._end: int | None = None
+        self.end: int | None = None
         """A file that can be read once the process has ended; only Linux has it."""
 
     @property
     def jobs(self) -> int | None:
         return self._listener.jobs if self._listener is not None else None
 
-    @property
-    def wakes(self) -> bool:
-        """Whether `files` tell when the process needs attention."""
-        return self._end is not None
-
     def files(self) -> list[int | HasFile]:
         """Return the files that can be read when the process has ended or given a sign."""
-        return [file for file in (self._end, self._listener) if file is not None]
+        return [file for file in (self.end, self._listener) if file is not None]
 
     def start(self) -> None:
         self._start_at_s, self._started_at_s = None, time.monotonic()
@@ -229,7 +217,7 @@ class _Child:
             self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
         if hasattr(os, "pidfd_open"):
             with suppress(OSError):  # an old kernel, or a container that forbids it
-                self._end = os.pidfd_open(self.process.pid)
+                self.end = os.pidfd_open(self.process.pid)
 
     def polled(self, now_s: float) -> ChildExit | None:
         """Start the process if it is due, kill it if it hangs, and return its exit once."""
@@ -270,9 +258,9 @@ class _Child:
     def forget(self) -> None:
         """Drop the ended process and cancel its restart."""
         self.process, self._start_at_s = None, None
-        if self._end is not None:
-            os.close(self._end)
-            self._end = None
+        if self.end is not None:
+            os.close(self.end)
+            self.end = None
         self._stop_listening()
 
     def _stop_listening(self) -> None:

@@ -126,7 +126,10 @@ def _write(entry: Path, arrays: MapArrays) -> None:
     """Write all arrays into a folder, which appears only when complete."""
     part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
     try:
-        _write_arrays(part, arrays)
+        for name, array in arrays.items():
+            np.save(_file(part, name), array)
+        sums = {name: _checksum(_file(part, name)) for name in arrays}
+        (part / _SUMS).write_bytes(msgspec.json.encode(sums))
         part.rename(entry)
     finally:
         shutil.rmtree(part, ignore_errors=True)  # exists only if writing failed
@@ -137,13 +140,6 @@ def _remove_oldest(cache_folder: Path) -> None:
     entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
     for entry in entries[:-KEPT_ENTRIES]:
         shutil.rmtree(entry, ignore_errors=True)
-
-
-def _write_arrays(part: Path, arrays: MapArrays) -> None:
-    for name, array in arrays.items():
-        np.save(_file(part, name), array)
-    sums = {name: _checksum(_file(part, name)) for name in arrays}
-    (part / _SUMS).write_bytes(msgspec.json.encode(sums))
 
 
 def _checksum(path: Path) -> int:

@@ -231,7 +231,7 @@ class WorkerLoop:
         try:
             order = _with_term(asked.payload, WorkOrder)
         except MalformedMessageError as error:
-            self._carry_out(self._worker.on_broken_order(asked, error))
+            self._carry_out(self._worker.refuse(asked, error))
         else:
             self._carry_out(self._worker.on_order(asked, order))
 

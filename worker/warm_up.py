@@ -49,9 +49,12 @@ def compile_kernels(sensor: SensorSettings) -> None:
         _build_library()
         return
     except OSError as error:
-        _log_no_library(str(error))
+        reason = str(error)
     except subprocess.CalledProcessError as error:
-        _log_no_library((error.stderr.strip().splitlines() or [str(error)])[-1])
+        reason = (error.stderr.strip().splitlines() or [str(error)])[-1]
+    _log.warning(
+        "no library of kernels can be built, so each process takes 100 MB more: %s", reason
+    )
     run_kernels(sensor, MotionSettings())
     if kernels.cache_problems:
         _log.warning(
@@ -59,12 +62,6 @@ def compile_kernels(sensor: SensorSettings) -> None:
             "seconds, unless NUMBA_CACHE_DIR names a writable folder",
             kernels.cache_problems[0],
         )
-
-
-def _log_no_library(reason: str) -> None:
-    _log.warning(
-        "no library of kernels can be built, so each process takes 100 MB more: %s", reason
-    )
 
 
 def _build_library() -> None:

@@ -290,10 +290,6 @@ class Worker:
 
     # --- orders
 
-    def on_broken_order(self, question: Any, error: MalformedMessageError) -> list[Instruction]:
-        """Refuse an order that cannot be decoded."""
-        return self._refused(question, error)
-
     def on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
         """Follow an order as soon as there is a sensor model for it.
 
@@ -306,7 +302,7 @@ class Worker:
             if not self._fence.check(order):
                 return self._overtaken(question, order)
         except (OldTermError, msgspec.ValidationError) as error:
-            return self._refused(question, error)
+            return self.refuse(question, error)
         before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)
         # The coordinator no longer expects its previous order to be followed.
         answered = [Answer(before.question, self._answer())] if before else []
@@ -388,7 +384,7 @@ class Worker:
                 self._table.follow(order, self._model, settings)
             self._ordered, self._ordered_map = waiting.settings, order.map_digest
         except (OldTermError, ValueError) as error:
-            return self._refused(waiting.question, error)
+            return self.refuse(waiting.question, error)
         self._fence.order = order.order
         missing = self._table.missing()
         self._table.wait_for(missing)
@@ -400,9 +396,10 @@ class Worker:
 
     def _refuse_waiting(self, error: Exception) -> list[Instruction]:
         waiting, self._waiting = self._waiting, None
-        return self._refused(waiting.question, error) if waiting else []
+        return self.refuse(waiting.question, error) if waiting else []
 
-    def _refused(self, question: Any, error: Exception) -> list[Instruction]:
+    def refuse(self, question: Any, error: Exception) -> list[Instruction]:
+        """Refuse an order, which may be one that cannot be decoded."""
         problem = str(error)
         return [Warn(_cause_of(error), problem), Answer(question, self._answer(problem))]
 

@@ -122,7 +122,9 @@ def _connect(
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'clustermcl router', or set zenoh.router",
                 ) from error
-            logged = _log_once(refusal or f"waiting for a router at {settings.router}", logged)
+            if (problem := refusal or f"waiting for a router at {settings.router}") != logged:
+                _log.info("%s", problem)
+            logged = problem
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
 
 
@@ -134,9 +136,3 @@ def _refusal(settings: ZenohSettings) -> str | None:
 
     refused = why_refused(settings)
     return f"{settings.router}: {refused}" if refused else None
-
-
-def _log_once(words: str, logged: str) -> str:
-    if words != logged:
-        _log.info("%s", words)
-    return words

@@ -154,7 +154,7 @@ class ClusterSet(Part):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
             self.clusters[first.cluster] = replace(first, log_probability=float(total))
-            ended += self._end(rest, "merged", first)
+            ended += self.end(rest, "merged", first)
         return ended
 
     def admit(
@@ -262,7 +262,7 @@ class ClusterSet(Part):
             for cluster in self.by_probability()[1:]
             if cluster.probability < least and step >= cluster.protected_until
         ]
-        ended = self._end(leaving, "improbable")
+        ended = self.end(leaving, "improbable")
         if leaving and self.rules.kidnapping_probability > 0.0:
             logs = [cluster.log_probability for cluster in leaving]
             self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
@@ -325,11 +325,7 @@ class ClusterSet(Part):
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
         self.fit = UsualFit()
-        return self._end(self.all(), cause)
-
-    def withdraw(self, clusters: Iterable[Cluster]) -> list[Ended]:
-        """End clusters whose place is replaced at once by one with their probability."""
-        return self._end(clusters, "forgotten")
+        return self.end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:
         """Return the clusters that may be replaced, least probable first."""
@@ -347,8 +343,8 @@ class ClusterSet(Part):
             del self.clusters[cluster.cluster]
         return leaving
 
-    def _end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
-        """Remove clusters; return their events."""
+    def end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
+        """Remove clusters, whose probability nothing else gets yet; return their events."""
         for cluster in leaving:
             del self.clusters[cluster.cluster]
         return [_ended(cluster, cause, *by) for cluster in leaving]

@@ -149,7 +149,8 @@ class Ensemble(Part, kw_only=True):
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
         )
-        self.search.gather(step, log_likelihood)
+        if self.search.runs:
+            self.search.evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
@@ -166,15 +167,11 @@ class Ensemble(Part, kw_only=True):
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
         if self.clusters.fit.has_fallen and not had_fallen:
-            self._stop_search(step, "search stopped")
+            self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         if not self.search.runs and self.search.is_due(step, self._patience):
             self._start_search(step + 1)
-        return self._outcome(step, missing)
-
-    def postpone_search(self, step: int) -> None:
-        """Delay the next periodic search; a search for a lost robot may still begin."""
-        self.search.postpone(step)
+        return self.outcome(step, missing)
 
     def set_pose(self, given: Place) -> Outcome:
         """Add a cluster at a pose that an operator gave; it takes its share from the others.
@@ -191,15 +188,15 @@ class Ensemble(Part, kw_only=True):
             corrected = [one for one in near if not one.confirmed]
             if near and not corrected:
                 self.given_pose = word
-                return self._outcome(step, ())
-            self.events += self.clusters.withdraw(corrected)
+                return self.outcome(step)
+            self.events += self.clusters.end(corrected, "forgotten")
             weight = math.fsum(one.probability for one in corrected) or STILL_PROBABLE
         self.given_pose = word
         self.clusters.protect_alternatives(step + rules.minimum_lifetime_steps)
-        self._stop_search(step, "search stopped")
+        self.events += self.search.stop(step, "search stopped")
         self._admit([(replace(given, share=weight), "given")], step)
         self.prior_pose = None
-        return self._outcome(step, ())
+        return self.outcome(step)
 
     def relocalize(
         self,
@@ -221,7 +218,7 @@ class Ensemble(Part, kw_only=True):
         self._forget(step, cause)
         self.seen, self.found = ViewMemory(), False
         self._start_search(step + 1, near, corners)
-        return self._outcome(step, ())
+        return self.outcome(step)
 
     def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
         """Replace all clusters by these places, whose shares sum to one."""
@@ -229,11 +226,7 @@ class Ensemble(Part, kw_only=True):
         self.seen = ViewMemory()
         self.clusters.take_from_elsewhere(1.0)
         self._admit([(place, "prior pose") for place in places], step)
-        return self._outcome(step, ())
-
-    def repeated_outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        """Repeat the outcome of the last step, without jobs and events."""
-        return self._outcome(step, missing)
+        return self.outcome(step)
 
     # --- clusters
 
@@ -268,11 +261,8 @@ class Ensemble(Part, kw_only=True):
         """End all clusters and the decoy: the robot may be anywhere."""
         self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
         self.prior_pose = self.given_pose = None
-        self._stop_search(step, "search stopped")
+        self.events += self.search.stop(step, "search stopped")
         self.begin |= self.standing_jobs(step + 1)
-
-    def _stop_search(self, step: int, cause: EndedCause) -> None:
-        self.events += self.search.stop(step, cause)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
         fresh = self.search.on_reports(reports, self.clusters.job_ids)
@@ -282,7 +272,7 @@ class Ensemble(Part, kw_only=True):
         weight = math.exp(min(log_weight, 0.0))
         if self._is_elsewhere and weight < self.settings.belief.least_probability:
             # It has seen scans from before the robot was lifted, and kept where that was.
-            self._stop_search(step, "search stopped")
+            self.events += self.search.stop(step, "search stopped")
             return
         all_in = True
         is_over = self.search.finished(fresh, patient=self._is_patient)
@@ -291,7 +281,7 @@ class Ensemble(Part, kw_only=True):
         else:
             all_in = self._admit_candidates(fresh, step, is_over=is_over)
         if is_over and all_in:
-            self._stop_search(step, "search over")
+            self.events += self.search.stop(step, "search over")
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
@@ -428,7 +418,8 @@ class Ensemble(Part, kw_only=True):
 
     # --- outcome
 
-    def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
+    def outcome(self, step: int, missing: tuple[str, ...] = ()) -> Outcome:
+        """Return the outcome of a step or a command; jobs and events only at the first call."""
         self.found |= len(self.clusters) > 0 and not self._lost
         events, self.events = tuple(self.events), []
         ended = {event.job_id for event in events if isinstance(event, Ended)}

@@ -108,7 +108,7 @@ class SearchCourse(Part):
         return step >= self.next_step - sooner
 
     def postpone(self, step: int) -> None:
-        """Make the next search wait until after this step."""
+        """Delay the next periodic search; a search for a lost robot may still begin."""
         self.next_step = max(self.next_step, step + 1)
 
     def begin(
@@ -185,11 +185,6 @@ class SearchCourse(Part):
         """Return `SearchPool.finished` for the maximum number of clusters."""
         most = self.settings.belief.max_clusters
         return self.pool is None or self.pool.finished(pool, most, patient=patient)
-
-    def gather(self, step: int, log_likelihood: float) -> None:
-        """Add the log-likelihood of a scan, averaged over the whole belief."""
-        if self.runs:
-            self.evidence.gather(step, log_likelihood)
 
 
 class Decoy(Part):

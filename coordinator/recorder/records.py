@@ -88,7 +88,8 @@ def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
                     yield Happened(what, event_text(one.event))
 
 
-_COORDINATORS = msgspec.msgpack.Decoder(Coordinator)
+SNAPSHOTS = msgspec.msgpack.Decoder(Coordinator)
+"""Decodes a snapshot of `freeze`."""
 
 
 def freeze(coordinator: Coordinator) -> bytes:
@@ -98,18 +99,6 @@ def freeze(coordinator: Coordinator) -> bytes:
     replay cannot query workers.
     """
     return msgspec.msgpack.encode(without_bulk(coordinator))
-
-
-def thaw(data: bytes) -> Coordinator:
-    """Return the coordinator in a snapshot of `freeze`.
-
-    Raises:
-        ValueError: the bytes are not a snapshot of this version.
-    """
-    try:
-        return _COORDINATORS.decode(data)
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise ValueError(f"not a coordinator's snapshot: {error}") from None
 
 
 T = TypeVar("T")

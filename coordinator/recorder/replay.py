@@ -10,7 +10,14 @@ import msgspec
 
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
-from coordinator.recorder.records import Happened, Head, RecordedEvent, happened, happened_to, thaw
+from coordinator.recorder.records import (
+    SNAPSHOTS,
+    Happened,
+    Head,
+    RecordedEvent,
+    happened,
+    happened_to,
+)
 from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from protocol.answers import Belief
 from protocol.codec import encode
@@ -78,7 +85,10 @@ def _replayed_series(
                 if missing:
                     yield wall_ns, Happened("not recorded", f"{missing} events before {path.name}")
                 if coordinator is None or missing:
-                    coordinator, events = _thawed(path, head), head.first_event
+                    coordinator = _unpacked(
+                        path, "not a coordinator's snapshot", head.snapshot, SNAPSHOTS
+                    )
+                    events = head.first_event
                     yield wall_ns, Happened("recording", f"{path.name}, made with {head.made_with}")
             else:
                 assert coordinator is not None  # each file begins with a head
@@ -88,13 +98,6 @@ def _replayed_series(
         if log.cut:
             yield wall_ns, Happened("cut off", f"{path.name}: {log.cut}")
     return coordinator
-
-
-def _thawed(path: Path, head: Head) -> Coordinator:
-    try:
-        return thaw(head.snapshot)
-    except ValueError as error:
-        raise RecordingError(path, str(error)) from error
 
 
 def _replay(
@@ -140,7 +143,7 @@ def _entries(log: RunLogReader, version: str) -> Iterator[Head | _Entry]:
         if number == 0:
             yield _head(log.path, message, version)
         elif message.topic == EVENTS:
-            for recorded in _unpacked(log.path, message, _EVENTS):
+            for recorded in _unpacked(log.path, EVENTS, message.data, _EVENTS):
                 if entry is not None:
                     entry.is_followed = True
                     yield entry
@@ -168,18 +171,18 @@ def _head(path: Path, message: LogMessage, version: str) -> Head:
         raise RecordingError(
             path, "it has no events of a coordinator; show it with clustermcl view"
         )
-    found = _unpacked(path, message, _VERSIONS).version
+    found = _unpacked(path, HEAD, message.data, _VERSIONS).version
     if found != version:
         problem = f"recorded by version {found}, this is {version}: replay it with that version"
         raise RecordingError(path, problem)
-    return _unpacked(path, message, _HEADS)
+    return _unpacked(path, HEAD, message.data, _HEADS)
 
 
-def _unpacked(path: Path, message: LogMessage, decoder: "msgspec.msgpack.Decoder[T]") -> T:
+def _unpacked(path: Path, what: str, data: bytes, decoder: "msgspec.msgpack.Decoder[T]") -> T:
     try:
-        return decoder.decode(message.data)
+        return decoder.decode(data)
     except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
-        raise RecordingError(path, f"{message.topic}: {error}") from None
+        raise RecordingError(path, f"{what}: {error}") from None
 
 
 def _by_series(folder: Path) -> list[list[Path]]:

@@ -205,7 +205,7 @@ class CoordinatorNode(Node):
                     simulation.send_take_over(self, worker, question)
                 case FetchMap():
                     assert self.coordinator is not None
-                    ground = free_everywhere(self.coordinator.map_digest)
+                    ground = free_everywhere(self.coordinator.state.map_digest)
                     simulation.ask_bridge(
                         self,
                         lambda _bridge, ground=ground: (

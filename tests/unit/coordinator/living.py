@@ -250,7 +250,7 @@ class Living:
                 self._handle(lambda c, now: c.handle(HistoryArrived(found), now))
             case FetchMap():
                 self._handle(
-                    lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now)
+                    lambda c, now: c.handle(MapArrived(free_everywhere(c.state.map_digest)), now)
                 )
             case AskState(worker=name, question=question):
                 if name in self.workers:

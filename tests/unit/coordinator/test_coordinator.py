@@ -90,7 +90,7 @@ class Story:
                 case PublishEvents(events=events):
                     self.reported.append(decode(encode(events), JobEvents))
                 case FetchMap() if self.has_map:
-                    ground = free_everywhere(self.coordinator.map_digest)
+                    ground = free_everywhere(self.coordinator.state.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
                 case FetchScans(last=last) if last is not None:
                     self.follow(self.coordinator.handle(HistoryArrived(()), 0))
@@ -199,7 +199,7 @@ def test_a_bridge_with_another_map_begins_a_search_in_that_map() -> None:
         event = ScanArrived(scan(step, digest="new map"))
         instructions = story.coordinator.handle(event, step * SECOND)
         orders += [do.order for do in instructions if isinstance(do, SendOrder)]
-        assert story.coordinator.map_digest == ("map" if step < 7 else "new map")
+        assert story.coordinator.state.map_digest == ("map" if step < 7 else "new map")
         story.follow(instructions)
     (order,) = orders
     assert order.map_digest == "new map"

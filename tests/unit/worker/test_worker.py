@@ -19,7 +19,6 @@ from protocol.work import (
 )
 from tests.unit.worker.events import (
     Event,
-    on_broken_order,
     on_checkpoint,
     on_history,
     on_map,
@@ -29,6 +28,7 @@ from tests.unit.worker.events import (
     on_order,
     on_scan,
     on_state_query,
+    refuse,
 )
 from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
@@ -374,7 +374,7 @@ def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -
 
 def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
-    refused = handled(fresh, on_broken_order(3, error))
+    refused = handled(fresh, refuse(3, error))
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
 

@@ -13,6 +13,7 @@ from coordinator.recorder.records import Head, RecordedEvent, freeze
 from coordinator.recorder.replay import Believed, Happening, replayed
 from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
 from coordinator.recovery import Term
+from coordinator.state import CoordinatorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
@@ -73,8 +74,8 @@ class RecordedCoordinator:
         return self.coordinator.term
 
     @property
-    def map_digest(self) -> str:
-        return self.coordinator.map_digest
+    def state(self) -> CoordinatorState:
+        return self.coordinator.state
 
     def handle(self, event: Event, now_ns: int) -> list[Instruction]:
         instructions = self.recorder.handle(event, now_ns)

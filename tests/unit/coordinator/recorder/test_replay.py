@@ -71,7 +71,7 @@ def test_a_replay_follows_the_bridge_into_another_map(model: SensorModel) -> Non
         living = Living(model, made=recordings.make)
         live(living, [*[("drive", 0)] * 12, ("new map", 1), *[("drive", 0)] * 20])
         assert living.coordinator is not None
-        assert living.coordinator.map_digest == "map 1"
+        assert living.coordinator.state.map_digest == "map 1"
         replayed_beliefs = beliefs(recordings.replay())
     assert published_by(living) == set(as_bytes(replayed_beliefs))
     assert replayed_beliefs[-1].step == 31
@@ -87,7 +87,7 @@ def test_a_coordinator_that_takes_over_gives_up_the_old_map(model: SensorModel) 
     assert living.coordinator is not None
     for step in range(13, 32):
         living.drive(step)
-    assert living.coordinator.map_digest == "map 1"
+    assert living.coordinator.state.map_digest == "map 1"
     assert living.beliefs[31][-1].state != "searching"
 
 
