@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from functools import partial
 
@@ -69,6 +69,7 @@ FORGOTTEN_AFTER_NS = 30_000_000_000
 """A process that has published no health for longer is not listed [ns]."""
 MAX_PROCESSES = 1_000
 """Largest number of listed processes; a client may invent names."""
+MAY_BE_DEPOSED = "another coordinator may have taken over; ask again"
 
 _log = logging.getLogger(__name__)
 
@@ -148,10 +149,10 @@ class Loop:
     def _serve(self) -> None:
         node = self._node
         for key in (keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS):
-            node.serve(key, self._on_query)
-        node.serve(keys.ADVICE, self._on_advice_query)
-        node.serve(keys.SET_POSE, partial(self._on_command, SetPose))
-        node.serve(keys.RELOCALIZE, partial(self._on_command, Relocalize))
+            node.serve(key, partial(self._on_asked, self._on_query))
+        node.serve(keys.ADVICE, partial(self._on_asked, self._on_advice_query))
+        for key, kind in ((keys.SET_POSE, SetPose), (keys.RELOCALIZE, Relocalize)):
+            node.serve(key, partial(self._on_asked, partial(self._on_command, kind)))
         node.announce(keys.COORDINATOR_ALIVE)
         _log.info("coordinator ready")
 
@@ -221,12 +222,16 @@ class Loop:
 
     # --- queries
 
-    def _on_query(self, asked: Asked) -> None:
+    def _on_asked(self, answer: Callable[[Asked], None], asked: Asked) -> None:
+        """Answer a query, unless another coordinator may lead."""
         self._node.health.happened("questions")
+        if self._replica.may_answer(time.monotonic_ns()):
+            answer(asked)
+        else:
+            asked.refuse(MAY_BE_DEPOSED)
+
+    def _on_query(self, asked: Asked) -> None:
         now_ns = time.monotonic_ns()
-        if not self._replica.may_answer(now_ns):
-            asked.refuse("another coordinator may have taken over; ask again")
-            return
         match asked.key:
             case keys.POSE:
                 asked.answer(self._coordinator.pose(now_ns))
@@ -239,10 +244,6 @@ class Loop:
 
     def _on_advice_query(self, asked: Asked) -> None:
         """Pass a question on to a worker, and its answer to the client."""
-        self._node.health.happened("questions")
-        if not self._replica.may_answer(time.monotonic_ns()):
-            asked.refuse("another coordinator may have taken over; ask again")
-            return
         match self._coordinator.advice_question(self._radius_m):
             case Advice() as known:
                 asked.answer(known)
@@ -265,14 +266,11 @@ class Loop:
         return msgspec.structs.replace(status, processes=(own, *self._processes.all(now_ns)))
 
     def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
-        self._node.health.happened("questions")
-        command = decode(asked.payload, kind)
-        may_answer = self._replica.may_answer(time.monotonic_ns())
-        for do in self._on(CommandArrived(command)) if may_answer else ():
+        for do in self._on(CommandArrived(decode(asked.payload, kind))):
             if isinstance(do, AnswerCommand):
                 asked.answer(do.done)
                 return
-        asked.refuse("another coordinator may have taken over; ask again")
+        asked.refuse(MAY_BE_DEPOSED)
 
     # --- instructions
 

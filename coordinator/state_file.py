@@ -63,20 +63,16 @@ def read(folder: Path, robot: str) -> Checkpoint | None:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
-        return _checkpoint_in(data)
+        if len(data) > MAX_FILE_BYTES:
+            raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
+        checkpoint = decode(without_checksum(data), Checkpoint)
+        check_term(checkpoint, time.time_ns())
+        state_in(checkpoint)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, MalformedMessageError) as error:
         _log.warning("the state in %s is not used: %s", path, error)
         return None
-
-
-def _checkpoint_in(data: bytes) -> Checkpoint:
-    if len(data) > MAX_FILE_BYTES:
-        raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
-    checkpoint = decode(without_checksum(data), Checkpoint)
-    check_term(checkpoint, time.time_ns())
-    state_in(checkpoint)
     return checkpoint
 
 

@@ -43,8 +43,11 @@ class RunningJob(ABC):
         model: the map's sensor model.
         settings: the filter's settings.
         sender: the worker's name, for reports.
-        step: the last step done.
+        snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
     """
+
+    step: int
+    """The last step done."""
 
     def __init__(
         self,
@@ -52,10 +55,15 @@ class RunningJob(ABC):
         model: SensorModel,
         settings: FilterSettings,
         sender: str,
-        step: int,
+        snapshot_every_steps: int,
     ) -> None:
-        self.assignment, self.step = assignment, step
-        self._model, self._settings, self._sender = model, settings, sender
+        self.assignment, self._model, self._settings = assignment, model, settings
+        self._sender, self._snapshot_every = sender, snapshot_every_steps
+        self._begin(assignment.job)
+
+    @abstractmethod
+    def _begin(self, job: Any) -> None:
+        """Set `step` and the state before the first scan."""
 
     @abstractmethod
     def advance(self, scan: Scan) -> work.Report:
@@ -92,35 +100,24 @@ def running(
     sender: str,
     snapshot_every_steps: int = 0,
 ) -> RunningJob:
-    """Begin a job; arguments as for `RunningJob`.
-
-    Args:
-        snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
-    """
+    """Begin a job; arguments as for `RunningJob`."""
+    kind: type[RunningJob]
     match assignment.job:
-        case work.TrackJob() as job:
-            return Tracking(assignment, job, model, settings, sender, snapshot_every_steps)
-        case work.SearchJob() as job:
-            return Searching(assignment, job, model, settings, sender)
-        case work.ElsewhereJob() as job:
-            return Elsewhere(assignment, job, model, settings, sender)
+        case work.TrackJob():
+            kind = Tracking
+        case work.SearchJob():
+            kind = Searching
+        case work.ElsewhereJob():
+            kind = Elsewhere
+    return kind(assignment, model, settings, sender, snapshot_every_steps)
 
 
 class Tracking(RunningJob):
     """The particles of one cluster."""
 
-    def __init__(
-        self,
-        assignment: work.Assignment,
-        job: work.TrackJob,
-        model: SensorModel,
-        settings: FilterSettings,
-        sender: str,
-        snapshot_every_steps: int,
-    ) -> None:
-        super().__init__(assignment, model, settings, sender, job.start.step)
-        self._cluster, self._snapshot_every = job.cluster, snapshot_every_steps
-        self._mirrored = job.mirrored
+    def _begin(self, job: work.TrackJob) -> None:
+        self.step = job.start.step
+        self._cluster, self._mirrored = job.cluster, job.mirrored
         self._odom_from_robot = np.array(job.start.odom_from_robot)
         self._is_new = not job.exact
         poses = job.start.map_from_robot.array().astype(np.float64)
@@ -130,7 +127,7 @@ class Tracking(RunningJob):
             particles = job.particles or len(poses)
         else:
             rng = self._rng(Purpose.START, job.cluster, self.step)
-            particles = job.particles or settings.cluster.particles
+            particles = job.particles or self._settings.cluster.particles
             self._particle_set = cluster_filter.regularised_resample(
                 poses, log_weights, particles, rng
             )
@@ -229,17 +226,11 @@ class Tracking(RunningJob):
 class Searching(RunningJob):
     """One shard of a global search; another worker starts it again from its first scan."""
 
-    def __init__(
-        self,
-        assignment: work.Assignment,
-        job: work.SearchJob,
-        model: SensorModel,
-        settings: FilterSettings,
-        sender: str,
-    ) -> None:
-        super().__init__(assignment, model, settings, sender, job.first_step - 1)
-        self._job = job
-        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
+    def _begin(self, job: work.SearchJob) -> None:
+        self.step, self._job = job.first_step - 1, job
+        self._search = global_search.GlobalSearch(
+            self._model, self._settings, job.shard, job.near, job.corners
+        )
         self._odom_from_robot: Pose | None = None
 
     def advance(self, scan: Scan) -> work.SearchReport:
@@ -275,16 +266,9 @@ class Elsewhere(RunningJob):
     The coordinator compares the evidence of tracked clusters with this evidence.
     """
 
-    def __init__(
-        self,
-        assignment: work.Assignment,
-        job: work.ElsewhereJob,
-        model: SensorModel,
-        settings: FilterSettings,
-        sender: str,
-    ) -> None:
-        super().__init__(assignment, model, settings, sender, job.first_step - 1)
-        self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
+    def _begin(self, job: work.ElsewhereJob) -> None:
+        self.step = job.first_step - 1
+        self._poses = UniformPoses(self._model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> work.ElsewhereReport:
         """Report the log of the average likelihood over the poses, corrected as for a cluster.

@@ -464,17 +464,14 @@ class Ensemble(Part, kw_only=True):
         return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
 
     @property
-    def _is_held_from_before(self) -> bool:
-        """Whether clusters from before the current search are probable."""
-        first_step = self.search.first_step
-        before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
-        return math.fsum(before) > self.settings.belief.lost_probability
-
-    @property
     def _is_patient(self) -> bool:
-        """Whether a search with more places than can be tracked may still continue."""
-        is_off_map = self.clusters.off_map > self.settings.belief.lost_probability
-        return not (is_off_map or self._is_held_from_before)
+        """Whether a search with more places than can be tracked may still continue.
+
+        Not while the robot is probably off the map, or at clusters from before the search.
+        """
+        first_step, most = self.search.first_step, self.settings.belief.lost_probability
+        before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
+        return self.clusters.off_map <= most and math.fsum(before) <= most
 
     @property
     def _lost(self) -> bool:
