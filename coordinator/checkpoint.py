@@ -19,9 +19,6 @@ from coordinator.step_collector import StepCollector
 from protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9
-Age = Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]
-
-
 STATE_VERSION = 7
 
 
@@ -36,7 +33,7 @@ class CheckpointState(msgspec.Struct, frozen=True):
     commands: Commands
     missing: Annotated[tuple[Text, ...], FEW]
     """Jobs that did not report the last applied step in time."""
-    age_s: Age
+    age_s: Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]
     """Age of a live robot's applied scan, otherwise of the newest data [s]; -1: there is none."""
     age_known: bool
     """Whether the coordinator has received data itself; otherwise the age is only an estimate."""

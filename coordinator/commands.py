@@ -1,6 +1,5 @@
 """Commands of clients: the robot's pose, and the start of a search."""
 
-from collections.abc import Mapping
 from typing import Annotated
 
 import msgspec
@@ -159,7 +158,11 @@ def _with_odometry(
 ) -> tuple[Commanded, str]:
     """Return a command with the odometry at its stamp, and the reason if it is refused."""
     if isinstance(command, Relocalize):
-        return Commanded(command), _region_problem(command.region, parsed_regions(regions))
+        known = parsed_regions(regions)
+        if not command.region or command.region in known:
+            return Commanded(command), ""
+        names, region = ", ".join(known) or "none", printable(command.region)
+        return Commanded(command), f"unknown region {region!r}; search.regions names {names}"
     oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns
     if oldest_ns is None or newest_ns is None:
         return Commanded(command), ""
@@ -186,10 +189,3 @@ def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) ->
 
 def _covariance(given: SetPose) -> Covariance:
     return given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
-
-
-def _region_problem(region: str, known: Mapping[str, object]) -> str:
-    if not region or region in known:
-        return ""
-    names = ", ".join(known) or "none"
-    return f"unknown region {printable(region)!r}; search.regions names {names}"

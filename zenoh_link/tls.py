@@ -69,16 +69,12 @@ def why_refused(settings: ZenohSettings) -> str | None:
         return f"the router's certificate is not trusted: {error.verify_message}"
     except ssl.SSLError as error:
         meaning = _REFUSALS.get(error.reason or "", f"TLS fails with {error.reason}")
-        return f"the router refuses {_named(settings)}: {meaning}"
+        given = f"zenoh.tls_certificate = {settings.tls_certificate!r}"
+        refused = given if settings.tls_certificate else "a client without a certificate"
+        return f"the router refuses {refused}: {meaning}"
     except (OSError, ValueError):
         return None
     return None
-
-
-def _named(settings: ZenohSettings) -> str:
-    if not settings.tls_certificate:
-        return "a client without a certificate"
-    return f"zenoh.tls_certificate = {settings.tls_certificate!r}"
 
 
 def _check_readable(name: str, file: str) -> None:
