@@ -97,8 +97,12 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     except OSError:
         part.unlink(missing_ok=True)
         raise
-    if sync:
-        _sync_folder(folder)
+    if sync:  # wait until the renamed file's name is on the disk
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 def _opened(file: Path, folder: Path) -> int:
@@ -109,15 +113,6 @@ def _opened(file: Path, folder: Path) -> int:
     except FileNotFoundError:
         folder.mkdir(parents=True, exist_ok=True)
         return os.open(file, flags, 0o600)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Wait until the renamed file's name is on the disk."""
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)
 
 
 class StateKeeper:

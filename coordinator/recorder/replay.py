@@ -1,6 +1,6 @@
 """Replays a flight recording with the real coordinator, and compares the beliefs."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -60,16 +60,18 @@ def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     Raises:
         RecordingError: the folder holds no recording, or an unreadable one.
     """
-    is_empty = True
-    for files in _by_series(folder):
-        coordinator = yield from _replayed_series(files, version)
+    files, is_empty = files_in(folder), True
+    if not files:
+        raise RecordingError(folder, _nothing_in(folder))
+    for _, series in groupby(files, series_of):
+        coordinator = yield from _replayed_series(series, version)
         is_empty = is_empty and coordinator is None
     if is_empty:
         raise RecordingError(folder, "all files in it are cut off at their beginning")
 
 
 def _replayed_series(
-    files: list[Path], version: str
+    files: Iterable[Path], version: str
 ) -> Generator[tuple[int, Happening], None, Coordinator | None]:
     """Replay the files of one coordinator, oldest first; return it at the end.
 
@@ -183,13 +185,6 @@ def _unpacked(path: Path, what: str, data: bytes, decoder: "msgspec.msgpack.Deco
         return decoder.decode(data)
     except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
         raise RecordingError(path, f"{what}: {error}") from None
-
-
-def _by_series(folder: Path) -> list[list[Path]]:
-    files = files_in(folder)
-    if not files:
-        raise RecordingError(folder, _nothing_in(folder))
-    return [list(series) for _, series in groupby(files, series_of)]
 
 
 def _nothing_in(folder: Path) -> str:
