@@ -12,7 +12,7 @@ from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
 from protocol.steps import MapMessage, Scan, TruePose
-from protocol.work import TrackReport
+from protocol.work import Particles, TrackReport
 
 NEWEST_ROWS = 1000
 """Limit for the rows in one answer; the page requests older rows when they are needed."""
@@ -110,8 +110,10 @@ class Picture:
     def on_report(self, report: TrackReport) -> None:
         """Show the particles of a worker's report if the report has any."""
         if report.snapshot is not None and report.cluster is not None:
-            frame = frames.cloud_frame(report.cluster, report.snapshot)
-            self._show(f"cloud {report.cluster}", frame)
+            self.on_particles(report.cluster, report.snapshot)
+
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        self._show(f"cloud {cluster}", frames.cloud_frame(cluster, particles))
 
     def on_belief(self, belief: Belief) -> None:
         """Show a belief; ignore one of an earlier coordinator.
