@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.coordinator import Started
 from coordinator.events import (
     CommandArrived,
     ScanArrived,
@@ -21,7 +20,6 @@ from coordinator.events import (
 )
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.state_file import file_of, read, write
-from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, SetPose
 from protocol.codec import decode, encode
 from protocol.work import Checkpoint, WorkOrder
@@ -29,6 +27,7 @@ from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations
 from tests.unit.coordinator.living import SETTINGS, Living, scan_of, symmetric_room
+from tests.unit.coordinator.reports import started
 
 
 @pytest.fixture(scope="module")
@@ -73,15 +72,8 @@ def given_pose(command_id: str) -> SetPose:
 
 def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     """What a coordinator does that finds the checkpoint, and then lives for some steps."""
-    coordinator = Started(
-        sender="c",
-        filter_settings=SETTINGS,
-        settings=CoordinatorSettings(),
-        version="test",
-        now_ns=0,
-        term=1,
-        known=checkpoint,
-    ).coordinator()
+    begun = started(filter_settings=SETTINGS, term=1, known=checkpoint)
+    coordinator = begun.coordinator()
     nothing = WorkerSnapshot(term=0)
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     reported = (

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from coordinator import events
-from coordinator.coordinator import Coordinator, Started
+from coordinator.coordinator import Coordinator
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -23,7 +23,7 @@ from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Node
 from tests.simulation.world import COORDINATOR, SETTINGS
-from tests.unit.coordinator.reports import free_everywhere
+from tests.unit.coordinator.reports import free_everywhere, started
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
@@ -87,11 +87,10 @@ class CoordinatorNode(Node):
         self._written_term = 0
         self.session += 1
         newest = self._replica.newest
-        started = Started(
+        begun = started(
             sender=self.name,
             filter_settings=SETTINGS,
             settings=COORDINATOR,
-            version="test",
             now_ns=self.now_ns,
             # Simulated processes start at round times, real ones never at the same microsecond.
             term=self._now_us() + 1_009 * self.session + int(self.name[-1]),
@@ -99,8 +98,8 @@ class CoordinatorNode(Node):
             usual_delay_ns=newest.usual_delay_ns,
             kept=self.file,
         )
-        coordinator = started.coordinator()
-        life = self._life = self.laws.life(self.name, started, coordinator, self._promptest_s)
+        coordinator = begun.coordinator()
+        life = self._life = self.laws.life(self.name, begun, coordinator, self._promptest_s)
         self._promptest_s = math.inf
 
         def handle(event: events.Event, now_ns: int) -> list[Instruction]:

@@ -59,7 +59,7 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
-from tests.unit.coordinator.reports import free_everywhere
+from tests.unit.coordinator.reports import free_everywhere, scan, started
 from tests.unit.worker import events as worker_events
 from worker import worker as worker_instructions
 from worker.worker import Worker
@@ -102,17 +102,13 @@ def scan_of(step: int) -> Scan:
     """What a robot on its way sees; with a pinch of noise, so that no two scans are alike."""
     rng = np.random.default_rng(step)
     ranges = 1.5 + 0.8 * np.sin(np.arange(24) / 3.0 + 0.2 * step) + rng.normal(0.0, 0.05, 24)
-    return Scan(
-        sender="bridge",
-        step=step,
-        stamp_ns=step * 1_000_000_000,
+    return scan(
+        step,
         odom_from_robot=(0.1 * step, 0.02 * step, 0.05 * step),
-        robot_from_laser=(0.0, 0.0, 0.0),
         angle_min_rad=-3.0,
         angle_step_rad=0.25,
         range_max_m=20.0,
         ranges=ArrayBlob.of(ranges, "float32"),
-        map_digest="map",
     )
 
 
@@ -148,17 +144,16 @@ class Living:
         """Start a coordinator with its state file and the checkpoints that it received as
         follower."""
         self._term += 1
-        started = Started(
-            sender="coordinator",
-            filter_settings=SETTINGS,
-            settings=CoordinatorSettings(search_deadline_s=20.0),
-            version="test",
-            now_ns=self._now_ns,
-            term=self._term,
-            known=known,
-            kept=self.kept,
+        self.coordinator = self._made(
+            started(
+                filter_settings=SETTINGS,
+                settings=CoordinatorSettings(search_deadline_s=20.0),
+                now_ns=self._now_ns,
+                term=self._term,
+                known=known,
+                kept=self.kept,
+            )
         )
-        self.coordinator = self._made(started)
         for worker in list(self.workers):
             self._handle(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
         self._handle(lambda c, now: c.handle(TimePassed(), now))
@@ -191,6 +186,12 @@ class Living:
         for worker in list(self.workers):
             self.deliver_to_worker(worker, worker_events.on_scan(scan))
         self.settle()
+
+    def drive_on(self, until: int) -> "Living":
+        """All steps before this one that are still to come."""
+        for step in range(len(self.scans), until):
+            self.drive(step)
+        return self
 
     def kill_worker(self, name: str) -> None:
         del self.workers[name]

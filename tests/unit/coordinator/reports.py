@@ -2,22 +2,59 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.search_pool import Pool, Views
+from coordinator.coordinator import Started
 from coordinator.free_ground import FreeGround
 from coordinator.part import successor_of
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE
-from particle_filter.settings import BeliefSettings
+from particle_filter.settings import BeliefSettings, FilterSettings
+from process_runtime.settings import CoordinatorSettings
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from protocol.work import ElsewhereReport, Particles, Place, SearchReport, TrackReport
+from protocol.work import (
+    Checkpoint,
+    ElsewhereReport,
+    Particles,
+    Place,
+    SearchReport,
+    TrackReport,
+    WorkOrder,
+)
+
+
+def started(**more: Any) -> Started:
+    """With default settings, at time 0."""
+    usual = Started(
+        sender="coordinator",
+        filter_settings=FilterSettings(),
+        settings=CoordinatorSettings(),
+        version="test",
+        now_ns=0,
+    )
+    return replace(usual, **more)
+
+
+def checkpoint(term: int, serial: int = 1, *, founded: bool = True, **more: Any) -> Checkpoint:
+    """Of another coordinator."""
+    usual = Checkpoint(sender="c", term=term, serial=serial, step=9, founded=founded, state=b"")
+    return replace(usual, **more)
+
+
+def work_order(number: int = 1, *, term: int = 0, **more: Any) -> WorkOrder:
+    usual = WorkOrder(
+        sender="coordinator", order=number, term=term, map_digest="map", filter_settings={},
+        snapshot_every_steps=10, keep=(), begin=(),
+    )  # fmt: skip
+    return replace(usual, **more)
 
 
 def resumed(ensemble: Ensemble) -> Ensemble:
@@ -51,10 +88,8 @@ def free_everywhere(map_digest: str = "map") -> FreeGround:
 NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
 
 
-def scan(
-    step: int, *, x_m: float = 0.0, lockstep: bool = False, digest: str = "map", live: bool = False
-) -> Scan:
-    return Scan(
+def scan(step: int, *, x_m: float = 0.0, digest: str = "map", **more: Any) -> Scan:
+    usual = Scan(
         sender="bridge",
         step=step,
         stamp_ns=step * 1_000_000_000,
@@ -65,9 +100,8 @@ def scan(
         range_max_m=10.0,
         ranges=ArrayBlob.of(np.ones(3), "float32"),
         map_digest=digest,
-        lockstep=lockstep,
-        live=live,
     )
+    return replace(usual, **more)
 
 
 def cloud_at(mean: PoseTuple, step: int) -> Particles:

@@ -2,10 +2,8 @@
 
 from msgspec.structs import replace
 
-from coordinator.events import ScanArrived
 from protocol.message import PoseTuple
 from protocol.work import Checkpoint
-from tests.unit.coordinator.reports import scan, searched
 from tests.unit.coordinator.test_coordinator import Story
 
 TERM = 7
@@ -14,8 +12,6 @@ TERM = 7
 def checkpoint_at(place: PoseTuple, *, live: bool = True, x_m: float = 0.0) -> Checkpoint:
     """Of one that is nearly sure of a place, and was there at odometry `x_m`."""
     story = Story("a")
-    first = scan(0, live=live, x_m=x_m)
-    story.follow(story.coordinator.handle(ScanArrived(first), 0))
-    places = {place: 0.9, (1.0, 1.0, 0.0): 0.1}
-    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+    story.scan(0, live=live, x_m=x_m)
+    story.finds({place: 0.9, (1.0, 1.0, 0.0): 0.1})
     return replace(story.checkpoints[-1], term=TERM)

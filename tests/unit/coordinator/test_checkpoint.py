@@ -6,25 +6,23 @@ import msgspec
 import pytest
 
 from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
-from coordinator.coordinator import Coordinator, Started
 from coordinator.events import ScanArrived, WorkerJoined, WorkerSnapshot, WorkerStateArrived
 from coordinator.instructions import PublishCheckpoint
 from coordinator.state import CoordinatorState
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.work import Checkpoint, ElsewhereJob
-from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.reports import literal_bayes, scan
+from protocol.work import ElsewhereJob
+from tests.unit.coordinator.living import Living
+from tests.unit.coordinator.reports import checkpoint, literal_bayes, scan, started
 
 NOTHING = WorkerSnapshot(term=0)
 
 
 @pytest.fixture(scope="module")
-def state() -> CheckpointState:
+def state(model: SensorModel) -> CheckpointState:
     """Of a coordinator that tracks several clusters."""
-    living = Living(symmetric_room())
-    for step in range(10):
-        living.drive(step)
+    living = Living(model).drive_on(10)
     assert living.kept is not None
     return from_bytes(living.kept.state)
 
@@ -80,17 +78,6 @@ def test_a_state_that_cannot_be_used_is_refused_with_the_reason(
         from_bytes(changed(state, **changes))
 
 
-def coordinator(known: Checkpoint) -> Coordinator:
-    return Started(
-        sender="c",
-        filter_settings=FilterSettings(),
-        settings=CoordinatorSettings(),
-        version="test",
-        now_ns=0,
-        known=known,
-    ).coordinator()
-
-
 @pytest.mark.parametrize("length", [0, 1, -3])
 def test_an_incomplete_state_is_refused(state: CheckpointState, length: int) -> None:
     with pytest.raises(ValueError, match="not a coordinator's state"):
@@ -99,8 +86,8 @@ def test_an_incomplete_state_is_refused(state: CheckpointState, length: int) -> 
 
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
-    broken = Checkpoint(sender="c", term=5, serial=1, step=9, founded=True, state=data)
-    made = coordinator(known=broken)
+    broken = checkpoint(5, state=data)
+    made = started(known=broken).coordinator()
     made.handle(WorkerJoined("w"), 0)
     made.handle(WorkerStateArrived("w", NOTHING), 1)
     assert made.term.begun
@@ -111,10 +98,8 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
 
 
 def test_a_checkpoint_of_another_map_is_not_used(state: CheckpointState) -> None:
-    other = Checkpoint(
-        sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, map_digest="old")
-    )
-    made = coordinator(known=other)
+    other = checkpoint(5, state=changed(state, map_digest="old"))
+    made = started(known=other).coordinator()
     made.handle(WorkerJoined("w"), 0)
     made.handle(ScanArrived(scan(40)), 1)
     made.handle(WorkerStateArrived("w", NOTHING), 2)
@@ -128,9 +113,7 @@ def test_a_successor_begins_the_elsewhere_job_that_its_predecessor_lacked(
 ) -> None:
     placed = msgspec.msgpack.decode(to_bytes(state))["jobs"]["placed"]
     jobs = {job_id: job for job_id, job in placed.items() if had or job_id != "e0"}
-    known = Checkpoint(
-        sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, jobs__placed=jobs)
-    )
+    known = checkpoint(5, state=changed(state, jobs__placed=jobs))
     made = CoordinatorState.of("c", FilterSettings(), CoordinatorSettings(), BridgeSettings())
     assert made.resume(known, 1) == 10
     assert made.placement.jobs.placed["e0"].job == ElsewhereJob(first_step=10)

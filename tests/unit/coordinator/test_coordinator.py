@@ -1,9 +1,12 @@
-import msgspec
-import pytest
+from typing import Any
 
-from coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE, Coordinator, Started
+import pytest
+from msgspec.structs import replace
+
+from coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
 from coordinator.events import (
     CommandArrived,
+    Event,
     HistoryArrived,
     LinkChanged,
     MapArrived,
@@ -29,22 +32,26 @@ from coordinator.instructions import (
 )
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
-from protocol.answers import Belief, Relocalize, SetPose
+from protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
+from protocol.message import PoseTuple
 from protocol.steps import OdometryReading
-from protocol.work import Checkpoint, OrderAnswer, Report, SearchJob, WorkOrder
+from protocol.work import Checkpoint, OrderAnswer, Report, SearchJob
 from tests.unit.coordinator.reports import (
     NO_SPREAD,
     free_everywhere,
     literal_bayes,
     scan,
     searched,
+    started,
     tracked,
 )
 
 SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
+BOTH: dict[PoseTuple, float] = {NORTH: 0.5, SOUTH: 0.5}
+FORGET = Relocalize(sender="client", command_id="forget")
 
 
 class Story:
@@ -61,14 +68,8 @@ class Story:
         settings = FilterSettings(
             search=SearchSettings(shards=1), belief=literal_bayes(**{"max_clusters": 3, **belief})
         )
-        self.coordinator = Started(
-            sender="coordinator",
-            filter_settings=settings,
-            settings=rules,
-            version="test",
-            now_ns=0,
-            known=known,
-            kept=kept,
+        self.coordinator = started(
+            filter_settings=settings, settings=rules, known=known, kept=kept
         ).coordinator()
         self.has_map = True
         self.checkpoints: list[Checkpoint] = []
@@ -77,7 +78,13 @@ class Story:
         self.beliefs: list[Belief] = []
         self.reported: list[Belief | JobEvents] = []
         for worker in workers:
-            self.follow(self.coordinator.handle(WorkerJoined(worker), 0))
+            self.handle(WorkerJoined(worker))
+
+    def handle(self, event: Event, at_s: float = 0.0) -> list[Instruction]:
+        """Something happens, and so does what the coordinator makes of it."""
+        instructions = self.coordinator.handle(event, int(at_s * SECOND))
+        self.follow(instructions)
+        return instructions
 
     def follow(self, instructions: list[Instruction]) -> None:
         for instruction in instructions:
@@ -90,13 +97,11 @@ class Story:
                 case PublishEvents(events=events):
                     self.reported.append(decode(encode(events), JobEvents))
                 case FetchMap() if self.has_map:
-                    ground = free_everywhere(self.coordinator.state.map_digest)
-                    self.follow(self.coordinator.handle(MapArrived(ground), 0))
+                    self.handle(MapArrived(free_everywhere(self.coordinator.state.map_digest)))
                 case FetchScans(last=last) if last is not None:
-                    self.follow(self.coordinator.handle(HistoryArrived(()), 0))
+                    self.handle(HistoryArrived(()))
                 case AskState(worker=worker):
-                    nothing = WorkerSnapshot(term=0)
-                    self.follow(self.coordinator.handle(WorkerStateArrived(worker, nothing), 0))
+                    self.handle(WorkerStateArrived(worker, WorkerSnapshot(term=0)))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
@@ -108,42 +113,74 @@ class Story:
                     )  # fmt: skip
                     self.coordinator.handle(OrderAnswered(worker, answer), 0)
 
-    def scan(self, step: int, *, at_s: float) -> None:
-        self.follow(self.coordinator.handle(ScanArrived(scan(step)), int(at_s * SECOND)))
+    def scan(self, step: int, *, at_s: float | None = None, **shown: Any) -> list[Instruction]:
+        return self.handle(ScanArrived(scan(step, **shown)), step if at_s is None else at_s)
 
     def report(self, report: Report, *, at_s: float) -> None:
-        worker = self.places[report.job_id]
-        self.follow(self.coordinator.handle(ReportArrived(worker, report), int(at_s * SECOND)))
+        report = replace(report, epoch=self.epochs[report.job_id])
+        self.handle(ReportArrived(self.places[report.job_id], report), at_s)
+
+    def finds(self, places: dict[PoseTuple, float], *, job_id: str = "s0.0", step: int = 0) -> None:
+        self.report(searched(job_id, step, places), at_s=step + 0.1)
 
     def bootstrapped(self) -> "Story":
-        self.scan(0, at_s=0.0)
-        places = {NORTH: 0.5, SOUTH: 0.5}
-        self.report(searched("s0.0", 0, places, epoch=self.epochs["s0.0"]), at_s=0.1)
+        self.scan(0)
+        self.finds(BOTH)
         return self
 
-    def tracks(self, step: int, *, at_s: float, north: float, south: float | None) -> None:
+    def tracks(
+        self, step: int, *, north: float, south: float | None, at_s: float | None = None
+    ) -> None:
+        at_s = step if at_s is None else at_s
         self.scan(step, at_s=at_s)
-        one = tracked("c0", step, north, NORTH, epoch=self.epochs["c0"])
-        self.report(one, at_s=at_s + 0.01)
+        self.report(tracked("c0", step, north, NORTH), at_s=at_s + 0.01)
         if south is not None:
-            other = tracked("c1", step, south, SOUTH, epoch=self.epochs["c1"])
-            self.report(other, at_s=at_s + 0.02)
+            self.report(tracked("c1", step, south, SOUTH), at_s=at_s + 0.02)
+
+    def command(self, command: SetPose | Relocalize, at_s: float = 0.0) -> str:
+        """Why it was refused; empty: it was not."""
+        instructions = self.handle(CommandArrived(command), at_s)
+        (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
+        return answer.done.problem
+
+    def odometry(self, stamp_s: float, x_m: float, at_s: float = 0.0) -> None:
+        reading = OdometryReading(
+            sender="bridge", stamp_ns=round(stamp_s * SECOND), odom_from_robot=(x_m, 0.0, 0.0)
+        )
+        self.handle(OdometryArrived(reading), at_s)
+
+    @property
+    def best(self) -> Hypothesis:
+        return self.beliefs[-1].hypotheses[0]
+
+    @property
+    def probabilities(self) -> list[float]:
+        return [place.probability for place in self.beliefs[-1].hypotheses]
+
+    def status(self, at_s: float = 0.0) -> Status:
+        return self.coordinator.status(int(at_s * SECOND), {})
+
+    def ended(self) -> dict[str, str]:
+        """Why jobs ended, by job."""
+        events = [one.event for one in self.coordinator.events().events]
+        return {event.job_id: event.cause for event in events if isinstance(event, Ended)}
+
+
+def given(command_id: str, *pose: float, **fields: Any) -> SetPose:
+    return SetPose(sender="client", command_id=command_id, pose=pose, **fields)  # type: ignore[arg-type] # three numbers
 
 
 def test_a_worker_cannot_report_another_workers_job() -> None:
     story = Story("a", "b").bootstrapped()
-    story.scan(1, at_s=1.0)
-    north = tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"])
-    south = tracked("c1", 1, 0.1, SOUTH, epoch=story.epochs["c1"])
+    story.scan(1)
     forger = story.places["c0"]
     assert forger != story.places["c1"]
     forged = tracked("c1", 1, 1e9, SOUTH, epoch=story.epochs["c1"])
-    story.follow(story.coordinator.handle(ReportArrived(forger, forged), SECOND))
-    story.report(south, at_s=1.1)
-    story.report(north, at_s=1.1)
-    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
-    status = story.coordinator.status(2 * SECOND, {})
-    assert status.counters["report of another worker's job"] == 1
+    story.handle(ReportArrived(forger, forged), 1.0)
+    story.report(tracked("c1", 1, 0.1, SOUTH), at_s=1.1)
+    story.report(tracked("c0", 1, 0.1, NORTH), at_s=1.1)
+    assert story.probabilities == pytest.approx([0.5, 0.5])
+    assert story.status().counters["report of another worker's job"] == 1
 
 
 def test_events_are_published_before_their_belief_and_can_be_queried_afterwards() -> None:
@@ -156,10 +193,9 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
         (1, 0, 0, Began("c1", "first search", pytest.approx(0.5))),
         (2, 0, 0, Ended("s0.0", "search over")),
     ]
-    story.tracks(1, at_s=1.0, north=0.3, south=0.1)
+    story.tracks(1, north=0.3, south=0.1)
     assert story.reported[2:] == story.beliefs[1:], "nothing began or ended"
-    forget = Relocalize(sender="client", command_id="1")
-    story.follow(story.coordinator.handle(CommandArrived(forget), 2 * SECOND))
+    story.command(FORGET, 2.0)
     forgotten = story.reported[3]
     assert isinstance(forgotten, JobEvents)
     assert forgotten.term == events.term == story.coordinator.pose(SECOND).term
@@ -170,245 +206,179 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
     assert story.coordinator.events().events == (*events.events, *forgotten.events)
 
 
-def test_clusters_end_with_the_cause_when_the_bridge_restarts_its_steps() -> None:
-    story = Story("a").bootstrapped()
-    for step in range(1, 9):
-        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
-    for step in range(3):
-        again = msgspec.structs.replace(scan(step), stamp_ns=(20 + step) * SECOND)
-        story.follow(story.coordinator.handle(ScanArrived(again), (20 + step) * SECOND))
-    causes = [
-        one.event.cause
-        for one in story.coordinator.events().events
-        if isinstance(one.event, Ended) and one.event.job_id in ("c0", "c1")
-    ]
-    assert causes == ["steps restarted", "steps restarted"]
-
-
 def tracking_story(rules: CoordinatorSettings = CoordinatorSettings()) -> Story:  # noqa: B008 - frozen
     story = Story("a", rules=rules).bootstrapped()
     for step in range(1, 5):
-        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+        story.tracks(step, north=0.1, south=0.1)
     return story
+
+
+def test_clusters_end_with_the_cause_when_the_bridge_restarts_its_steps() -> None:
+    story = tracking_story()
+    for step in range(3):
+        again = replace(scan(step), stamp_ns=(20 + step) * SECOND)
+        story.handle(ScanArrived(again), 20 + step)
+    assert story.ended() == {
+        "s0.0": "search over", "c0": "steps restarted", "c1": "steps restarted"
+    }  # fmt: skip
 
 
 def test_a_bridge_with_another_map_begins_a_search_in_that_map() -> None:
     story = tracking_story()
-    orders: list[WorkOrder] = []
+    instructions: list[Instruction] = []
     for step in range(5, 8):
-        event = ScanArrived(scan(step, digest="new map"))
-        instructions = story.coordinator.handle(event, step * SECOND)
-        orders += [do.order for do in instructions if isinstance(do, SendOrder)]
-        assert story.coordinator.state.map_digest == ("map" if step < 7 else "new map")
-        story.follow(instructions)
-    (order,) = orders
+        assert story.coordinator.state.map_digest == "map"
+        instructions += story.scan(step, digest="new map")
+    assert story.coordinator.state.map_digest == "new map"
+    (order,) = [do.order for do in instructions if isinstance(do, SendOrder)]
     assert order.map_digest == "new map"
     assert order.keep == ()
     assert {one.job.first_step for one in order.begin if isinstance(one.job, SearchJob)} == {7}
-    status = story.coordinator.status(8 * SECOND, {})
+    status = story.status(8.0)
     assert status.map_digest == "new map"
     assert status.counters["map changed"] == 1
     assert (status.state, status.clusters) == ("searching", 0)
-    causes = {
-        one.event.job_id: one.event.cause
-        for one in story.coordinator.events().events
-        if isinstance(one.event, Ended)
-    }
-    assert (causes["c0"], causes["c1"]) == ("new map", "new map")
-    places = {NORTH: 1.0}
-    story.report(searched("s1.0", 7, places, epoch=story.epochs["s1.0"]), at_s=8.1)
-    assert story.beliefs[-1].step == 7
-    assert story.beliefs[-1].state == "localized"
+    assert story.ended().items() >= {"c0": "new map", "c1": "new map"}.items()
+    story.finds({NORTH: 1.0}, job_id="s1.0", step=7)
+    assert (story.beliefs[-1].step, story.beliefs[-1].state) == (7, "localized")
 
 
 def test_stray_scans_of_another_map_change_nothing() -> None:
     story = tracking_story()
     for step in range(5, 12):
         for stray in (step, step + 1):  # never three in a row
-            event = ScanArrived(scan(stray, digest="new map"))
-            assert story.coordinator.handle(event, step * SECOND) == []
-        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
-    status = story.coordinator.status(12 * SECOND, {})
+            assert story.scan(stray, digest="new map", at_s=step) == []
+        story.tracks(step, north=0.1, south=0.1)
+    status = story.status(12.0)
     assert (status.map_digest, status.clusters, status.step) == ("map", 2, 11)
     assert status.counters["scan of another map"] == 14
     assert "map changed" not in status.counters
 
 
-def in_a_new_map(story: Story, *steps: int) -> None:
-    for step in steps:
-        reported = scan(step, x_m=1.0 + 0.1 * step, digest="new map")
-        story.follow(story.coordinator.handle(ScanArrived(reported), step * SECOND))
-
-
-def test_places_are_kept_in_a_new_map_if_so_configured() -> None:
+def in_a_new_map(*, has_map: bool = True) -> Story:
+    """Of a robot that has driven on by 1.7 m since the last step in the old map."""
     story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
-    in_a_new_map(story, 5, 6, 7)
-    status = story.coordinator.status(7 * SECOND, {})
+    story.has_map = has_map
+    for step in (5, 6, 7):
+        story.scan(step, x_m=1.0 + 0.1 * step, digest="new map")
+    return story
+
+
+def test_places_are_kept_in_a_new_map_if_so_configured_and_moved_by_odometry() -> None:
+    story = in_a_new_map()
+    pose = story.coordinator.hypotheses(7 * SECOND)
+    north, south = sorted(pose.hypotheses, key=lambda place: -place.pose[1])
+    assert north.pose == pytest.approx((1.7, 5.0, 0.0))
+    assert south.pose == pytest.approx((1.7, -5.0, 0.0))
+    assert min(north.covariance[0], south.covariance[0]) > NO_SPREAD[0]
+    status = story.status(7.0)
     assert (status.map_digest, status.clusters, status.searching) == ("new map", 2, False)
     for job_id, place in (("c2", NORTH), ("c3", SOUTH)):
-        story.report(tracked(job_id, 7, 0.1, place, epoch=story.epochs[job_id]), at_s=7.1)
-    after = story.beliefs[-1]
-    assert (after.step, after.state) == (7, "ambiguous")
-    assert [place.probability for place in after.hypotheses] == pytest.approx([0.5, 0.5])
+        story.report(tracked(job_id, 7, 0.1, place), at_s=7.1)
+    assert (story.beliefs[-1].step, story.beliefs[-1].state) == (7, "ambiguous")
+    assert story.probabilities == pytest.approx([0.5, 0.5])
     causes = [e.event.cause for e in story.coordinator.events().events]
     assert (causes.count("new map"), causes.count("prior pose")) == (2, 2)
-
-
-def test_places_kept_in_a_new_map_are_moved_by_odometry() -> None:
-    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
-    in_a_new_map(story, 5, 6, 7)
-    pose = story.coordinator.hypotheses(7 * SECOND)
-    north, south = sorted((place.pose for place in pose.hypotheses), key=lambda mean: -mean[1])
-    # The robot has driven on since the last step in the old map.
-    assert north == pytest.approx((1.7, 5.0, 0.0))
-    assert south == pytest.approx((1.7, -5.0, 0.0))
-    wider = [place.covariance[0] for place in pose.hypotheses]
-    assert min(wider) > NO_SPREAD[0]
 
 
 def test_a_step_that_no_worker_weighed_makes_the_pose_dead_reckoning() -> None:
     story = tracking_story()
     for step in range(5, 12):
-        event = ScanArrived(scan(step, x_m=0.2 * (step - 4)))
-        story.follow(story.coordinator.handle(event, step * SECOND))
-        story.follow(story.coordinator.handle(TimePassed(), int((step + 0.9) * SECOND)))
+        story.scan(step, x_m=0.2 * (step - 4))
+        story.handle(TimePassed(), step + 0.9)
     pose = story.coordinator.pose(12 * SECOND)
     assert (pose.step, pose.freshness) == (11, "dead_reckoning")
     assert pose.scan_age_s == 8.0
-    covariance = story.beliefs[-1].hypotheses[0].covariance
-    assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
+    assert story.best.covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
 
 
 def test_decisions_are_sent_in_between_if_many_steps_are_due() -> None:
     story = tracking_story()
     for step in range(5, 5 + 2 * STEPS_AT_ONCE + 1):
-        story.follow(story.coordinator.handle(ScanArrived(scan(step)), 5 * SECOND))
+        story.scan(step, at_s=5.0)
     reported = []
     for _ in range(4):
         before = len(story.beliefs)
-        story.follow(story.coordinator.handle(TimePassed(), 60 * SECOND))
+        story.handle(TimePassed(), 60.0)
         reported.append(len(story.beliefs) - before)
     assert reported == [STEPS_AT_ONCE, STEPS_AT_ONCE, 1, 0]
 
 
-def commanded(coordinator: Coordinator, command: SetPose | Relocalize, now_ns: int = 0) -> str:
-    """Why a command was refused; empty: it was not."""
-    instructions = coordinator.handle(CommandArrived(command), now_ns)
-    (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
-    return answer.done.problem
-
-
-def given(command_id: str, **fields: object) -> SetPose:
-    return msgspec.convert(
-        {"schema": "set_pose/1", "sender": "client", "command_id": command_id, **fields}, SetPose
-    )
-
-
-def odometry(stamp_ns: int, x_m: float) -> OdometryArrived:
-    pose = (x_m, 0.0, 0.0)
-    return OdometryArrived(
-        OdometryReading(sender="bridge", stamp_ns=stamp_ns, odom_from_robot=pose)
-    )
-
-
-def searched_everywhere(story: Story) -> None:
-    story.scan(0, at_s=0.0)
-    places = {NORTH: 0.5, SOUTH: 0.5}
-    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
-
-
 def test_a_pose_given_before_the_first_scan_is_applied_after_it() -> None:
-    story = Story("a")
-    early = given("1", pose=(1.0, 2.0, 0.5))
-    assert commanded(story.coordinator, early) == ""
+    story, early = Story("a"), given("1", 1.0, 2.0, 0.5)
+    assert story.command(early) == ""
     assert story.beliefs == []
-    searched_everywhere(story)
-    best = story.beliefs[0].hypotheses[0]
-    assert (best.pose, best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
-    assert best.probability == pytest.approx(0.95)
+    story.bootstrapped()
+    assert (story.best.pose, story.best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
+    assert story.best.probability == pytest.approx(0.95)
     assert not story.beliefs[0].searching
-    assert commanded(story.coordinator, early) == ""
+    assert story.command(early) == ""
     assert len(story.beliefs) == 1
 
 
 def test_odometry_since_a_pose_given_before_the_first_scan_is_added() -> None:
     story = Story("a")
-    story.coordinator.handle(odometry(-40 * SECOND, -8.0), 0)
-    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.0)))
+    story.odometry(-40.0, -8.0)
+    story.command(given("1", 1.0, 2.0, 0.0))
     for second in range(40, 0, -1):
-        story.coordinator.handle(odometry(-second * SECOND, -second / 5), 0)
-    searched_everywhere(story)  # at odometry 0
-    best = story.beliefs[0].hypotheses[0]
-    assert best.pose == pytest.approx((9.0, 2.0, 0.0))
-    assert best.covariance[0] > 0.25, "and it errs"
+        story.odometry(-second, -second / 5)
+    story.bootstrapped()  # at odometry 0
+    assert story.best.pose == pytest.approx((9.0, 2.0, 0.0))
+    assert story.best.covariance[0] > 0.25, "and it errs"
 
 
 def test_only_the_last_command_before_the_first_scan_is_carried_out() -> None:
     story = Story("a")
-    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5)))
-    commanded(story.coordinator, given("2", pose=(3.0, 2.0, 0.5)))
-    assert commanded(story.coordinator, Relocalize(sender="client", command_id="3")) == ""
-    searched_everywhere(story)
-    assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
+    story.command(given("1", 1.0, 2.0, 0.5))
+    story.command(given("2", 3.0, 2.0, 0.5))
+    assert story.command(FORGET) == ""
+    assert story.bootstrapped().probabilities == [0.5, 0.5]
 
 
 def test_to_relocalize_in_the_first_step_begins_another_search_after_it() -> None:
     story = Story("a")
-    story.scan(0, at_s=0.0)
-    assert commanded(story.coordinator, Relocalize(sender="client", command_id="1")) == ""
-    places = {NORTH: 0.5, SOUTH: 0.5}
-    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+    story.scan(0)
+    assert story.command(FORGET) == ""
+    story.finds(BOTH)
     assert (story.beliefs[0].hypotheses, story.beliefs[0].searching) == ((), True)
     assert "s1.0" in story.epochs
 
 
 def test_an_unknown_region_is_refused() -> None:
-    story = Story("a")
-    searched_everywhere(story)
-    unknown = Relocalize(sender="client", command_id="1", region="attic")
-    problem = commanded(story.coordinator, unknown)
+    story = Story("a").bootstrapped()
+    problem = story.command(replace(FORGET, region="attic"))
     assert problem == "unknown region 'attic'; search.regions names none"
     assert len(story.beliefs[-1].hypotheses) == 2, "and nothing is forgotten"
 
 
 def test_the_last_pose_is_not_used_after_relocalize() -> None:
     earlier = Story("a")
-    earlier.follow(earlier.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
-    found = searched("s0.0", 0, {(9.0, 9.0, 0.0): 0.9}, epoch=earlier.epochs["s0.0"])
-    earlier.report(found, at_s=0.1)
-    for commands, causes in (
-        ((), {"first search", "prior pose"}),
-        ((Relocalize(sender="client", command_id="1"),), {"first search"}),
-    ):
+    earlier.scan(0, live=True)
+    earlier.finds({(9.0, 9.0, 0.0): 0.9})
+    for commands, causes in (([], {"first search", "prior pose"}), ([FORGET], {"first search"})):
         story = Story(kept=earlier.checkpoints[-1])
         for command in commands:
-            story.follow(story.coordinator.handle(CommandArrived(command), 0))
-        story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
-        story.follow(story.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
-        places = {NORTH: 0.5, SOUTH: 0.5}
-        story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+            story.command(command)
+        story.handle(WorkerJoined("a"))
+        story.scan(0, live=True)
+        story.finds(BOTH)
         began = [e.event for e in story.coordinator.events().events if isinstance(e.event, Began)]
         assert {event.cause for event in began} == causes
 
 
 def test_a_successor_receives_commands_from_before_the_first_scan() -> None:
     story = Story("a")
-    command = given("1", pose=(1.0, 2.0, 0.5))
-    instructions = story.coordinator.handle(CommandArrived(command), 0)
-    (published,) = [one for one in instructions if isinstance(one, PublishCheckpoint)]
-    heir = Story(known=published.checkpoint)
-    heir.follow(heir.coordinator.handle(WorkerJoined("a"), 0))
-    searched_everywhere(heir)
-    assert heir.beliefs[0].hypotheses[0].pose == (1.0, 2.0, 0.5)
+    story.command(given("1", 1.0, 2.0, 0.5))
+    heir = Story(known=story.checkpoints[-1])
+    heir.handle(WorkerJoined("a"))
+    assert heir.bootstrapped().best.pose == (1.0, 2.0, 0.5)
 
 
 def test_a_given_covariance_is_the_hypothesis_covariance() -> None:
     story = Story("a", "b").bootstrapped()
     covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
-    command = given("1", pose=(1.0, 2.0, 0.5), covariance=covariance)
-    story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
-    best = story.beliefs[-1].hypotheses[0]
-    assert (best.pose, best.covariance) == ((1.0, 2.0, 0.5), covariance)
+    story.command(given("1", 1.0, 2.0, 0.5, covariance=covariance), 1.0)
+    assert (story.best.pose, story.best.covariance) == ((1.0, 2.0, 0.5), covariance)
 
 
 OFF_THE_MAP = (700.0, 0.5, 1.6)
@@ -417,62 +387,55 @@ OFF_THE_MAP = (700.0, 0.5, 1.6)
 def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
     story = Story("a").bootstrapped()
     reported = len(story.beliefs)
-    problem = commanded(story.coordinator, given("1", pose=OFF_THE_MAP))
+    problem = story.command(given("1", *OFF_THE_MAP))
     assert problem.startswith("the map has no free ground within 3 sigma (0.50 m each) of x 700")
     assert len(story.beliefs) == reported
-    assert commanded(story.coordinator, given("2", pose=(100.5, 0.5, 1.6))) == ""
+    assert story.command(given("2", 100.5, 0.5, 1.6)) == ""
 
 
 def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
-    story = Story("a")
-    early = given("1", pose=OFF_THE_MAP)
-    assert commanded(story.coordinator, early) == "", "nobody knows the map yet"
-    searched_everywhere(story)
-    assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
-    assert "no free ground" in commanded(story.coordinator, early)
-    assert story.coordinator.status(SECOND, {}).counters["pose off the map refused"] == 1
+    story, early = Story("a"), given("1", *OFF_THE_MAP)
+    assert story.command(early) == "", "nobody knows the map yet"
+    assert story.bootstrapped().probabilities == [0.5, 0.5]
+    assert "no free ground" in story.command(early)
+    assert story.status().counters["pose off the map refused"] == 1
 
 
 def test_a_pose_waits_for_the_map_and_is_applied_when_the_map_arrives() -> None:
     story = Story("a")
     story.has_map = False
-    searched_everywhere(story)
-    assert commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5))) == ""
+    story.bootstrapped()
+    assert story.command(given("1", 1.0, 2.0, 0.5)) == ""
     assert len(story.beliefs) == 1
     story.has_map = True
-    story.follow(story.coordinator.handle(TimePassed(), 3 * SECOND))
-    assert story.beliefs[-1].hypotheses[0].pose == (1.0, 2.0, 0.5)
+    story.handle(TimePassed(), 3.0)
+    assert story.best.pose == (1.0, 2.0, 0.5)
 
 
 def test_a_given_pose_waits_until_a_new_map_arrives() -> None:
-    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
-    story.has_map = False
-    in_a_new_map(story, 5, 6, 7)
+    story = in_a_new_map(has_map=False)
     reported = len(story.beliefs)
-    commanded(story.coordinator, given("1", pose=(1.0, 2.0, 0.5)))
+    story.command(given("1", 1.0, 2.0, 0.5))
     assert len(story.beliefs) == reported
 
 
 def test_a_pose_with_an_older_stamp_is_moved_by_odometry() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 21):  # a metre a second since the step, which was at 0
-        story.coordinator.handle(odometry(tenth * SECOND // 10, tenth / 10), tenth)
-    then = given("1", pose=(1.0, 2.0, 0.0), stamp_ns=5 * SECOND // 10)
-    story.follow(story.coordinator.handle(CommandArrived(then), SECOND))
+        story.odometry(tenth / 10, tenth / 10)
+    story.command(given("1", 1.0, 2.0, 0.0, stamp_ns=SECOND // 2), 1.0)
     assert story.coordinator.pose(SECOND).pose == pytest.approx((2.5, 2.0, 0.0))
-    now = given("2", pose=(1.0, 2.0, 0.0))
-    story.follow(story.coordinator.handle(CommandArrived(now), SECOND))
+    story.command(given("2", 1.0, 2.0, 0.0), 1.0)
     assert story.coordinator.pose(SECOND).pose == pytest.approx((1.0, 2.0, 0.0))
 
 
 def test_a_pose_older_than_the_known_odometry_is_refused_with_the_reason() -> None:
     story = Story("a", "b").bootstrapped()
     for tenth in range(1, 201):
-        story.coordinator.handle(odometry(tenth * SECOND // 10, 0.01 * tenth), tenth)
-    command = given("1", pose=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
+        story.odometry(tenth / 10, 0.01 * tenth)
     before = len(story.beliefs)
     for _ in range(2):
-        problem = commanded(story.coordinator, command)
+        problem = story.command(given("1", 1.0, 2.0, 0.0, stamp_ns=2 * SECOND))
         assert problem.startswith("the pose is of 13.0 s before the oldest odometry")
     assert len(story.beliefs) == before
 
@@ -480,16 +443,16 @@ def test_a_pose_older_than_the_known_odometry_is_refused_with_the_reason() -> No
 def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     story = Story("a", "b").bootstrapped()
     for step in range(1, 4):
-        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+        story.tracks(step, north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
-    story.coordinator.handle(LinkChanged(up=False), 0)
-    story.follow(story.coordinator.handle(TimePassed(), int(15 * SECOND)))
+    story.handle(LinkChanged(up=False))
+    story.handle(TimePassed(), 15.0)
     assert story.beliefs[-1].step == 3
-    story.follow(story.coordinator.handle(LinkChanged(up=True), int(16 * SECOND)))
+    story.handle(LinkChanged(up=True), 16.0)
     assert story.beliefs[-1].step == 3
-    story.report(tracked("c1", 4, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=16.1)
+    story.report(tracked("c1", 4, 0.1, SOUTH), at_s=16.1)
     assert story.beliefs[-1].missing == ()
-    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
+    assert story.probabilities == pytest.approx([0.75, 0.25])
 
 
 def test_an_unchanged_state_is_published_again_as_a_sign_of_life() -> None:

@@ -8,26 +8,14 @@ from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from protocol.message import MAX_SCAN_STEP
 from protocol.step_reset_detector import HUGE_JUMP
-from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.living import Living
 
 STEPS = 26
 
 
 @pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
-
-
-@pytest.fixture(scope="module")
 def undisturbed(model: SensorModel) -> Living:
-    return lived(model)
-
-
-def lived(model: SensorModel, *, steps: int = STEPS) -> Living:
-    living = Living(model)
-    for step in range(steps):
-        living.drive(step)
-    return living
+    return Living(model).drive_on(STEPS)
 
 
 def essence(belief: Belief) -> tuple[object, ...]:
@@ -79,40 +67,42 @@ def test_a_coordinator_that_dies_between_any_two_instructions_changes_no_belief(
 def test_a_worker_that_dies_leaves_its_clusters_to_others_particle_by_particle(
     model: SensorModel, undisturbed: Living
 ) -> None:
-    living = Living(model)
-    for step in range(STEPS):
-        if step == 17:
-            living.kill_worker("w1")
-        living.drive(step)
-    assert_same(living, undisturbed)
+    living = Living(model).drive_on(17)
+    living.kill_worker("w1")
+    assert_same(living.drive_on(STEPS), undisturbed)
     assert all(len(values) == 1 for values in living.evidence().values()), "one truth each step"
 
 
 def test_clusters_are_kept_without_workers_and_continue_when_one_appears(
     model: SensorModel, undisturbed: Living
 ) -> None:
-    living = Living(model)
-    for step in range(18):
-        living.drive(step)
+    living = Living(model).drive_on(18)
     for name in tuple(living.workers):
         living.kill_worker(name)
     living.start_worker("late")
-    for step in range(18, STEPS):
-        living.drive(step)
-    assert_same(living, undisturbed)
+    assert_same(living.drive_on(STEPS), undisturbed)
 
 
-def test_a_cluster_whose_worker_dies_with_the_coordinator_is_drawn_from_its_gaussian(
-    model: SensorModel, undisturbed: Living
+@pytest.mark.parametrize(
+    ("killed", "started"),
+    [
+        pytest.param(("w1", "w2"), (), id="one is left"),
+        pytest.param(
+            ("w0", "w1", "w2"), ("new",), id="all: the bridge proves that the file counts"
+        ),
+    ],
+)
+def test_clusters_whose_workers_die_with_the_coordinator_are_drawn_from_their_gaussians(
+    model: SensorModel, undisturbed: Living, killed: tuple[str, ...], started: tuple[str, ...]
 ) -> None:
     """No hypothesis is lost, though no process has its particles."""
-    living = Living(model)
-    for step in range(18):
-        living.drive(step)
+    living = Living(model).drive_on(18)
     living.coordinator = None
-    for name in ("w1", "w2"):
+    for name in killed:
         living.kill_worker(name)
     living.revive()
+    for name in started:
+        living.start_worker(name)
     (before,) = undisturbed.beliefs[17]
     assert essence(living.beliefs[17][-1]) == essence(before)
     living.drive(18)
@@ -123,28 +113,11 @@ def test_a_cluster_whose_worker_dies_with_the_coordinator_is_drawn_from_its_gaus
     assert believed.missing == ()
 
 
-def test_all_workers_and_the_coordinator_die_and_the_bridge_proves_that_the_file_counts(
-    model: SensorModel, undisturbed: Living
-) -> None:
-    living = lived(model, steps=18)
-    living.coordinator = None
-    for name in tuple(living.workers):
-        living.kill_worker(name)
-    living.revive()
-    living.start_worker("new")
-    living.drive(18)
-    living.wait(1.6)
-    (after,) = undisturbed.beliefs[18]
-    (believed,) = living.beliefs[18]
-    assert {h.cluster for h in believed.hypotheses} == {h.cluster for h in after.hypotheses}
-    assert believed.missing == ()
-
-
 def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
     model: SensorModel, undisturbed: Living
 ) -> None:
     """Router and coordinator restarted together: the workers' links return last."""
-    living = lived(model, steps=16)
+    living = Living(model).drive_on(16)
     reachable, living.workers = living.workers, {}
     living.revive()
     assert living.coordinator is not None
@@ -157,16 +130,14 @@ def test_a_coordinator_that_finds_the_workers_late_continues_from_the_state(
         for step in (16, 17):
             worker.on_scan(living.scans[step])
         living.join(name)
-    for step in range(18, STEPS):
-        living.drive(step)
-    assert_same(living, undisturbed)
+    assert_same(living.drive_on(STEPS), undisturbed)
 
 
 def test_coordinator_and_workers_follow_a_bridge_that_restarts_its_steps(
     model: SensorModel,
 ) -> None:
     """Bridge and coordinator restarted together; the workers know the old count."""
-    living = lived(model, steps=14)
+    living = Living(model).drive_on(14)
     living.revive()
     living.scans.clear()
     living.beliefs.clear()
@@ -183,12 +154,10 @@ def test_coordinator_and_workers_follow_a_bridge_that_restarts_its_steps(
 def test_one_scan_of_a_step_far_ahead_changes_nothing(
     model: SensorModel, undisturbed: Living, step: int
 ) -> None:
-    living = lived(model, steps=14)
+    living = Living(model).drive_on(14)
     living.drive(step, stamp_ns=13 * 10**9 + 1, like=13)
     living.scans.pop()
-    for one in range(14, STEPS):
-        living.drive(one)
-    assert_same(living, undisturbed)
+    assert_same(living.drive_on(STEPS), undisturbed)
 
 
 def given(command_id: str, x_m: float) -> SetPose:
@@ -196,7 +165,7 @@ def given(command_id: str, x_m: float) -> SetPose:
 
 
 def test_a_command_repeated_after_a_restart_is_not_carried_out_again(model: SensorModel) -> None:
-    living = lived(model, steps=14)
+    living = Living(model).drive_on(14)
     living.command(given("7", 2.0))
     first = living.beliefs[13][-1]
     assert first.hypotheses[0].pose == (2.0, 2.0, 0.5)
@@ -206,7 +175,7 @@ def test_a_command_repeated_after_a_restart_is_not_carried_out_again(model: Sens
 
 
 def test_random_streams_of_commands_continue_after_a_restart(model: SensorModel) -> None:
-    one, two = lived(model, steps=14), lived(model, steps=14)
+    one, two = Living(model).drive_on(14), Living(model).drive_on(14)
     for living in (one, two):
         living.command(given("7", 2.0))
     two.revive()

@@ -3,12 +3,12 @@ import math
 import pytest
 
 from coordinator.checkpoint import state_in
-from coordinator.events import ScanArrived, WorkerJoined
+from coordinator.events import WorkerJoined
 from coordinator.recovery import LastPlace
 from process_runtime.settings import CoordinatorSettings
-from tests.unit.coordinator.reports import scan, searched
+from tests.unit.coordinator.reports import scan
 from tests.unit.coordinator.states import checkpoint_at
-from tests.unit.coordinator.test_coordinator import NORTH, SOUTH, Story
+from tests.unit.coordinator.test_coordinator import BOTH, Story
 
 EAST = (10.0, 5.0, math.pi / 2)
 
@@ -28,12 +28,11 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
 ) -> None:
     rules = CoordinatorSettings(state_folder=state_folder)
     story = Story(rules=rules, kept=checkpoint_at(EAST, live=was_live))
-    story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
-    story.follow(story.coordinator.handle(ScanArrived(scan(0, live=live, digest=digest)), 0))
-    found = searched("s0.0", 0, {NORTH: 0.5, SOUTH: 0.5}, epoch=story.epochs["s0.0"])
-    story.report(found, at_s=0.1)
+    story.handle(WorkerJoined("a"))
+    story.scan(0, live=live, digest=digest)
+    story.finds(BOTH)
     places = {place.pose for place in story.beliefs[-1].hypotheses}
-    assert places == ({NORTH, SOUTH, EAST} if counts else {NORTH, SOUTH})
+    assert places == (BOTH.keys() | {EAST} if counts else BOTH.keys())
 
 
 def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
@@ -53,5 +52,5 @@ def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
 
 def test_a_state_without_clusters_has_no_last_pose() -> None:
     story = Story("a")
-    story.scan(0, at_s=0.0)
+    story.scan(0)
     assert LastPlace.of(state_in(story.checkpoints[-1])) is None

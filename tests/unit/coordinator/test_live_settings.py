@@ -9,14 +9,9 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from protocol.live_settings import AS_STARTED, LiveSettings
 from tests.unit.coordinator import living
-from tests.unit.coordinator.living import Living, scan_of, symmetric_room
+from tests.unit.coordinator.living import Living, scan_of
 
 LIVE = LiveSettings(turn_noise_per_turn=0.4, hit_weight=0.5, gate_distance_m=0.7)
-
-
-@pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
 
 
 def state_of(tested: Living) -> CoordinatorState:
@@ -37,9 +32,7 @@ def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:
 def test_the_settings_of_the_applied_scan_hold_and_a_successor_keeps_them(
     model: SensorModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    tested = Living(model)
-    for step in range(4):
-        tested.drive(step)
+    tested = Living(model).drive_on(4)
     started = (
         *(living.SETTINGS.motion.turn_noise_per_turn,) * 2,
         living.SETTINGS.sensor.hit_weight,

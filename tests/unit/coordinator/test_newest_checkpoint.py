@@ -1,12 +1,14 @@
 from collections.abc import Callable
 
-import msgspec
 import pytest
+from msgspec.structs import replace
 
-from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
+from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.replica import NewestState
+from particle_filter.sensor_model import SensorModel
 from protocol.work import Checkpoint
-from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.living import Living
+from tests.unit.coordinator.reports import checkpoint
 
 SECOND = 1_000_000_000
 
@@ -14,35 +16,21 @@ Published = Callable[..., Checkpoint]
 
 
 @pytest.fixture(scope="module")
-def published() -> Published:
+def published(model: SensorModel) -> Published:
     """Checkpoints of a coordinator that tracks a live robot; its scan's stamp is 100 s."""
-    living = Living(symmetric_room())
-    for step in range(3):
-        living.drive(step)
+    living = Living(model).drive_on(3)
     assert living.kept is not None
     known = from_bytes(living.kept.state)
     assert known.collector.applied is not None
 
     def published(
-        *,
-        age_s: float,
-        stamp_s: int = 100,
-        live: bool = True,
-        known_age: bool = True,
-        term: int = 1,
+        *, age_s: float, stamp_s: int = 100, live: bool = True, known_age: bool = True,
         serial: int = 1,
-    ) -> Checkpoint:
-        applied = msgspec.structs.replace(
-            known.collector.applied, stamp_ns=stamp_s * SECOND, live=live
-        )
-        collector = msgspec.structs.replace(known.collector, applied=applied)
-        state: CheckpointState = msgspec.structs.replace(
-            known, collector=collector, age_s=age_s, age_known=known_age
-        )
-        return Checkpoint(
-            sender="other", term=term, serial=serial, step=applied.step, founded=True,
-            state=to_bytes(state),
-        )  # fmt: skip
+    ) -> Checkpoint:  # fmt: skip
+        applied = replace(known.collector.applied, stamp_ns=stamp_s * SECOND, live=live)
+        collector = replace(known.collector, applied=applied)
+        state = replace(known, collector=collector, age_s=age_s, age_known=known_age)
+        return checkpoint(1, serial, step=applied.step, state=to_bytes(state))
 
     return published
 
@@ -68,12 +56,12 @@ def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay(
 
 def test_states_without_a_known_age_do_not_change_the_usual_delay(published: Published) -> None:
     newest = NewestState()
-    for checkpoint in (
+    for state in (
         published(age_s=0.25, live=False),
         published(age_s=0.25, known_age=False, serial=2),
         published(age_s=float("nan"), serial=3),
-        msgspec.structs.replace(published(age_s=0.25, serial=4), state=b"no state"),
+        replace(published(age_s=0.25, serial=4), state=b"no state"),
     ):
-        assert newest.on_state(checkpoint, now_ns=3 * SECOND)
-        assert newest.checkpoint is checkpoint
+        assert newest.on_state(state, now_ns=3 * SECOND)
+        assert newest.checkpoint is state
     assert newest.usual_delay_ns is None

@@ -2,13 +2,11 @@
 
 import pytest
 
-from coordinator.coordinator import Started
 from coordinator.events import CheckpointArrived, Event, LinkChanged, TimePassed, TokenChanged
 from coordinator.instructions import AskState, FetchScans, PublishCheckpoint
 from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
 from protocol.work import Checkpoint
+from tests.unit.coordinator.reports import checkpoint, started
 
 SECOND = 1_000_000_000
 SILENCE_S = 2.0
@@ -17,20 +15,12 @@ LINK_DOWN, LINK_UP = LinkChanged(up=False), LinkChanged(up=True)
 
 
 def state(term: int, serial: int = 0) -> Checkpoint:
-    return Checkpoint(sender="other", term=term, serial=serial, step=-1, founded=False, state=b"")
+    return checkpoint(term, serial, founded=False, step=-1)
 
 
 def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
-    started = Started(
-        sender="c",
-        filter_settings=FilterSettings(),
-        settings=CoordinatorSettings(),
-        version="test",
-        now_ns=now_ns,
-        term=term,
-        known=replica.newest.checkpoint,
-    )
-    replica.lead(started.coordinator(), now_ns)
+    begun = started(now_ns=now_ns, term=term, known=replica.newest.checkpoint)
+    replica.lead(begun.coordinator(), now_ns)
     return replica
 
 

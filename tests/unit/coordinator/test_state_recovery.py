@@ -7,12 +7,11 @@ from coordinator.instructions import FetchScans
 from coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
 from protocol.codec import encode
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
-from tests.unit.coordinator.reports import cloud_at, elsewhere, scan
+from tests.unit.coordinator.reports import checkpoint, cloud_at, elsewhere, scan
 
 BEGAN_NS = 5_000_000_000
-KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
+KNOWN = KEPT = checkpoint(1, step=3)
 NOTHING = WorkerSnapshot(term=0)
-KEPT = KNOWN
 
 
 def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> WorkerSnapshot:

@@ -31,6 +31,7 @@ from tests.unit.coordinator.reports import (
     scan,
     searched,
     tracked,
+    work_order,
 )
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -60,10 +61,7 @@ def order(start: Particles) -> WorkOrder:
 
 
 def begins(job: Job) -> WorkOrder:
-    return WorkOrder(
-        sender="coordinator", order=1, map_digest="map", filter_settings={},
-        snapshot_every_steps=10, keep=(), begin=(Assignment(job_id="c1", epoch=1, job=job),),
-    )  # fmt: skip
+    return work_order(begin=(Assignment(job_id="c1", epoch=1, job=job),))
 
 
 def refusal(message: Message, expected: type = Message) -> MalformedMessageError:

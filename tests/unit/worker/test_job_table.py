@@ -20,6 +20,7 @@ from protocol.work import (
     TrackReport,
     WorkOrder,
 )
+from tests.unit.coordinator import reports
 from worker.job_table import JobTable
 
 SETTINGS = FilterSettings(
@@ -37,17 +38,9 @@ def model() -> SensorModel:
 
 
 def scan(step: int) -> Scan:
-    return Scan(
-        sender="bridge",
-        step=step,
-        stamp_ns=step,
-        odom_from_robot=(0.2 * step, 0.0, 0.0),
-        robot_from_laser=(0.0, 0.0, 0.0),
-        angle_min_rad=-1.5,
-        angle_step_rad=0.1,
-        range_max_m=20.0,
-        ranges=ArrayBlob.of(np.linspace(1.0, 3.0, 31), "float32"),
-        map_digest="map",
+    ranges = ArrayBlob.of(np.linspace(1.0, 3.0, 31), "float32")
+    return reports.scan(
+        step, x_m=0.2 * step, stamp_ns=step, angle_min_rad=-1.5, range_max_m=20.0, ranges=ranges
     )
 
 
@@ -70,15 +63,7 @@ def track(job_id: str, start: Particles, *, epoch: int = 1, exact: bool = False)
 def order(
     *begin: Assignment, keep: tuple[tuple[str, int], ...] = (), snapshots: int = 0
 ) -> WorkOrder:
-    return WorkOrder(
-        sender="coordinator",
-        order=1,
-        map_digest="map",
-        filter_settings={},
-        snapshot_every_steps=snapshots,
-        keep=keep,
-        begin=begin,
-    )
+    return reports.work_order(snapshot_every_steps=snapshots, keep=keep, begin=begin)
 
 
 def reports_of(table: JobTable, steps: range) -> list[TrackReport]:

@@ -1,21 +1,8 @@
 import pytest
 
 from protocol.errors import OldTermError
-from protocol.work import Checkpoint, WorkOrder
+from tests.unit.coordinator.reports import checkpoint, work_order
 from worker.worker import KEPT_TERMS, TermFence
-
-
-def order(term: int, number: int) -> WorkOrder:
-    return WorkOrder(
-        sender="coordinator", term=term, order=number, map_digest="map", filter_settings={},
-        snapshot_every_steps=10, keep=(), begin=(),
-    )  # fmt: skip
-
-
-def checkpoint(term: int, serial: int, *, founded: bool = True) -> Checkpoint:
-    return Checkpoint(
-        sender="coordinator", term=term, serial=serial, step=serial, founded=founded, state=b""
-    )
 
 
 def test_a_take_over_or_a_checkpoint_fences_lower_terms() -> None:
@@ -24,7 +11,7 @@ def test_a_take_over_or_a_checkpoint_fences_lower_terms() -> None:
     reported.on_checkpoint(checkpoint(7, 0))
     for term_fence in (asked, reported):
         with pytest.raises(OldTermError, match="current term is 7"):
-            term_fence.check(order(6, 1))
+            term_fence.check(work_order(term=6))
 
 
 def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
@@ -32,7 +19,7 @@ def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
     term_fence.on_checkpoint(checkpoint(5, 1))
     term_fence.on_checkpoint(checkpoint(5, 2))
     term_fence.on_term(9)
-    assert term_fence.check(order(10, 1)), "orders of a new coordinator count from the start"
+    assert term_fence.check(work_order(term=10)), "orders of a new coordinator count from the start"
     term_fence.on_checkpoint(checkpoint(6, 1))
     term_fence.on_checkpoint(checkpoint(10, 1, founded=False))
     assert (term_fence.term, term_fence.terms, term_fence.founded) == (10, (5, 9, 10, 6), 6)

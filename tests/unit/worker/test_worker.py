@@ -10,13 +10,13 @@ from protocol.live_settings import LiveSettings
 from protocol.steps import MapMessage, Scan
 from protocol.work import (
     Assignment,
-    Checkpoint,
     OrderAnswer,
     Report,
     TakeOver,
     WorkerState,
-    WorkOrder,
 )
+from tests.unit.coordinator.living import MAP
+from tests.unit.coordinator.reports import checkpoint, work_order
 from tests.unit.worker.events import (
     Event,
     on_checkpoint,
@@ -58,10 +58,7 @@ def handled(worker: Worker, *events: Event) -> list[Instruction]:
 
 
 def grid(digest: str = "map") -> MapMessage:
-    return MapMessage(
-        sender="bridge", digest=digest, cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
-        zlib_cells=b"",
-    )  # fmt: skip
+    return msgspec.structs.replace(MAP, digest=digest)
 
 
 def asked(
@@ -70,9 +67,9 @@ def asked(
 ) -> Event:  # fmt: skip
     """An order; its question has its number."""
     settings = msgspec.to_builtins(SETTINGS) | ({"sensor": sensor} if sensor else {})
-    order = WorkOrder(
-        sender="coordinator", order=number, term=term, map_digest=digest,
-        filter_settings=settings, snapshot_every_steps=0, keep=keep, begin=begin,
+    order = work_order(
+        number, term=term, map_digest=digest, filter_settings=settings, snapshot_every_steps=0,
+        keep=keep, begin=begin,
     )  # fmt: skip
     return on_order(number, order)
 
@@ -441,9 +438,8 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: Sens
 
 
 def test_a_new_coordinator_gets_jobs_terms_and_later_reports(tracking: Worker) -> None:
-    checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
     returned = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
-    assert handled(tracking, on_checkpoint(checkpoint)) == []
+    assert handled(tracking, on_checkpoint(checkpoint(1))) == []
     (answer,) = handled(tracking, on_state_query(9, TakeOver(sender="next", term=2, since=1)))
     assert isinstance(answer, Answer)
     state = answer.message

@@ -202,12 +202,6 @@ def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
     assert made.all()[0].probability > 0.95
 
 
-def test_the_transition_moves_probability_between_clusters_and_never_to_elsewhere() -> None:
-    made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
-    weigh(made, reports_of(0.1, 0.1), math.log(0.1))
-    assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
-
-
 def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
     """Elsewhere had 0.5; the search explains 0.8 of it, half of which the candidate has."""
     made = first(0.5)

@@ -14,6 +14,11 @@ SETTINGS = FilterSettings(search=SearchSettings(shards=1))
 PLACES = {(1.0 * i, 5.0 * i, 0.0): 0.2 for i in range(5)}
 
 
+@pytest.fixture
+def decoy() -> Decoy:
+    return Decoy(SearchCourse(SETTINGS, mirrored=True))
+
+
 def reports(step: int) -> list[SearchReport]:
     return [searched("m0.0", step, PLACES)]
 
@@ -23,12 +28,12 @@ def found(decoy: Decoy, first_step: int) -> int:
     for step in range(first_step, first_step + SCANS):
         begin, ended = decoy.follow(step, reports(step), is_open=True)
     assert set(begin) == set(decoy.track_ids)
+    assert all(isinstance(job, TrackJob) and job.mirrored for job in begin.values())
     assert [event.job_id for event in ended] == ["m0.0"]
     return step
 
 
-def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans() -> None:
-    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
+def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans(decoy: Decoy) -> None:
     begin, _ = decoy.follow(3, [], is_open=True)
     (search,) = begin.values()
     assert isinstance(search, SearchJob)
@@ -37,19 +42,10 @@ def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans() -> None:
     found(decoy, 4)
     assert not decoy.is_awaited
     assert decoy.track_ids == ("d0", "d1", "d2")
-    assert len(decoy.track_ids) == DECOYS
+    assert DECOYS == 3
 
 
-def test_jobs_of_a_decoy_track_mirrored_scans() -> None:
-    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
-    decoy.follow(0, [], is_open=True)
-    for step in range(1, 1 + SCANS):
-        begin, _ = decoy.follow(step, reports(step), is_open=True)
-    assert all(isinstance(job, TrackJob) and job.mirrored for job in begin.values())
-
-
-def test_a_robot_that_is_surely_on_the_map_has_no_decoy() -> None:
-    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
+def test_a_robot_that_is_surely_on_the_map_has_no_decoy(decoy: Decoy) -> None:
     assert decoy.follow(0, [], is_open=False) == ({}, [])
     decoy.follow(1, [], is_open=True)
     step = found(decoy, 2)
@@ -60,8 +56,7 @@ def test_a_robot_that_is_surely_on_the_map_has_no_decoy() -> None:
     assert [event.job_id for event in ended] == ["d0", "d1", "d2"]
 
 
-def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain() -> None:
-    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
+def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain(decoy: Decoy) -> None:
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + PATIENCE
     begin, ended = decoy.follow(step, [], is_open=True)
@@ -72,8 +67,7 @@ def test_further_decoys_are_searched_for_while_off_the_map_is_uncertain() -> Non
     assert decoy.track_ids == ("d3", "d4", "d5")
 
 
-def test_the_best_decoy_counts() -> None:
-    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
+def test_the_best_decoy_counts(decoy: Decoy) -> None:
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
     fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}

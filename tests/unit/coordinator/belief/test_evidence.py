@@ -102,17 +102,6 @@ def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
     assert newest.step == 6
 
 
-def test_a_search_that_takes_too_long_ends() -> None:
-    pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
-    ended = []
-    for step in (10, 11, 12):
-        pool.add(searched("s0.0", step, {NORTH: 0.4, SOUTH: 0.3}))
-        found = pool.pooled()
-        assert found is not None
-        ended.append(pool.finished(found, 2))
-    assert ended == [False, False, True]
-
-
 @pytest.mark.parametrize(("patient", "over"), [(True, [False, False, True]), (False, [True] * 3)])
 def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
     patient: bool, over: list[bool]
@@ -125,14 +114,6 @@ def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
         assert found is not None
         ended.append(pool.finished(found, 2, patient=patient))
     assert ended == over
-
-
-def test_a_search_ends_early_if_its_best_places_hold_enough_weight() -> None:
-    pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
-    pool.add(searched("s0.0", 12, {NORTH: 0.5, SOUTH: 0.49, (9.0, 0.0, 0.0): 0.01}))
-    found = pool.pooled()
-    assert found is not None
-    assert pool.finished(found, 2)
 
 
 TURN = np.array([0.0, 0.0, 2.0 * math.pi / 31.0])

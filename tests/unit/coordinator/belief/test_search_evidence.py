@@ -1,6 +1,5 @@
 import math
 
-import msgspec
 import pytest
 
 from coordinator.belief.search_course import KEPT_STEPS, SearchEvidence
@@ -34,14 +33,3 @@ def test_later_explanations_take_a_share_of_the_remaining_weight() -> None:
     evidence = SearchEvidence()
     shares = [evidence.newly_explained(share) for share in (0.5, 0.8, 0.6, 1.0, 1.0)]
     assert shares == pytest.approx([0.5, 0.6, 0.0, 1.0, 0.0]), "of 1, 0.5, 0.2, 0.2 and nothing"
-
-
-def test_search_evidence_is_transferred_unchanged() -> None:
-    evidence = SearchEvidence(math.log(0.3))
-    for step in range(KEPT_STEPS + 7):
-        evidence.gather(step, -0.1 * step)
-    again = msgspec.msgpack.decode(msgspec.msgpack.encode(evidence), type=SearchEvidence)
-    assert again == evidence
-    for both in (evidence, again):
-        both.gather(KEPT_STEPS + 7, -3.0)
-    assert again == evidence

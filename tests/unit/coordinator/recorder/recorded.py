@@ -4,6 +4,7 @@ import weakref
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
 from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event
@@ -14,24 +15,15 @@ from coordinator.recorder.replay import Believed, Happening, replayed
 from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
 from coordinator.recovery import Term
 from coordinator.state import CoordinatorState
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
 from protocol.codec import encode
 from recordings.run_log import RunLog, RunLogReader
+from tests.unit.coordinator.reports import started
 
 VERSION = "test"
 
 
-def started(version: str = VERSION) -> Started:
-    return Started(
-        sender="coordinator",
-        filter_settings=FilterSettings(),
-        settings=CoordinatorSettings(),
-        version=version,
-        now_ns=0,
-        term=7,
-    )
+STARTED = started(term=7)
 
 
 def head(version: str = VERSION) -> Head:
@@ -41,7 +33,7 @@ def head(version: str = VERSION) -> Head:
         now_ns=0,
         wall_ns=0,
         first_event=0,
-        snapshot=freeze(started(version).coordinator()),
+        snapshot=freeze(replace(STARTED, version=version).coordinator()),
     )
 
 

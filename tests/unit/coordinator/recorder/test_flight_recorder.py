@@ -16,14 +16,12 @@ from coordinator.recorder.ring import FILES, Ring, files_in
 from protocol.work import TrackReport
 from recordings import run_log
 from tests.unit.coordinator.recorder.recorded import (
+    STARTED,
     RecordedCoordinator,
     Recordings,
     events_in,
-    started,
 )
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
-
-STARTED = started()
 
 
 def test_the_oldest_files_are_removed_when_the_ring_is_full(tmp_path: Path) -> None:

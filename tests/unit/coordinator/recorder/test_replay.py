@@ -2,14 +2,13 @@ import tempfile
 from pathlib import Path
 
 import hypothesis
-import pytest
 from hypothesis import strategies as st
 
 from coordinator.recorder.replay import replayed
 from coordinator.recorder.ring import files_in
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, Relocalize, SetPose
-from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, as_bytes, beliefs
 
 SMALL_FILES = 150_000
@@ -27,11 +26,6 @@ ACTIONS = st.one_of(
     st.tuples(st.just("die"), st.integers(0, 12)),
     st.tuples(st.just("new map"), st.integers(0, 1)),
 )
-
-
-@pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
 
 
 def live(living: Living, actions: list[tuple[str, int]]) -> None:

@@ -14,18 +14,11 @@ from coordinator.part import Part
 from coordinator.recorder.records import SNAPSHOTS, freeze, without_bulk
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
-from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.recorder.recorded import started
+from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 
 ROOT = Path(__file__).parents[4]
 PACKAGES = [path.parent for path in ROOT.glob("*/__init__.py") if path.parent.name != "tests"]
-STARTED = started()
-
-
-@pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
 
 
 class Watched:
