@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from particle_filter.settings import MotionSettings, SensorSettings
+from tests.unit.particle_filter import naive
 
 Array = NDArray[np.float64]
 
@@ -18,22 +19,12 @@ class ExactField:
     """The likelihood field of a map whose corner is the origin (table 6.3), by brute force."""
 
     def __init__(self, cells: NDArray[np.int8], cell_m: float, settings: SensorSettings) -> None:
-        self._cell_m, self._settings = cell_m, settings
-        rows, cols = np.indices(cells.shape)
-        apart = np.full(cells.shape, np.inf)
-        for row, col in np.argwhere(cells == 1):
-            apart = np.minimum(apart, np.hypot(rows - row, cols - col))
-        far = settings.max_obstacle_distance_m
+        self._cell_m = cell_m
         # A rim of one cell stands for all that is outside the map.
-        self._log = self._log_at(np.pad(np.minimum(apart * cell_m, far), 1, constant_values=far))
+        far = naive.log_likelihood_at(np.inf, settings)
+        self._log = np.pad(naive.log_field(cells, cell_m, settings), 1, constant_values=far)
         penalties = np.where(cells == 0, 0.0, settings.not_free_log_penalty)
         self._penalty = np.pad(penalties, 1, constant_values=settings.not_free_log_penalty)
-
-    def _log_at(self, distance_m: Array) -> Array:
-        s = self._settings
-        peak = s.hit_weight / (np.sqrt(2.0 * np.pi) * s.hit_sigma_m)
-        hit = peak * np.exp(-0.5 * (distance_m / s.hit_sigma_m) ** 2)
-        return np.asarray(np.log(hit + s.random_weight / s.max_range_m))
 
     def log_weight(self, x: Array, y: Array, heading: Array, hits: Array, exponent: float) -> Array:
         """Of a scan's end points in the robot's frame, with the price of standing in a wall."""

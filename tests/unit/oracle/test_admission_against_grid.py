@@ -16,7 +16,6 @@ from tests.unit.oracle.tiny_world import (
     SENSOR,
     TRUTH,
     Drive,
-    after,
     ensemble_steps,
     exact_elsewhere,
     exact_everywhere,
@@ -25,6 +24,7 @@ from tests.unit.oracle.tiny_world import (
     plain_room,
     settings,
 )
+from tests.unit.particle_filter.naive_rays import composed
 
 STEPS, SEEDS, HAZARD = 2, range(16), 0.1
 NEWS = 1.0 - math.exp(-math.hypot(DRIVE[0], DRIVE[1]) / NEWS_M - DRIVE[2] / NEWS_RAD)
@@ -55,7 +55,7 @@ def at_last() -> Array:
     """Where the robot truly is in the end."""
     truth: Array = TRUTH
     for _ in range(STEPS):
-        truth = after(truth, DRIVE)
+        truth = composed(truth, DRIVE)
     return truth
 
 

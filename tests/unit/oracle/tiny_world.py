@@ -24,7 +24,7 @@ from protocol.steps import Scan
 from protocol.work import Assignment, ElsewhereJob, SearchReport, TrackReport
 from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
-from tests.unit.particle_filter.naive_rays import cast_rays
+from tests.unit.particle_filter.naive_rays import cast_rays, composed
 from worker.jobs import RunningJob, running
 
 CELL_M = 0.05
@@ -68,17 +68,6 @@ TRUTH = np.array([1.8, 2.2, 0.2])
 MIRRORED = np.array([7.0 - TRUTH[0], 5.0 - TRUTH[1], TRUTH[2] + np.pi])
 
 
-def after(pose: Array, motion: Array) -> Array:
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    return np.array(
-        [
-            pose[0] + c * motion[0] - s * motion[1],
-            pose[1] + s * motion[0] + c * motion[1],
-            pose[2] + motion[2],
-        ]
-    )
-
-
 class Drive:
     """What the robot measures: a scan a step, from where it truly is."""
 
@@ -87,7 +76,7 @@ class Drive:
         self.hits = list[NDArray[np.float64]]()
         for step in range(first_step, first_step + steps):
             if step > 0:
-                pose, odom = after(pose, DRIVE), after(odom, DRIVE)
+                pose, odom = composed(pose, DRIVE), composed(odom, DRIVE)
             ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0).astype(np.float32)
             self.scans.append(_scan(step, odom, ranges))
             self.hits.append(np.stack([ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)], axis=-1))

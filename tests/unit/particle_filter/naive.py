@@ -1,9 +1,10 @@
 """The obvious way to compute what the kernels compute: slow, plain, and easy to check by eye."""
 
-from math import atan2, cos, exp, floor, hypot, log, pi, sin, sqrt
+from math import atan2, cos, floor, hypot, pi, sin, sqrt
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from particle_filter.arrays import FREE, OCCUPIED, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.settings import MotionSettings, SensorSettings
@@ -75,20 +76,19 @@ def _differential(
 
 
 def log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float64]:
-    """Every cell against every occupied cell."""
-    obstacles = np.argwhere(cells == OCCUPIED)
-    field = np.empty(cells.shape)
-    for row, col in np.ndindex(cells.shape):
-        d = cell_m * min(hypot(row - r, col - c) for r, c in obstacles)
-        field[row, col] = log_likelihood_at(d, settings)
-    return field
+    """Every occupied cell against every cell."""
+    rows, cols = np.indices(cells.shape)
+    apart = np.full(cells.shape, np.inf)
+    for row, col in np.argwhere(cells == OCCUPIED):
+        apart = np.minimum(apart, np.hypot(rows - row, cols - col))
+    return np.asarray(log_likelihood_at(cell_m * apart, settings))
 
 
-def log_likelihood_at(distance_m: float, settings: SensorSettings) -> float:
-    """Table 6.3 of Probabilistic Robotics at one distance."""
-    d, sigma = min(distance_m, settings.max_obstacle_distance_m), settings.hit_sigma_m
-    density = exp(-0.5 * (d / sigma) ** 2) / (sqrt(2 * pi) * sigma)
-    return log(settings.hit_weight * density + settings.random_weight / settings.max_range_m)
+def log_likelihood_at(distance_m: ArrayLike, s: SensorSettings) -> Any:
+    """Table 6.3 of Probabilistic Robotics at a distance, or at many."""
+    d = np.minimum(distance_m, s.max_obstacle_distance_m)
+    hit = np.exp(-0.5 * (d / s.hit_sigma_m) ** 2) / (sqrt(2 * pi) * s.hit_sigma_m)
+    return np.log(s.hit_weight * hit + s.random_weight / s.max_range_m)
 
 
 def scan_log_likelihood_bounds(

@@ -95,7 +95,7 @@ def density(measured: float, expected: float, max_range_m: float, s: SensorSetti
     return sum(w * p for w, p in zip(weights, parts, strict=True)) / sum(weights)
 
 
-def turned(pose: Pose, b_from_c: Pose) -> Pose:
+def composed(pose: Pose, b_from_c: Pose) -> Pose:
     """Chain two poses."""
     x, y, heading = pose
     return np.array(

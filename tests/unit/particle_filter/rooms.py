@@ -7,12 +7,16 @@ from particle_filter.beam_model import BeamModel
 from particle_filter.grid import Grid
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_model import Beams, LaserScan
-from particle_filter.settings import SensorSettings
+from particle_filter.settings import MotionSettings, SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_rays
 
 CELL_M = 0.05
 ANGLES = np.linspace(-np.pi, np.pi, 72, endpoint=False)
 NO_OFFSET = np.zeros(3)
+PERFECT_ODOMETRY = MotionSettings(
+    turn_noise_per_turn=0.0, turn_noise_per_metre=0.0, drive_noise_per_metre=0.0,
+    drive_noise_per_turn=0.0, strafe_noise_per_metre=0.0,
+)  # fmt: skip
 
 
 def symmetric_room() -> Cells:
@@ -27,6 +31,13 @@ def plain_room() -> Cells:
     """The same with one box only: nothing else looks like it."""
     cells = symmetric_room()
     cells[48:60, 82:90] = 0
+    return cells
+
+
+def divided_room() -> Cells:
+    """The plain room with a wall across."""
+    cells = plain_room()
+    cells[:, 60] = OCCUPIED
     return cells
 
 

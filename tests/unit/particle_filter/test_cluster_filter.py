@@ -15,17 +15,16 @@ from particle_filter.cluster_filter import (
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.poses import compose
 from particle_filter.sensor_model import Beams
-from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
-from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
+from particle_filter.settings import ClusterSettings, SensorSettings
+from tests.unit.particle_filter.rooms import (
+    PERFECT_ODOMETRY,
+    divided_room,
+    model_of,
+    plain_room,
+    seen_from,
+)
 
 HERE, NO_WAY = np.array([1.0, 3.0, 0.3]), np.zeros(3)
-STILL = MotionSettings(
-    turn_noise_per_turn=0.0,
-    turn_noise_per_metre=0.0,
-    drive_noise_per_metre=0.0,
-    drive_noise_per_turn=0.0,
-    strafe_noise_per_metre=0.0,
-)
 
 
 def uneven(count: int) -> ParticleSet:
@@ -35,15 +34,17 @@ def uneven(count: int) -> ParticleSet:
     return ParticleSet(poses, np.log(weights / weights.sum() * count))
 
 
-def test_resampled_particles_have_equal_weights() -> None:
+@pytest.mark.parametrize("count", [100, 400, 1_600])
+def test_resampled_particles_have_equal_weights_and_the_same_mean(count: int) -> None:
     """Each has had its weight already, in how often it was drawn."""
     cloud = uneven(400)
-    redrawn = resampled(cloud, 400, ClusterSettings(), np.random.default_rng(0))
+    redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
     assert redrawn is not cloud
-    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(400))
+    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(count))
     expected = cloud.weights @ cloud.map_from_robot
-    # Even multinomial draws would move the mean by 0.05 / sqrt(400); three times that.
-    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.0075)
+    # Even multinomial draws would move the mean by 0.05 / sqrt(count), or 400 of the cloud itself.
+    atol = 3.0 * 0.05 / math.sqrt(min(count, 400))
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=atol)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +61,7 @@ def test_a_scan_changes_weights_by_its_new_share_but_is_full_evidence(
     cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
     rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
     beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
-    result = mcl_step(cloud, motion, beams, model, STILL, rules, rng)
+    result = mcl_step(cloud, motion, beams, model, PERFECT_ODOMETRY, rules, rng)
     moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
     whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
@@ -83,30 +84,29 @@ def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
 
 
 def test_occluded_beams_lower_the_evidence() -> None:
-    divided = plain_room()
-    divided[:, 60] = OCCUPIED
     seen = SensorSettings(
         visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
     )
-    blind = replace(seen, visibility_particles=0)
     beams, cloud = seen_from(HERE, plain_room()), ParticleSet.even(np.tile(HERE, (20, 1)))
-    evidence = []
-    for settings in (seen, blind):
-        rng = np.random.default_rng(0)
-        model = model_of(divided, settings)
-        result = mcl_step(cloud, NO_WAY, beams, model, STILL, ClusterSettings(), rng)
-        evidence.append(result.log_weight_sum)
-    model = model_of(divided, seen)
+    model, blind = (
+        model_of(divided_room(), settings)
+        for settings in (seen, replace(seen, visibility_particles=0))
+    )
+    evidence, in_full = (
+        mcl_step(
+            cloud, NO_WAY, beams, m, PERFECT_ODOMETRY, ClusterSettings(), np.random.default_rng(0)
+        ).log_weight_sum
+        for m in (model, blind)
+    )
+    assert mean_occluded(cloud, beams, blind) == 0.0, "no particle looks for hidden beams"
     hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
     taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
     assert taken > 0.5
-    assert evidence[1] - evidence[0] == pytest.approx(taken)
+    assert in_full - evidence == pytest.approx(taken)
 
 
 def test_occlusion_is_averaged_by_weight() -> None:
-    divided = plain_room()
-    divided[:, 60] = OCCUPIED
-    model, beams = model_of(divided), seen_from(HERE, plain_room())
+    model, beams = model_of(divided_room()), seen_from(HERE, plain_room())
     behind = np.array([5.0, 2.0, 0.0])
     poses = np.array([HERE, behind])
     heavy = model.mean_occluded(poses, np.array([1.0, 0.0]), beams)
@@ -128,16 +128,6 @@ def test_the_noise_has_half_of_silvermans_width() -> None:
     noise = drawn.map_from_robot - sample
     # 500 normal numbers know their deviation to 3 %: five times that.
     np.testing.assert_allclose(noise.std(axis=0), width * sigma, rtol=0.16)
-
-
-@pytest.mark.parametrize("count", [100, 1_600])
-def test_resampling_to_another_number_keeps_the_mean(count: int) -> None:
-    cloud = uneven(400)
-    redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
-    assert len(redrawn.log_weights) == count
-    expected = cloud.weights @ cloud.map_from_robot
-    # Even multinomial draws would move the mean by 0.05 / sqrt(100); three times that.
-    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.015)
 
 
 def test_the_threshold_is_a_share_of_the_particles() -> None:
@@ -188,11 +178,9 @@ def test_an_exactly_known_pose_stays_exactly_known() -> None:
 
 def test_particles_at_one_place_share_the_beams_among_them() -> None:
     """Three lasers with a third of the beams each give the evidence of one with all beams."""
-    divided = plain_room()
-    divided[:, 60] = OCCUPIED
     beams = seen_from(HERE, plain_room())
-    alone = model_of(divided, SensorSettings(visibility_beam_stride=1))
-    sharing = model_of(divided, SensorSettings(visibility_beam_stride=3))
+    alone = model_of(divided_room(), SensorSettings(visibility_beam_stride=1))
+    sharing = model_of(divided_room(), SensorSettings(visibility_beam_stride=3))
     whole = alone.occluded(HERE[None], beams)[0]
     parts = sharing.occluded(np.tile(HERE, (3, 1)), beams)
     assert whole > 10.0
@@ -207,11 +195,3 @@ def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
     beams = seen_from(truth, corridor)
     off = ParticleSet.even(np.tile(truth + np.array([0.0, 0.0, 0.02]), (20, 1)))
     assert mean_occluded(off, beams, model_of(corridor)) == pytest.approx(0.0, abs=0.1)
-
-
-def test_occlusion_can_be_turned_off() -> None:
-    divided = plain_room()
-    divided[:, 60] = OCCUPIED
-    beams, cloud = seen_from(HERE, plain_room()), cloud_round(HERE, 50, sigma=0.01)
-    off = model_of(divided, SensorSettings(visibility_particles=0))
-    assert mean_occluded(cloud, beams, off) == 0.0

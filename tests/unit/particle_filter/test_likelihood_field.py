@@ -118,11 +118,6 @@ def test_a_field_mapped_from_a_file_scores_the_same(tmp_path: Path) -> None:
     assert np.shares_memory(field.codes, codes), "not copied"
 
 
-def test_codes_of_another_map_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"expected uint16 of \(14, 19\)"):
-        LikelihoodField.from_codes(SHARED_FIELD.codes[:-1], SHARED_FIELD.grid, SENSOR)
-
-
 def test_a_scan_without_returns_is_refused() -> None:
     with pytest.raises(ValueError, match="0 returns"):
         scan_log_likelihood(np.zeros((1, 3)), np.zeros((0, 2)), SHARED_FIELD)

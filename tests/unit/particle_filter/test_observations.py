@@ -16,7 +16,7 @@ from particle_filter.observations import (
 )
 from particle_filter.observations import density as densities
 from particle_filter.poses import between, compose
-from tests.unit.oracle.grid_filter import Array, GridFilter
+from tests.unit.oracle.grid_filter import Array
 
 GRID = Grid(np.zeros((160, 200), np.int8), 0.05, np.zeros(3))
 AREA_M2, SIGHT_M2 = 10.0 * 8.0, math.pi * 100.0
@@ -100,28 +100,6 @@ def test_the_table_and_what_is_left_out_change_the_ratio_by_less_than_1e_12() ->
 def test_an_observation_says_nothing_of_a_pose_that_is_infinitely_far(kind: str) -> None:
     far = np.array([[1e300, -1e300, 0.3]])
     assert log_likelihood_ratio(far, [KINDS[kind]], LANDMARKS, GRID) == [0.0]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_weighed_particles_agree_with_the_exact_grid(kind: str) -> None:
-    seen, mean, variances = KINDS[kind], np.array([4.0, 3.2, 0.3]), np.array([0.5, 0.3, 0.2])
-    reach = 4.0 * np.sqrt(variances)
-    patch = GridFilter.round_gaussian(mean, variances, mean - reach, mean + reach, reach / 12.0)
-    every = np.meshgrid(patch.xs, patch.ys, patch.headings, indexing="ij")
-    poses = np.stack(every, axis=-1).reshape(-1, 3)
-    likelihood = np.array([exact_ratio(pose, seen) for pose in poses])
-    exact = patch.mass.ravel() * likelihood
-    evidence, exact_mean = exact.sum(), (exact / exact.sum()) @ poses
-    found, means = [], []
-    for seed in range(16):
-        drawn = np.random.default_rng(seed).normal(mean, np.sqrt(variances), (4000, 3))
-        weights = np.exp(log_likelihood_ratio(drawn, [seen], LANDMARKS, GRID))
-        found.append(weights.mean())
-        means.append(weights @ drawn / weights.sum())
-    error = np.std(found) / 4.0
-    assert abs(np.mean(found) - evidence) < 4.0 * error + 0.01 * evidence
-    spread = np.std(means, axis=0) / 4.0
-    assert (np.abs(np.mean(means, axis=0) - exact_mean) < 4.0 * spread + 0.01).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -16,7 +16,7 @@ from particle_filter.observations import (
 )
 from particle_filter.poses import compose
 from particle_filter.position_fields import PositionField
-from tests.unit.oracle.grid_filter import Array, GridFilter
+from tests.unit.oracle.grid_filter import Array
 
 LANDMARKS = NOTHING_OBSERVED[1]
 FALSE = 0.1
@@ -70,26 +70,6 @@ def test_the_likelihood_is_relative_to_its_average_over_the_free_space() -> None
     assert log_average_ratio([SEEN], LANDMARKS, GRID) == 0.0
     half = ratios(poses, replace(SEEN, share=0.5))
     np.testing.assert_allclose(half, np.sqrt(exact_likelihoods(poses)), rtol=1e-9)
-
-
-def test_weighed_particles_agree_with_the_exact_grid() -> None:
-    mean, variances = np.array([4.0, 1.2, 0.3]), np.array([0.5, 0.3, 0.2])
-    reach = 4.0 * np.sqrt(variances)
-    cell = reach / [100.0, 100.0, 1.0]  # small, for the field has steps
-    patch = GridFilter.round_gaussian(mean, variances, mean - reach, mean + reach, cell)
-    every = np.meshgrid(patch.xs, patch.ys, patch.headings[:1], indexing="ij")
-    poses = np.stack(every, axis=-1).reshape(-1, 3)
-    exact = patch.mass.sum(axis=2).ravel() * exact_likelihoods(poses)
-    evidence, exact_mean = exact.sum(), (exact / exact.sum()) @ poses[:, :2]
-    found, means = [], []
-    for seed in range(16):
-        drawn = np.random.default_rng(seed).normal(mean, np.sqrt(variances), (4000, 3))
-        weights = ratios(drawn)
-        found.append(weights.mean())
-        means.append(weights @ drawn[:, :2] / weights.sum())
-    error, spread = np.std(found) / 4.0, np.std(means, axis=0) / 4.0
-    assert abs(np.mean(found) - evidence) < 4.0 * error + 0.01 * evidence
-    assert (np.abs(np.mean(means, axis=0) - exact_mean) < 4.0 * spread + 0.01).all()
 
 
 def test_an_error_of_the_position_blurs_the_field() -> None:

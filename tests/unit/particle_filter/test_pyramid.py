@@ -1,11 +1,11 @@
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from particle_filter.arrays import OCCUPIED, Cells
 from particle_filter.grid import Grid
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.poses import compose
 from particle_filter.pyramid import Level, Pyramid, sum_steps
 from particle_filter.settings import SensorSettings
 
@@ -43,21 +43,11 @@ def test_a_tile_bounds_all_positions_in_it(seed: int, rows: int, cols: int, head
     cells, rng = random_map(seed, rows, cols), np.random.default_rng(seed)
     field, pyramid = pyramid_of(cells)
     hits = rng.uniform(-3.0, 3.0, (9, 2))
-    c, s = np.cos(heading), np.sin(heading)
-    turned = np.stack([s * hits[:, 0] + c * hits[:, 1], c * hits[:, 0] - s * hits[:, 1]], -1)
-    offsets = np.floor(turned / CELL_M).astype(np.int64)
+    turned = compose(np.array([0.0, 0.0, heading]), np.insert(hits, 2, 0.0, axis=1))
+    offsets = np.floor(turned[:, 1::-1] / CELL_M).astype(np.int64)
     in_grid = rng.uniform(0.0, 1.0, (200, 2)) * [cols, rows]  # [cells]
-    map_c, map_s = np.cos(MAP_FROM_GRID[2]), np.sin(MAP_FROM_GRID[2])
-    x, y = in_grid.T * CELL_M
-    poses = np.stack(
-        [
-            MAP_FROM_GRID[0] + map_c * x - map_s * y,
-            MAP_FROM_GRID[1] + map_s * x + map_c * y,
-            np.full(len(x), heading + MAP_FROM_GRID[2]),
-        ],
-        axis=-1,
-    )
-    exact = scan_log_likelihood(poses, hits, field)
+    poses = np.insert(in_grid * CELL_M, 2, heading, axis=1)
+    exact = scan_log_likelihood(compose(MAP_FROM_GRID, poses), hits, field)
     for level in pyramid.levels[:-1]:
         runs = all_tiles(level)
         sums = sum_steps(level, offsets, runs).reshape(len(runs), -1).astype(np.float64)
@@ -79,12 +69,9 @@ def test_a_leaf_has_the_value_at_its_middle_and_coarser_tiles_no_less(
     expected = np.zeros(sums.shape)
     for row, col in np.ndindex(*sums.shape):
         for down, across in offsets:
-            at = (
-                row * len(leaf) + len(leaf) // 2 + down,
-                col * len(leaf) + len(leaf) // 2 + across,
-            )
-            if 0 <= at[0] < rows and 0 <= at[1] < cols:
-                expected[row, col] += np.ceil(field.codes[at[0] + 1, at[1] + 1] / 257)
+            y, x = np.array((row, col)) * len(leaf) + len(leaf) // 2 + (down, across)
+            if 0 <= y < rows and 0 <= x < cols:
+                expected[row, col] += np.ceil(field.codes[y + 1, x + 1] / 257)
     np.testing.assert_array_equal(sums, expected)
     for coarse, fine in zip(pyramid.levels[:-1], pyramid.levels[1:], strict=True):
         above = sum_steps(coarse, offsets, all_tiles(coarse)).reshape(len(all_tiles(coarse)), -1)
@@ -100,10 +87,3 @@ def test_runs_are_scored_in_their_order_wherever_they_lie() -> None:
     runs = np.array([(7, 2, 5), (0, 0, 15), (7, 14, 1)])
     expected = np.concatenate([whole[7, 2:7], whole[0], whole[7, 14:]])
     np.testing.assert_array_equal(sum_steps(level, offsets, runs), expected)
-
-
-def test_arrays_of_another_map_are_refused() -> None:
-    field, _ = pyramid_of(random_map(1, 40, 60))
-    arrays = Pyramid.arrays_of(field)
-    with pytest.raises(ValueError, match="expected uint8"):
-        Pyramid.from_arrays(arrays, Grid(random_map(1, 50, 60), CELL_M, MAP_FROM_GRID), SETTINGS)

@@ -91,14 +91,6 @@ def test_a_jump_field_that_fits_the_map_is_read_only() -> None:
         jumps[0, 0, 0] = 9
 
 
-@pytest.mark.parametrize(
-    "jumps", [np.ones((4, 3, 6), np.uint8), np.ones((4, 5, 3), np.uint8), np.ones((4, 3, 5))]
-)
-def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) -> None:
-    with pytest.raises(ValueError, match="expected uint8"):
-        checked(jumps, np.uint8, (4, 3, 5))
-
-
 def test_a_ray_direction_of_minus_zero_is_parallel_to_an_axis() -> None:
     cells = np.ones((5, 7), np.int8)
     cells[1:-1, 1:-1] = 0

@@ -18,6 +18,7 @@ from tests.unit.particle_filter.rooms import (
     CELL_M,
     NO_OFFSET,
     beam_model_of,
+    divided_room,
     model_of,
     plain_room,
     seen_from,
@@ -92,14 +93,12 @@ def test_an_unknown_model_name_is_refused() -> None:
 def test_the_correction_is_a_share_of_the_score_of_occluded_beams() -> None:
     """The beam model followed every ray, and has given nothing for such a beam."""
     room, here = plain_room(), np.array([[1.0, 3.0, 0.3]])
-    divided = plain_room()
-    divided[:, 60] = 1
     given = SensorSettings(scan_likelihood_exponent=0.5, occlusion_weight=0.2)
-    beams, field = seen_from(here[0], room), model_of(divided, given)
+    beams, field = seen_from(here[0], room), model_of(divided_room(), given)
     hidden = field.mean_occluded(here, np.ones(1), beams)
     assert hidden > 10.0
     assert field.correction(here, np.ones(1), beams) == pytest.approx(0.1 * hidden)
-    assert beam_model_of(divided, given).correction(here, np.ones(1), beams) == 0.0
+    assert beam_model_of(divided_room(), given).correction(here, np.ones(1), beams) == 0.0
 
 
 def test_several_lasers_sharing_particles_weigh_all_beams_equally(
@@ -107,9 +106,7 @@ def test_several_lasers_sharing_particles_weigh_all_beams_equally(
 ) -> None:
     """All particles are equal, so any subset gives the same, unless beams count unevenly."""
     room, here = plain_room(), np.tile([1.0, 3.0, 0.3], (200, 1))
-    divided = plain_room()
-    divided[:, 60] = 1
-    beams, field = seen_from(here[0], room), model_of(divided, SensorSettings())
+    beams, field = seen_from(here[0], room), model_of(divided_room(), SensorSettings())
     weights, looked_from = np.full(200, 1 / 200), list[int]()
     whole = LikelihoodFieldModel.occluded
 
@@ -133,10 +130,12 @@ def test_a_map_without_obstacles_is_refused(name: SensorModelName) -> None:
 @every_model
 def test_arrays_of_another_map_are_refused(name: SensorModelName) -> None:
     kind, settings = model_class(name), SensorSettings(model=name)
-    arrays = kind.arrays_of(Grid(plain_room(), CELL_M, NO_OFFSET), settings)
-    other = Grid(plain_room()[1:], CELL_M, NO_OFFSET)
-    with pytest.raises(ValueError, match="expected"):
-        kind.from_arrays(other, arrays, settings)
+    grid, rooms = (Grid(np.tile(plain_room(), (n, n)), CELL_M, NO_OFFSET) for n in (1, 9))
+    arrays, others = (kind.arrays_of(of, settings) for of in (grid, rooms))
+    for part in arrays:
+        for wrong in (others[part], arrays[part].astype(np.float32)):
+            with pytest.raises(ValueError, match="expected uint"):
+                kind.from_arrays(grid, {**arrays, part: wrong}, settings)
 
 
 # --- several lasers -----------------------------------------------------------------------------

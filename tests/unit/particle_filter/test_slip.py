@@ -15,7 +15,6 @@ from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
 BEFORE = np.array([3.0, 3.0, 0.3])
 FORWARDS, BACKWARDS = np.array([0.4, 0.0, 0.0]), np.array([-0.4, 0.0, 0.0])
-NONE, EVERY_TENTH = slice(0), slice(None, None, 10)
 WITH = MotionSettings()
 WITHOUT = replace(WITH, slip_probability=0.0)
 EAGER = replace(WITH, slip_below_fit=10.0)
@@ -35,17 +34,11 @@ def after_forwards() -> tuple[Poses, Poses]:
     return moved, slipped(particles()[::4], moved[::4], FORWARDS, rng)
 
 
-def after_a_drive(
-    true_motion: Pose, settings: MotionSettings, reported_motion: Pose = FORWARDS, cut: slice = NONE
-) -> MeasurementUpdate:
-    """A step of a localized particle set; odometry reports a drive forwards.
-
-    A person cuts some beams half way.
-    """
+def after_a_drive(true_motion: Pose, settings: MotionSettings) -> MeasurementUpdate:
+    """A step of a localized particle set; odometry reports a drive forwards."""
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
-    beams.ranges[cut] *= 0.5
     cloud, rng = ParticleSet.even(particles()), np.random.default_rng(6)
-    return mcl_step(cloud, reported_motion, beams, MODEL, settings, ClusterSettings(), rng)
+    return mcl_step(cloud, FORWARDS, beams, MODEL, settings, ClusterSettings(), rng)
 
 
 def error_m(result: MeasurementUpdate, true_motion: Pose) -> float:
@@ -53,12 +46,9 @@ def error_m(result: MeasurementUpdate, true_motion: Pose) -> float:
     return math.dist(mean[:2], compose(BEFORE, true_motion)[:2])
 
 
-def test_a_robot_that_was_driven_backwards_unnoticed_is_followed() -> None:
+def test_a_robot_that_moved_otherwise_than_its_wheels_is_followed() -> None:
     assert error_m(after_a_drive(BACKWARDS, WITHOUT), BACKWARDS) > 0.6
     assert error_m(after_a_drive(BACKWARDS, WITH), BACKWARDS) < 0.25
-
-
-def test_a_robot_whose_wheels_spun_on_the_spot_is_followed() -> None:
     stood = np.zeros(3)
     assert error_m(after_a_drive(stood, WITH), stood) < 0.2
 
@@ -70,28 +60,10 @@ def test_slips_change_nothing_where_scans_fit() -> None:
     assert with_slip.log_weight_sum == without.log_weight_sum
 
 
-def test_a_slip_that_fits_hardly_better_is_rejected() -> None:
-    crept = np.array([0.05, 0.0, 0.0])
-    with_slip, without = (after_a_drive(crept, s, crept, EVERY_TENTH) for s in (WITH, WITHOUT))
-    assert 0.0 < without.log_likelihood_per_beam < WITH.slip_below_fit, "so slips were tried"
-    poses = [result.particles.map_from_robot for result in (with_slip, without)]
-    np.testing.assert_array_equal(*poses)
-
-
 def test_slips_keep_the_number_and_the_sum_of_weights() -> None:
     result = after_a_drive(BACKWARDS, WITH)
     assert result.particles.map_from_robot.shape == (1000, 3)
     assert np.exp(result.particles.log_weights).sum() == pytest.approx(1000.0)
-
-
-def test_the_slip_probability_scales_the_evidence_of_a_slip() -> None:
-    """A slip ten times less probable makes the scan ten times less likely, where only it fits."""
-    often, seldom = (
-        after_a_drive(BACKWARDS, replace(WITH, slip_probability=share)).log_weight_sum
-        for share in (0.1, 0.01)
-    )
-    # What odometry says fits worse by ten nats: its share of the sum is under a tenth.
-    assert often - seldom == pytest.approx(math.log(10.0), abs=0.1)
 
 
 def test_the_evidence_of_a_possible_slip_follows_bayes_rule() -> None:

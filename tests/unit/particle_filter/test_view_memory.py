@@ -8,13 +8,10 @@ from hypothesis import strategies as st
 
 from particle_filter.settings import BeliefSettings, MotionSettings
 from particle_filter.view_memory import MAX_VIEWS, MOST, ViewMemory
+from tests.unit.particle_filter.rooms import PERFECT_ODOMETRY as PERFECT
 
 RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6)
 ODOMETRY = MotionSettings()
-PERFECT = MotionSettings(
-    turn_noise_per_turn=0.0, turn_noise_per_metre=0.0, drive_noise_per_metre=0.0,
-    drive_noise_per_turn=0.0, strafe_noise_per_metre=0.0,
-)  # fmt: skip
 Motion = tuple[float, float, float]
 DRIVE, TURN = (0.2, 0.0, 0.0), (0.0, 0.0, 2.0 * math.pi / 31.0)
 AROUND = (0.0, 0.0, math.pi)
