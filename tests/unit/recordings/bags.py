@@ -1,7 +1,7 @@
 """ROS bags that tests make, in every form there is."""
 
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +11,8 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ros2_bridge.message_types import new, typestore
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -36,41 +38,36 @@ _MODES = {
 
 
 @dataclass(frozen=True)
-class Types:
-    """Classes of messages, of ROS 1 or of ROS 2."""
-
-    store: Any
-
-    def make(self, kind: str, **fields: object) -> Any:
-        return self.store.types[kind](**fields)
-
-    def stamp(self, stamp_ns: int) -> Any:
-        sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-        return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-
-    def header(self, stamp_ns: int, frame: str) -> Any:
-        kind = "std_msgs/msg/Header"
-        fields: dict[str, object] = {"stamp": self.stamp(stamp_ns), "frame_id": frame}
-        if any(name == "seq" for name, _ in self.store.fielddefs[kind][1]):
-            fields["seq"] = 0
-        return self.make(kind, **fields)
-
-    def vector(self, kind: str, values: Sequence[float]) -> Any:
-        return self.make(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", values, strict=False)))
-
-    def pose(self, place: Sequence[float], turn: Sequence[float]) -> Any:
-        position, orientation = self.vector("Point", place), self.vector("Quaternion", turn)
-        return self.make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-
-
-@dataclass(frozen=True)
 class Sent:
-    """A message, how it is made for ROS 1 or 2, and when it came."""
+    """A message of ROS 1 and 2, and when it came."""
 
     topic: str
     kind: str
     time_ns: int
-    content: Callable[[Types], Any]
+    message: Any
+
+
+@cache
+def ros1_store() -> Any:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+    return store
+
+
+def header(stamp_ns: int, frame: str) -> Any:
+    """ROS 1's has a field more, which ROS 2 does not look at."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    stamp = new("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return ros1_store().types["std_msgs/msg/Header"](seq=0, stamp=stamp, frame_id=frame)
+
+
+def vector(kind: str, values: Sequence[float]) -> Any:
+    return new(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", values, strict=False)))
+
+
+def pose(place: Sequence[float], heading: float) -> Any:
+    turn = vector("Quaternion", about_z(heading))
+    return new("geometry_msgs/msg/Pose", position=vector("Point", place), orientation=turn)
 
 
 def about_z(heading: float) -> tuple[float, float, float, float]:
@@ -84,25 +81,19 @@ def scan(
     frame: str = "laser",
     topic: str = "/scan",
     step: float = 0.5,
-    range_min: float = 0.1,
     range_max: float = 10.0,
 ) -> Sent:
-    def made(types: Types) -> Any:
-        return types.make(
-            LASER_SCAN,
-            header=types.header(stamp_ns, frame),
-            angle_min=-0.25,
-            angle_max=-0.25 + step * (len(ranges) - 1),
-            angle_increment=step,
-            time_increment=0.0,
-            scan_time=0.0,
-            range_min=range_min,
-            range_max=range_max,
-            ranges=np.array(ranges, np.float32),
-            intensities=np.zeros(0, np.float32),
-        )
-
-    return Sent(topic, LASER_SCAN, stamp_ns, made)
+    message = new(
+        LASER_SCAN,
+        header=header(stamp_ns, frame),
+        angle_min=-0.25,
+        angle_max=-0.25 + step * (len(ranges) - 1),
+        angle_increment=step,
+        range_min=0.1,
+        range_max=range_max,
+        ranges=np.array(ranges, np.float32),
+    )
+    return Sent(topic, LASER_SCAN, stamp_ns, message)
 
 
 def tf(
@@ -114,21 +105,17 @@ def tf(
     *,
     topic: str = "/tf",
 ) -> Sent:
-    def made(types: Types) -> Any:
-        transform = types.make(
+    one = new(
+        "geometry_msgs/msg/TransformStamped",
+        header=header(stamp_ns, parent),
+        child_frame_id=child,
+        transform=new(
             "geometry_msgs/msg/Transform",
-            translation=types.vector("Vector3", place),
-            rotation=types.vector("Quaternion", turn),
-        )
-        one = types.make(
-            "geometry_msgs/msg/TransformStamped",
-            header=types.header(stamp_ns, parent),
-            child_frame_id=child,
-            transform=transform,
-        )
-        return types.make(TF, transforms=[one])
-
-    return Sent(topic, TF, stamp_ns, made)
+            translation=vector("Vector3", place),
+            rotation=vector("Quaternion", turn),
+        ),
+    )
+    return Sent(topic, TF, stamp_ns, new(TF, transforms=[one]))
 
 
 def fixed_tf(
@@ -140,84 +127,46 @@ def fixed_tf(
 def odometry(
     stamp_ns: int, place: Sequence[float], heading: float = 0.0, *, topic: str = "/odom"
 ) -> Sent:
-    def made(types: Types) -> Any:
-        still = types.make(
-            "geometry_msgs/msg/Twist",
-            linear=types.vector("Vector3", (0.0, 0.0, 0.0)),
-            angular=types.vector("Vector3", (0.0, 0.0, 0.0)),
-        )
-        nothing = np.zeros(36)
-        return types.make(
-            ODOMETRY,
-            header=types.header(stamp_ns, "odom"),
-            child_frame_id="base_link",
-            pose=types.make(
-                "geometry_msgs/msg/PoseWithCovariance",
-                pose=types.pose(place, about_z(heading)),
-                covariance=nothing,
-            ),
-            twist=types.make(
-                "geometry_msgs/msg/TwistWithCovariance", twist=still, covariance=nothing
-            ),
-        )
-
-    return Sent(topic, ODOMETRY, stamp_ns, made)
+    message = new(
+        ODOMETRY,
+        header=header(stamp_ns, "odom"),
+        child_frame_id="base_link",
+        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose(place, heading)),
+    )
+    return Sent(topic, ODOMETRY, stamp_ns, message)
 
 
-def grid(
-    stamp_ns: int, values: Sequence[Sequence[int]], *, topic: str = "/map", cell_m: float = 0.05
-) -> Sent:
+def grid(stamp_ns: int, values: Sequence[Sequence[int]], *, topic: str = "/map") -> Sent:
     cells = np.array(values, np.int8)
-
-    def made(types: Types) -> Any:
-        rows, cols = cells.shape
-        info = types.make(
-            "nav_msgs/msg/MapMetaData",
-            map_load_time=types.stamp(0),
-            resolution=cell_m,
-            width=cols,
-            height=rows,
-            origin=types.pose((-1.0, 2.0, 0.0), about_z(0.5)),
-        )
-        header = types.header(stamp_ns, "map")
-        return types.make(OCCUPANCY_GRID, header=header, info=info, data=cells.reshape(-1))
-
-    return Sent(topic, OCCUPANCY_GRID, stamp_ns, made)
-
-
-@cache
-def ros2_types() -> Types:
-    return Types(get_typestore(Stores.ROS2_HUMBLE))
-
-
-@cache
-def ros1_types() -> Types:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
-    return Types(store)
+    rows, cols = cells.shape
+    info = new(
+        "nav_msgs/msg/MapMetaData",
+        resolution=0.05,
+        width=cols,
+        height=rows,
+        origin=pose((-1.0, 2.0, 0.0), 0.5),
+    )
+    message = new(OCCUPANCY_GRID, header=header(stamp_ns, "map"), info=info, data=cells.reshape(-1))
+    return Sent(topic, OCCUPANCY_GRID, stamp_ns, message)
 
 
 def written(folder: Path, form: str, sent: Iterable[Sent], *, encoding: str = "cdr") -> Path:
     """A bag of a form of `FORMS`."""
     name = form.replace(" ", "-")
-    if form in ROS1_FORMS:
-        return _ros1(folder / f"{name}.bag", form.partition(" ")[2], sent)
     storage, *packing = form.split()
+    if form in ROS1_FORMS:
+        path = folder / f"{name}.bag"
+        bag = rosbag1.Writer(path)
+        if packing:
+            bag.set_compression(rosbag1.Writer.CompressionFormat[packing[0].upper()])
+        _fill(bag, ros1_store(), ros1_store().serialize_ros1, sent)
+        return path
     path = folder / name
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
     if packing[:1] == ["zstd"]:
         writer.set_compression(_MODES[packing[1]], CompressionFormat.ZSTD)
-    types = ros2_types()
-    with writer:
-        connections: dict[str, Any] = {}
-        for one in sent:
-            if one.topic not in connections:
-                connections[one.topic] = writer.add_connection(
-                    one.topic, one.kind, typestore=types.store, serialization_format=encoding
-                )
-            content = types.store.serialize_cdr(one.content(types), one.kind)
-            writer.write(connections[one.topic], one.time_ns, content)
+    _fill(writer, typestore(), typestore().serialize_cdr, sent, serialization_format=encoding)
     match packing:
         case ["bare"]:
             return next(file for file in path.iterdir() if file.name != "metadata.yaml")
@@ -226,21 +175,15 @@ def written(folder: Path, form: str, sent: Iterable[Sent], *, encoding: str = "c
     return path
 
 
-def _ros1(path: Path, packing: str, sent: Iterable[Sent]) -> Path:
-    types = ros1_types()
-    writer = rosbag1.Writer(path)
-    if packing:
-        writer.set_compression(rosbag1.Writer.CompressionFormat[packing.upper()])
-    with writer:
-        connections: dict[str, Any] = {}
+def _fill(bag: Any, store: Any, packed: Any, sent: Iterable[Sent], **options: str) -> None:
+    connections: dict[str, Any] = {}
+    with bag:
         for one in sent:
             if one.topic not in connections:
-                connections[one.topic] = writer.add_connection(
-                    one.topic, one.kind, typestore=types.store
+                connections[one.topic] = bag.add_connection(
+                    one.topic, one.kind, typestore=store, **options
                 )
-            content = types.store.serialize_ros1(one.content(types), one.kind)
-            writer.write(connections[one.topic], one.time_ns, bytes(content))
-    return path
+            bag.write(connections[one.topic], one.time_ns, bytes(packed(one.message, one.kind)))
 
 
 def copy_of_first_bytes(path: Path, folder: Path, share: float) -> Path:

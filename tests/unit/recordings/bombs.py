@@ -4,7 +4,7 @@ import struct
 
 from backports import zstd
 
-MCAP, GIGABYTES = b"\x89MCAP0\r\n", 1
+MCAP = b"\x89MCAP0\r\n"
 
 
 def record(kind: int, content: bytes) -> bytes:
@@ -15,16 +15,16 @@ def text(value: str) -> bytes:
     return struct.pack("<I", len(value)) + value.encode()
 
 
-def bomb(claimed: int) -> bytes:
-    """An MCAP file with one chunk of zstd that says how much it unpacks to."""
+def bomb(profile: str) -> bytes:
+    """An MCAP file with one chunk of zstd, which says that it unpacks to a kilobyte."""
     packer = zstd.ZstdCompressor()
-    packed = b"".join(packer.compress(bytes(2**20)) for _ in range(GIGABYTES * 1024))
+    packed = b"".join(packer.compress(bytes(2**20)) for _ in range(1024))
     packed += packer.flush()
-    head = struct.pack("<QQQI", 0, 9, claimed, 0) + text("zstd") + struct.pack("<Q", len(packed))
+    head = struct.pack("<QQQI", 0, 9, 1_000, 0) + text("zstd") + struct.pack("<Q", len(packed))
     return b"".join(
         [
             MCAP,
-            record(1, text("ros2") + text("")),
+            record(1, text(profile) + text("")),
             record(6, head + packed),
             record(15, bytes(4)),
             record(2, bytes(20)),

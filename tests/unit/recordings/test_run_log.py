@@ -2,7 +2,6 @@ import base64
 import json
 import random
 import resource
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from particle_filter.poses import compose
 from process_runtime.output_files import OutputError
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import MapFileError, RecordingError
 from protocol.job_events import JobEvents
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
 from recordings import run_log
 from recordings.map_file import load_map
@@ -31,8 +32,10 @@ from recordings.run_log import (
     map_in,
 )
 from robot_simulator.worlds.catalogue import world
+from sensor_bridge.recorded import steps_of
 from tests.unit.live_view.messages import belief, scan
 from tests.unit.recordings.bombs import bomb
+from tests.unit.recordings.logs import odometry_of
 
 ROOT = Path(__file__).parents[3]
 STEPS = 12
@@ -45,7 +48,18 @@ def step_scan(step: int) -> Scan:
         range_max_m=10.0, ranges=ArrayBlob.of(np.array([1.0, 1.0 / 3.0]), "float32"),
     )  # fmt: skip
     made = scan(step, [2.0, 11.0, np.nan, 3.1])
-    return msgspec.structs.replace(made, stamp_ns=step * 10**8, others=(beams,))
+    return msgspec.structs.replace(
+        made, stamp_ns=step * 10**8, others=(beams,), odom_from_robot=(0.3 * step, -0.1, 0.02)
+    )
+
+
+LATER = (0.25, 0.1, 0.04)
+"""How far the robot drives after each step."""
+
+
+def odometry_after(seen: Scan) -> OdometryReading:
+    pose = pose_tuple(compose(np.array(seen.odom_from_robot), np.array(LATER)))
+    return OdometryReading(sender="r", stamp_ns=seen.stamp_ns + 10**7, odom_from_robot=pose)
 
 
 def write_run(path: Path) -> None:
@@ -55,11 +69,12 @@ def write_run(path: Path) -> None:
         for step in range(STEPS):
             seen = step_scan(step)
             log.on_scan(seen, seen.stamp_ns)
-            later = seen.stamp_ns + 10**7
-            reading = OdometryReading(sender="r", stamp_ns=later, odom_from_robot=(0.1, 0.2, 0.3))
-            log.on_odometry(reading)
-            reported = belief(step, 4, 7) if step else belief(step)
-            log.on_belief(msgspec.structs.replace(reported, stamp_ns=seen.stamp_ns), seen.stamp_ns)
+            log.on_odometry(odometry_after(seen))
+            reported = msgspec.structs.replace(
+                belief(step, 4, 7) if step else belief(step),
+                stamp_ns=seen.stamp_ns, odom_from_robot=seen.odom_from_robot,
+            )  # fmt: skip
+            log.on_belief(reported, seen.stamp_ns)
             log.write(JOB_EVENTS, EVENTS, seen.stamp_ns)
             log.flush()
 
@@ -149,6 +164,11 @@ def test_the_layout_for_foxglove_draws_topics_of_the_file(run: Path) -> None:
 
 def test_the_mcap_library_reads_scan_places_and_map(run: Path) -> None:
     found = as_others_read(run)
+    counts = {topic: len(messages) for topic, messages in found.items()}
+    each_step = ("/scan", "/scan_1", "/places", "/belief", "/events")
+    assert counts == dict.fromkeys(each_step, STEPS) | {
+        "/map": 1, "/pose": STEPS - 1, "/tf": 2 * STEPS + STEPS - 1,
+    }  # fmt: skip
     assert found["/scan"][3]["ranges"] == [2.0, 0.0, 0.0, 3.1]
     assert np.float32(found["/scan_1"][0]["ranges"][1]) == np.float32(1.0 / 3.0)
     assert found["/scan_1"][0]["pose"]["position"] == {"x": -0.4, "y": 0.0, "z": 0.0}
@@ -189,8 +209,37 @@ def test_a_run_is_a_recording_with_every_bit_of_scans_and_odometry(run: Path) ->
     behind = next(one for one in lasers if one.laser == "scan_1")
     assert behind.ranges == step_scan(0).others[0].ranges
     assert behind.robot_from_laser == (-0.4, 0.0, np.pi)
-    moved = [one for one in recording.readings if isinstance(one, OdometryReading)]
-    assert {one.odom_from_robot for one in moved} == {(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)}
+    poses = {one.stamp_ns: one.odom_from_robot for one in odometry_of(recording)}
+    for seen in map(step_scan, range(STEPS)):
+        after = odometry_after(seen)
+        assert poses.pop(seen.stamp_ns) == seen.odom_from_robot
+        assert poses.pop(after.stamp_ns) == after.odom_from_robot
+    assert not poses
+
+
+def test_a_played_back_run_makes_the_same_steps(run: Path) -> None:
+    recording, ground = open_recording(run, BridgeSettings()), load_map(run)
+    again = list(steps_of(recording, BridgeSettings(), ground.digest))
+    for number, step in enumerate(again):
+        seen = step_scan(number)
+        assert (step.step, step.stamp_ns) == (number, seen.stamp_ns)
+        assert step.odom_from_robot == seen.odom_from_robot
+        assert step.robot_from_laser == seen.robot_from_laser
+    assert len(again) == STEPS
+
+
+def test_the_transforms_of_the_file_lead_to_the_best_place(run: Path) -> None:
+    """As a viewer draws the robot: map from odom, of the last belief, and odom from robot."""
+    tf = as_others_read(run)["/tf"]
+    links = {(one["parent_frame_id"], one["child_frame_id"]): one for one in tf}
+    map_from_odom, odom_from_robot = (
+        (link["translation"]["x"], link["translation"]["y"],
+         2.0 * np.arctan2(link["rotation"]["z"], link["rotation"]["w"]))
+        for link in (links["map", "odom"], links["odom", "base_link"])
+    )  # fmt: skip
+    expected = compose(np.array(belief(1, 4).hypotheses[0].pose), np.array(LATER))
+    found = compose(np.array(map_from_odom), np.array(odom_from_robot))
+    np.testing.assert_allclose(found, expected, atol=1e-5)  # drawn to five digits
 
 
 def test_only_its_owner_may_read_a_run(run: Path) -> None:
@@ -239,14 +288,11 @@ def test_a_file_that_is_not_a_run_log_is_refused(tmp_path: Path, data: bytes) ->
 
 def test_another_mcap_file_is_refused_and_a_bomb_never_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "bomb.mcap"
-    path.write_bytes(bomb(1_000))
+    path.write_bytes(bomb("ros2"))
     assert not is_run_log(path)
     with pytest.raises(RecordingError, match="not written by clustermcl"):
         list(RunLogReader(path).messages())
-    ours = struct.pack("<I", 10) + b"clustermcl" + struct.pack("<I", 0)
-    theirs = bomb(1_000)
-    after_header = 8 + 9 + 12  # magic, opcode and length, two strings: "ros2" and ""
-    path.write_bytes(theirs[:9] + struct.pack("<Q", len(ours)) + ours + theirs[after_header:])
+    path.write_bytes(bomb("clustermcl"))
     assert is_run_log(path)
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     log = RunLogReader(path)
@@ -313,6 +359,11 @@ def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_pat
     bent = message._replace(data=msgspec.json.encode(grid))
     with pytest.raises(RecordingError, match="/map"):
         map_in(bent, tmp_path)
+
+
+def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="folder does not exist"):
+        RunLog.to(tmp_path / "nowhere" / "run.mcap")
 
 
 def test_a_full_disk_is_reported_in_one_line() -> None:
