@@ -1,3 +1,5 @@
+import pytest
+
 from protocol.steps import Scan
 from sensor_bridge.flow_control import (
     MAX_UNDECIDED,
@@ -12,31 +14,24 @@ SECOND = 1_000_000_000
 LATER = 10 * STANDING_STEP_NS
 
 
-def lockstep_after(step: int) -> FlowControl:
-    flow = FlowControl(0.0)
-    flow.on_sent(step, 0)
-    return flow
-
-
-def undecided(steps: int, *, believed_ns: int | None = 0) -> FlowControl:
-    flow = FlowControl(1.0)
-    flow.on_sent(0, 0)
-    if believed_ns is not None:
-        flow.on_belief(0, 1, believed_ns, searching=False)
-    for step in range(1, steps + 1):
+def flow_after(
+    *sent: int, believed: int | None = None, searching: bool = False, rate: float = 1.0
+) -> FlowControl:
+    """After these steps, and the belief of one of them, all at time 0."""
+    flow = FlowControl(rate)
+    for step in sent:
         flow.on_sent(step, 0)
+    if believed is not None:
+        flow.on_belief(believed, 1, 0, searching=searching)
     return flow
 
 
-def standing_after(step: int, *, searching: bool, believed: int | None = None) -> FlowControl:
-    flow = FlowControl(1.0)
-    flow.on_sent(step, 0)
-    flow.on_belief(step if believed is None else believed, 1, 0, searching=searching)
-    return flow
+def undecided(steps: int) -> FlowControl:
+    return flow_after(*range(steps + 1), believed=0)
 
 
 def test_in_lockstep_the_next_step_waits_for_the_belief_of_the_last() -> None:
-    flow = lockstep_after(5)
+    flow = flow_after(5, rate=0.0)
     flow.on_belief(4, 1, 0, searching=False)
     assert flow.waits
     flow.on_belief(5, 1, 0, searching=False)
@@ -44,7 +39,7 @@ def test_in_lockstep_the_next_step_waits_for_the_belief_of_the_last() -> None:
 
 
 def test_a_belief_of_a_deposed_coordinator_is_ignored() -> None:
-    flow = lockstep_after(5)
+    flow = flow_after(5, rate=0.0)
     flow.on_belief(4, 2, 0, searching=False)
     flow.on_belief(5, 1, 0, searching=True)
     assert flow.waits
@@ -52,7 +47,7 @@ def test_a_belief_of_a_deposed_coordinator_is_ignored() -> None:
 
 
 def test_in_lockstep_a_step_without_a_belief_is_repeated() -> None:
-    flow = lockstep_after(5)
+    flow = flow_after(5, rate=0.0)
     assert not flow.is_resend_due(RESEND_AFTER_NS - 1)
     assert flow.is_resend_due(RESEND_AFTER_NS)
     assert not flow.is_resend_due(RESEND_AFTER_NS + 1)
@@ -73,7 +68,7 @@ def test_a_belief_decides_all_earlier_steps_too() -> None:
 
 
 def test_without_a_coordinator_there_is_no_back_pressure() -> None:
-    assert not undecided(9, believed_ns=None).is_full(1), "there was none yet"
+    assert not flow_after(*range(10)).is_full(1), "there was none yet"
     assert undecided(9).is_full(OUTAGE_NS - 1)
     assert not undecided(9).is_full(OUTAGE_NS), "there is none any more"
 
@@ -88,26 +83,26 @@ def test_scans_held_back_are_counted_and_step_numbers_have_no_gap() -> None:
     assert maker.gate.held_back == 2
 
 
-def test_before_the_first_belief_a_standing_robot_makes_no_step() -> None:
-    flow = FlowControl(1.0)
-    flow.on_sent(0, 0)
-    assert not flow.wants_standing_step(LATER)
-
-
-def test_during_a_search_a_standing_robot_makes_a_step_after_the_belief_of_the_last() -> None:
-    assert standing_after(3, searching=True).wants_standing_step(LATER)
-    assert not standing_after(3, searching=True, believed=2).wants_standing_step(LATER)
-    assert not standing_after(3, searching=False).wants_standing_step(LATER)
-
-
-def test_steps_of_a_standing_robot_have_a_shortest_interval() -> None:
-    flow = standing_after(3, searching=True)
-    assert not flow.wants_standing_step(STANDING_STEP_NS - 1)
-    assert flow.wants_standing_step(STANDING_STEP_NS)
+@pytest.mark.parametrize(
+    ("believed", "searching", "at_ns", "wants"),
+    [
+        (3, True, LATER, True),
+        (3, False, LATER, False),
+        (2, True, LATER, False),
+        (None, True, LATER, False),
+        (3, True, STANDING_STEP_NS - 1, False),
+        (3, True, STANDING_STEP_NS, True),
+    ],
+)
+def test_a_standing_robot_makes_a_step_in_a_search_some_time_after_the_last_one_is_decided(
+    believed: int | None, searching: bool, at_ns: int, wants: bool
+) -> None:
+    flow = flow_after(3, believed=believed, searching=searching)
+    assert flow.wants_standing_step(at_ns) == wants
 
 
 def test_with_a_new_map_a_standing_robot_makes_steps_until_one_of_the_map_is_decided() -> None:
-    flow = standing_after(3, searching=False)
+    flow = flow_after(3, believed=3)
     flow.on_new_map()
     assert flow.wants_standing_step(LATER)
     for step in (4, 5, 6):

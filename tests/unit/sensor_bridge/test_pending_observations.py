@@ -1,5 +1,6 @@
 import math
 from collections import Counter
+from collections.abc import Iterable
 
 import msgspec
 import numpy as np
@@ -35,6 +36,17 @@ def driven(sights: PendingObservations, until_s: int, speed: float = 1.0) -> Non
         sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
 
 
+def shares_of(observations: Iterable[Observation], speed: float = 0.0) -> list[float]:
+    """Of observations by a driving robot, each taken into a step at once."""
+    sights, shares = PendingObservations(TAGS, Counter()), list[float]()
+    for each in observations:
+        pose = (speed * each.stamp_ns / SECOND, 0.0, 0.0)
+        sights.on_observation(each)
+        sights.moved(each.stamp_ns, pose)
+        shares += [taken.share for taken in sights.take(0, pose)]
+    return shares
+
+
 def test_an_observation_is_moved_to_the_pose_of_the_step() -> None:
     sights = PendingObservations(TAGS, Counter())
     sights.on_observation(seen(0.5))
@@ -47,13 +59,9 @@ def test_an_observation_is_moved_to_the_pose_of_the_step() -> None:
 
 
 def test_observations_of_one_tag_over_a_minute_are_not_independent() -> None:
-    sights, shares = PendingObservations(TAGS, Counter()), []
-    for second in range(60):
-        sights.on_observation(seen(second))
-        sights.moved(second * SECOND, (0.0, 0.0, 0.0))
-        shares += [each.share for each in sights.take(0, (0.0, 0.0, 0.0))]
-    assert shares[0] == 1.0
-    assert 1.5 < sum(shares) < 4.0
+    first, *later = shares_of(seen(second) for second in range(60))
+    assert first == 1.0
+    assert 0.5 < sum(later) < 3.0
 
 
 def test_a_wrong_name_does_not_make_a_repeated_observation_new() -> None:
@@ -73,11 +81,7 @@ def test_a_wrong_name_does_not_make_a_repeated_observation_new() -> None:
 
 def test_later_observations_of_the_same_tag_weigh_less() -> None:
     """A tag that was moved is wrong at every sight, however far the robot drives meanwhile."""
-    sights, shares = PendingObservations(TAGS, Counter()), []
-    for metre in range(30):
-        sights.on_observation(seen(metre, x=5.0 - 0.1 * metre))
-        sights.moved(metre * SECOND, (0.1 * metre, 0.0, 0.0))
-        shares += [each.share for each in sights.take(metre, (0.1 * metre, 0.0, 0.0))]
+    shares = shares_of((seen(second, x=5.0 - 0.1 * second) for second in range(30)), speed=0.1)
     assert shares[0] == 1.0
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) < 1.0 + math.log(1.0 + len(shares))
@@ -140,16 +144,15 @@ def test_an_impossible_observation_is_refused(change: dict[str, object], words: 
         decode(encode(Observation(**fields)), Observation)  # type: ignore[arg-type]
 
 
-def region(at_s: float, **change: object) -> Observation:
-    values = ArrayBlob.of(np.zeros((2, 3)), "float32")
-    field = PositionField(cell_m=5.0, log_likelihoods=values)
-    return msgspec.structs.replace(seen(at_s, name=""), **({"field": field} | change))
-
-
 def field(values: object, cell_m: float = 5.0, **change: object) -> PositionField:
     blob = ArrayBlob.of(np.asarray(values), "float32")
     blob = msgspec.structs.replace(blob, **change)
     return PositionField(cell_m=cell_m, log_likelihoods=blob)
+
+
+def region(at_s: float, **change: object) -> Observation:
+    usual = {"landmark": "", "field": field(np.zeros((2, 3)))}
+    return msgspec.structs.replace(seen(at_s), **(usual | change))
 
 
 @pytest.mark.parametrize(
@@ -199,16 +202,11 @@ def test_fields_of_another_map_and_too_many_fields_are_dropped() -> None:
 
 def test_fields_at_one_place_repeat_a_systematic_error() -> None:
     """Wi-Fi of a standing robot points to the same wrong room for ever."""
-    weights = {}
-    for speed in (0.0, 0.3):
-        sights, weights[speed] = PendingObservations((), Counter()), 0.0
-        for second in range(0, 600, 10):
-            sights.on_observation(region(second))
-            sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
-            (each,) = sights.take(0, (speed * second, 0.0, 0.0))
-            weights[speed] += each.share
-    assert 1.0 < weights[0.0] < 1.0 + math.log(60.0)
-    assert weights[0.3] > 10.0
+    standing, driving = (
+        sum(shares_of(map(region, range(0, 600, 10)), speed)) for speed in (0.0, 0.3)
+    )
+    assert 1.0 < standing < 1.0 + math.log(60.0)
+    assert driving > 10.0
 
 
 def test_an_observation_moved_out_of_range_does_not_spoil_the_step() -> None:
