@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from coordinator.belief.ensemble import Ensemble
@@ -21,8 +22,9 @@ from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
-from protocol.work import Assignment, ElsewhereJob, SearchReport, TrackReport
-from tests.unit.coordinator.reports import literal_bayes
+from protocol.work import Assignment, ElsewhereJob, TrackReport
+from tests.unit.coordinator.reports import literal_bayes, searched
+from tests.unit.coordinator.reports import scan as scan_of
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
 from tests.unit.particle_filter.naive_rays import cast_rays, composed
 from worker.jobs import RunningJob, running
@@ -83,17 +85,13 @@ class Drive:
 
 
 def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
-    return Scan(
-        sender="bridge",
-        step=step,
-        stamp_ns=step,
+    return replace(
+        scan_of(step),
         odom_from_robot=pose_tuple(odom),
-        robot_from_laser=(0.0, 0.0, 0.0),
         angle_min_rad=float(ANGLES[0]),
         angle_step_rad=float(ANGLES[1] - ANGLES[0]),
         range_max_m=20.0,
         ranges=ArrayBlob.of(ranges, "float32"),
-        map_digest="map",
     )
 
 
@@ -135,7 +133,8 @@ def ensemble_steps(
     begin = ensemble.begin_at(0)
     found = _places(places, rng)
     shards = range(given.search.shards)
-    outcome = ensemble.advance(0, [_search_report(found, shard) for shard in shards])
+    search = [replace(searched(f"s0.{shard}", 0, {}), places=found) for shard in shards]
+    outcome = ensemble.advance(0, search)
     standing = {job_id: job for job_id, job in begin.items() if isinstance(job, ElsewhereJob)}
     jobs: dict[str, RunningJob] = {}
     for scan in drive.scans:
@@ -202,18 +201,4 @@ def _places(given: Sequence[tuple[float, Array]], rng: np.random.Generator) -> F
         [mean for _, mean in given],
         [covariance for _ in given],
         [mean + rng.normal(size=(HANDED_OVER, 3)) * SPREAD for _, mean in given],
-    )
-
-
-def _search_report(found: FoundPlaces, shard: int) -> SearchReport:
-    return SearchReport(
-        sender="w",
-        job_id=f"s0.{shard}",
-        epoch=0,
-        step=0,
-        log_evidence=0.0,
-        particles=1000,
-        left_out_gap=12.0,
-        log_likelihood_per_beam=-1.0,
-        places=found,
     )

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights
 from particle_filter.log_weights import normalised_weights
 from particle_filter.resampling import _heavy, optimal_resampling, resample, systematic
 from particle_filter.slices import finished
@@ -15,26 +14,6 @@ log_weights = arrays(
     np.float64, st.integers(1, 30), elements=st.one_of(st.floats(-20, 20), st.just(-np.inf))
 ).filter(lambda values: bool(np.isfinite(values).any()))
 seeds = st.integers(0, 2**32)
-
-
-@given(log_weights=log_weights, count=st.integers(1, 60), seed=seeds)
-def test_resampling_draws_the_given_number_in_order_and_none_of_weight_zero(
-    log_weights: LogWeights, count: int, seed: int
-) -> None:
-    drawn = resample(log_weights, count, np.random.default_rng(seed))
-    assert drawn.shape == (count,)
-    assert drawn.dtype == np.int64
-    assert (np.diff(drawn) >= 0).all()
-    assert np.isfinite(log_weights[drawn]).all()
-
-
-@given(log_weights=log_weights, count=st.integers(1, 60), seed=seeds)
-def test_each_particle_has_its_expected_number_of_copies_within_one(
-    log_weights: LogWeights, count: int, seed: int
-) -> None:
-    drawn = resample(log_weights, count, np.random.default_rng(seed))
-    copies = np.bincount(drawn, minlength=len(log_weights))
-    assert (np.abs(copies - count * normalised_weights(log_weights)) < 1 + 1e-9).all()
 
 
 def test_resampling_is_unbiased() -> None:
