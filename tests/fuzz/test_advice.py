@@ -15,13 +15,12 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
 from protocol.advice import Advice, AdviceQuestion
-from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
-from protocol.message import Covariance, PoseTuple
 from protocol.steps import Landmark
 from protocol.validity import problem_of
 from tests.fuzz.effort import cases
+from tests.unit.evaluation.places import place
 from tests.unit.worker.test_advising import SCAN
 from worker.advising import advice
 
@@ -41,13 +40,6 @@ def room() -> SensorModel:
     return computed_model(Grid(cells, 0.05, np.array([-2.25, -2.25, 0.0])), FILTER.sensor)
 
 
-def place(cluster: int, pose: PoseTuple, probability: float, covariance: Covariance) -> Hypothesis:
-    return Hypothesis(
-        cluster=cluster, probability=probability, log_probability=0.0, pose=pose,
-        covariance=covariance, effective_sample_size=1.0, age_steps=0,
-    )  # fmt: skip
-
-
 @st.composite
 def questions(draw: st.DrawFn) -> AdviceQuestion:
     places = []
@@ -55,7 +47,8 @@ def questions(draw: st.DrawFn) -> AdviceQuestion:
         xx, yy, hh = draw(st.tuples(VARIANCES, VARIANCES, VARIANCES))
         xy = draw(NUMBERS)
         covariance = (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, hh)
-        places.append(place(cluster, draw(POSES), draw(st.floats(0.0, 1.0)), covariance))
+        probability, pose = draw(st.floats(0.0, 1.0)), draw(POSES)
+        places.append(place(probability, pose, cluster=cluster, covariance=covariance))
     views = draw(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, st.floats(0.0, 1.0)), max_size=5))
     rows = np.array([(*view, 0.0, 0.0) for view in views], "<f4").reshape(-1, 6)
     return AdviceQuestion(

@@ -3,7 +3,8 @@ import pytest
 
 from benchmarks.advice import ASK_STEPS, Obstacles, place_of, run
 from clustermcl import ClusterMCL
-from protocol.advice import Advice, Way
+from protocol.advice import Advice
+from tests.unit.evaluation.places import straight_way
 
 CROSS = place_of("cross_feature")
 
@@ -28,11 +29,7 @@ def test_an_advised_robot_drives_on_while_the_places_stay(monkeypatch: pytest.Mo
 
 
 def test_a_way_through_a_wall_is_counted() -> None:
-    poses = tuple((x, 0.0, 0.0) for x in np.arange(0.0, 4.0, 0.2).tolist())
-    way = Way(
-        poses=poses, length_m=3.8, turn_rad=0.0, information=0.5, sure_probability=0.5,
-        sight_bearing_rad=0.0, sight_ranges_m=(),
-    )  # fmt: skip
+    way = straight_way(3.8)
     checked, unsafe = Obstacles(CROSS.map).count_unsafe(way, [(0.0, -4.0, 0.0)])
-    assert checked == 4 * (len(poses) - 1)
+    assert checked == 4 * (len(way.poses) - 1)
     assert unsafe > checked // 3

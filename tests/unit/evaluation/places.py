@@ -3,6 +3,7 @@
 from typing import Any
 
 from coordinator.belief.outcome import Outcome
+from protocol.advice import Way
 from protocol.answers import Belief, Hypothesis, State, Status
 from protocol.health import Health
 from protocol.message import Covariance, PoseTuple
@@ -10,13 +11,19 @@ from protocol.message import Covariance, PoseTuple
 COVARIANCE: Covariance = (0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0025)
 
 
-def place(probability: float, mean: PoseTuple = (0.0, 0.0, 0.0), *, cluster: int = 0) -> Hypothesis:
+def place(
+    probability: float,
+    mean: PoseTuple = (0.0, 0.0, 0.0),
+    *,
+    cluster: int = 0,
+    covariance: Covariance = COVARIANCE,
+) -> Hypothesis:
     return Hypothesis(
         cluster=cluster,
         probability=probability,
         log_probability=0.0,
         pose=mean,
-        covariance=COVARIANCE,
+        covariance=covariance,
         effective_sample_size=100.0,
         age_steps=5,
     )
@@ -32,6 +39,15 @@ def belief(step: int, state: State, *hypotheses: Hypothesis, **more: Any) -> Bel
         hypotheses=hypotheses,
         **{"searching": False, **more},
     )
+
+
+def straight_way(length_m: float) -> Way:
+    """A way ahead with a pose every 20 cm."""
+    poses = [(0.2 * number, 0.0, 0.0) for number in range(round(length_m / 0.2) + 1)]
+    return Way(
+        poses=tuple(poses), length_m=length_m, turn_rad=0.0, information=0.5, sure_probability=0.5,
+        sight_bearing_rad=0.0, sight_ranges_m=(),
+    )  # fmt: skip
 
 
 def outcome(

@@ -5,22 +5,19 @@ import pytest
 from msgspec.structs import replace
 
 from particle_filter.observations import Observation
-from protocol.answers import Belief, Hypothesis
+from protocol.answers import Belief
 from protocol.health import MAX_SOURCES
+from protocol.message import Covariance
 from protocol.steps import Landmark
 from sensor_bridge.sources import RECENT_STEPS, Source, Sources, beta_below_half, source_name
+from tests.unit.evaluation import places
 
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
 EYE: Source = ("eye", "tag")
 AT = (0.0, 2.0, 0.0)
-HERE = Hypothesis(
-    cluster=0, probability=1.0, log_probability=0.0, pose=AT, effective_sample_size=9.0,
-    covariance=(0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01), age_steps=5,
-)  # fmt: skip
-SURE = Belief(
-    sender="c", step=0, stamp_ns=0, odom_from_robot=AT, state="localized", hypotheses=(HERE,),
-    searching=False,
-)  # fmt: skip
+EVEN: Covariance = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
+HERE = places.place(1.0, AT, covariance=EVEN)
+SURE = replace(places.belief(0, "localized", HERE), odom_from_robot=AT)
 RIGHT, WRONG = (1.0, 0.0), (4.0, 1.0)
 
 
