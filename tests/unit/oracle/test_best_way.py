@@ -10,17 +10,15 @@ from scipy.stats import norm
 from particle_filter.advice import Question, advised_ways
 from particle_filter.arrays import FREE, OCCUPIED, Cells
 from particle_filter.poses import wrap_angle
-from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.naive_rays import cast_rays
-from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
+from tests.unit.particle_filter.rooms import ANGLES, CELL_M, model_of, scan_of
 
 MOVE_M, MOVES = 0.7, 6
 RADIUS_M, MARGIN_M, RANGE_M = 0.2, 0.1, 8.0
 GATE = 0.2
 """Distance [m] and turn [rad] between two steps."""
-STEP_RAD = float(ANGLES[1] - ANGLES[0])
 OFF_M, OFF_RAD = (-0.075, 0.0, 0.075), (-0.03, 0.0, 0.03)
 """Poses are known no better."""
 PLACES = np.array([[1.0, 1.0, 0.0], [7.0, 1.0, 0.0]])
@@ -58,7 +56,7 @@ def counted(point: tuple[float, float]) -> NDArray[np.float64]:
     against = np.zeros(2)
     for right in (0, 1):
         ranges = cast_rays(CELLS, CELL_M, seen_from[right], ANGLES, RANGE_M)
-        beams = MODEL.beams(LaserScan(ranges, RANGE_M, ANGLES[0], STEP_RAD, NO_OFFSET))
+        beams = MODEL.beams(scan_of(ranges, RANGE_M))
         fits = MODEL.log_likelihood(poses, beams).reshape(2, -1).max(axis=1)
         exponent = MODEL.settings.scan_likelihood_exponent
         nats = max(exponent * float(fits[right] - fits[1 - right]), 0.0)
@@ -94,7 +92,7 @@ def all_ways(way: list[tuple[float, float]]) -> Iterator[list[tuple[float, float
 
 
 def test_the_first_three_have_the_best_of_all_short_ways() -> None:
-    laser = LaserScan(np.ones(len(ANGLES)), RANGE_M, ANGLES[0], STEP_RAD, NO_OFFSET)
+    laser = scan_of(np.ones(len(ANGLES)), RANGE_M)
     known = np.diag([0.05, 0.05, 0.02]) ** 2
     question = Question(
         PLACES, np.array([known, known]), np.full(2, 0.5), laser, 0.0, RADIUS_M, ViewMemory(),

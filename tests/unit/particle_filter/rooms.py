@@ -1,6 +1,7 @@
 """A small room that the tests of the filter look at, and what a laser sees in it."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
 from particle_filter.beam_model import BeamModel
@@ -52,8 +53,17 @@ def beam_model_of(cells: Cells, settings: SensorSettings | None = None) -> BeamM
     return BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
 
 
+def scan_of(
+    ranges: NDArray[np.float64],
+    range_max_m: float,
+    angles: NDArray[np.float64] = ANGLES,
+    robot_from_laser: Pose = NO_OFFSET,
+) -> LaserScan:
+    """A scan of a laser whose beams have these even angles."""
+    step = float(angles[1] - angles[0])
+    return LaserScan(ranges, range_max_m, float(angles[0]), step, robot_from_laser)
+
+
 def seen_from(pose: Pose, cells: Cells) -> Beams:
     ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0)
-    step = float(ANGLES[1] - ANGLES[0])
-    scan = LaserScan(ranges, 20.0, float(ANGLES[0]), step, NO_OFFSET)
-    return model_of(cells).beams(scan)
+    return model_of(cells).beams(scan_of(ranges, 20.0))

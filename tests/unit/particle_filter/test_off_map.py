@@ -31,11 +31,6 @@ def after(views: list[BeamClasses], new_view: float = 1.0) -> tuple[float, MapQu
     return total, quality
 
 
-def test_a_place_where_beams_end_on_obstacles_is_right() -> None:
-    assert after([RIGHT])[0] > 1.0
-    assert after([WRONG])[0] < -2.0
-
-
 def test_short_beams_give_no_evidence() -> None:
     assert after([BeamClasses(0, 0, 0, 60)])[0] == pytest.approx(0.0)
     few, many = BeamClasses(20, 0, 0, 0), BeamClasses(20, 0, 0, 40)

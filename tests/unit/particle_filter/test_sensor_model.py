@@ -21,6 +21,7 @@ from tests.unit.particle_filter.rooms import (
     divided_room,
     model_of,
     plain_room,
+    scan_of,
     seen_from,
 )
 
@@ -37,14 +38,10 @@ def beams_of(ranges: list[float], model: SensorModel) -> Beams:
 
 def test_a_beam_without_return_counts_for_the_beam_model_only() -> None:
     ranges = [1.0, NO_RETURN, BROKEN, 40.0, -2.0, 3.0]
-    assert list(beams_of(ranges, BEAM).ranges) == [1.0, 10.0, 10.0, 3.0]
-    assert list(beams_of(ranges, FIELD).ranges) == [1.0, 3.0]
-
-
-def test_a_beam_without_return_has_no_end_point() -> None:
-    beams = beams_of([1.0, NO_RETURN, 10.0, 3.0], BEAM)
+    beams = beams_of(ranges, BEAM)
     assert list(beams.ranges) == [1.0, 10.0, 10.0, 3.0]
-    assert beams.returned.tolist() == [True, False, False, True]
+    assert beams.returned.tolist() == [True, False, False, True], "others have no end point"
+    assert list(beams_of(ranges, FIELD).ranges) == [1.0, 3.0]
 
 
 def test_each_beam_keeps_its_direction_when_others_are_dropped() -> None:
@@ -149,7 +146,7 @@ def half(mount: Pose, room: Cells) -> LaserScan:
     angles = np.linspace(-np.pi / 2, np.pi / 2, 90)
     seen = compose(TRUTH, mount)
     ranges = cast_rays(room, CELL_M, seen, angles, 20.0)
-    return LaserScan(ranges, 20.0, float(angles[0]), float(angles[1] - angles[0]), mount)
+    return scan_of(ranges, 20.0, angles, mount)
 
 
 def both(room: Cells) -> tuple[LaserScan, LaserScan, LaserScan]:
@@ -183,10 +180,10 @@ def test_the_rays_of_each_laser_begin_at_its_mount() -> None:
     assert field.occluded(TRUTH[None], wrong)[0] >= field.occluded(TRUTH[None], second)[0]
 
 
-def test_lasers_share_the_beams_that_are_scored() -> None:
-    room = plain_room()
-    merged = model_of(room, SensorSettings(max_beams=60)).beams(both(room)[2])
-    assert [len(laser.ranges) for laser in merged.lasers] == [30, 30]
+@pytest.mark.parametrize(("most", "each"), [(60, 30), (1, 1)])
+def test_lasers_share_the_beams_that_are_scored_and_each_has_one(most: int, each: int) -> None:
+    merged = model_of(plain_room(), SensorSettings(max_beams=most)).beams(both(plain_room())[2])
+    assert [len(laser.ranges) for laser in merged.lasers] == [each, each]
 
 
 @every_model
@@ -201,11 +198,6 @@ def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is(name: SensorModelNa
     np.testing.assert_array_equal(
         sensor.log_likelihood(TRUTH[None], merged), sensor.log_likelihood(TRUTH[None], first)
     )
-
-
-def test_each_laser_has_a_beam_however_few_are_scored_and_no_more() -> None:
-    merged = model_of(plain_room(), SensorSettings(max_beams=1)).beams(both(plain_room())[2])
-    assert [len(laser.ranges) for laser in merged.lasers] == [1, 1]
 
 
 def test_a_grid_is_read_only() -> None:
