@@ -68,6 +68,9 @@ LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
      {"localized": False, "confidently_wrong_fraction": None, "truth_probability_mean": None,
       "steps": 12, "localized_fraction": 1.0}),
     ([UNSCORED, FORGOTTEN, SURE], {"truth_tracked_fraction": 0.5}),
+    ([("localized", [place(0.4, WRONG), place(0.35, RIGHT), place(0.15, TRUTH)], TRUTH)],
+     {"log_score_mean": math.log(0.5), "brier_mean": 0.25 + 0.16}),
+    ([("lost", [], TRUTH)], {"log_score_mean": math.log(0.001), "brier_mean": 1.0}),
     ([LOST, SURE, LEADS],
      {"sure_and_right_at_step": 1, "truth_probability_lowest_once_sure": 0.6,
       "log_score_mean": (math.log(0.001) + math.log(0.95) + math.log(0.6)) / 3,
@@ -78,7 +81,8 @@ LEADS = "ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH
     "a short run", "a short run with a wrong step", "the rmse from where it stayed right",
     "the error of the last scored step", "sure at a wrong place", "the first search is not counted",
     "only a first search", "any place tracks the truth", "places forgotten later",
-    "no reference", "the first place ends the first search", "steps are counted from 0",
+    "no reference", "the first place ends the first search", "right places add up", "no place",
+    "steps are counted from 0",
 ])  # fmt: skip
 def test_the_scores_of_a_run_follow_from_its_steps(
     steps: list[tuple[State, list[Hypothesis], PoseTuple | None]], expected: dict[str, object]
@@ -95,28 +99,40 @@ def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
         start_steps(steps=61, starts=3, steps_each=60)
 
 
-def test_with_starts_a_run_has_60_steps_by_default() -> None:
-    recorded = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"))
-    assert case_of(recorded, 1, 8, None)[0].updates == 60
-    assert case_of(recorded, 1, 8, 9)[0].updates == 9
-    assert case_of(recorded, 3, 8, None)[1] == 3
-    simulated, seeds = case_of(SimulatedRobot(world="hall"), 1, 8, None)
-    assert (simulated.updates, seeds) == (60, 8)
+HALL = SimulatedRobot(world="hall")
+LOG = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"))
 
 
-def test_a_simulated_robot_drives_300_steps_by_default() -> None:
-    robot = robot_of("sim:hall", None, None)
-    assert robot == SimulatedRobot(world="hall")
-    assert case_of(robot, 1, None, None)[0].updates == 300
-    robot = robot_of("sim:a.yaml", "b.yaml", None)
-    assert robot == SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
-    assert case_of(robot, 1, None, 9)[0].updates == 9
+@pytest.mark.parametrize(
+    ("robot", "starts", "steps", "updates"),
+    [
+        (HALL, None, None, 300),
+        (HALL, None, 9, 9),
+        (HALL, 8, None, 60),
+        (LOG, None, None, None),
+        (LOG, 8, None, 60),
+        (LOG, 8, 9, 9),
+    ],
+)
+def test_the_default_length_of_a_run_depends_on_the_robot_and_on_starts(
+    robot: SimulatedRobot | RecordedRobot,
+    starts: int | None,
+    steps: int | None,
+    updates: int | None,
+) -> None:
+    assert case_of(robot, 1, starts, steps)[0].updates == updates
 
 
-def test_a_recorded_robot_drives_to_its_end() -> None:
-    robot = robot_of("a.log", "b.yaml", None)
-    assert robot == RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
-    assert case_of(robot, 1, None, None)[0].updates is None
+def test_each_start_of_a_simulated_robot_has_a_seed_of_its_own() -> None:
+    assert case_of(HALL, 1, 8, None)[1] == 8
+    assert case_of(LOG, 3, 8, None)[1] == 3
+
+
+def test_robots_are_named_by_their_source() -> None:
+    assert robot_of("sim:hall", None, None) == HALL
+    assert robot_of("a.log", "b.yaml", None) == LOG
+    other = SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
+    assert robot_of("sim:a.yaml", "b.yaml", None) == other
 
 
 @pytest.mark.parametrize(

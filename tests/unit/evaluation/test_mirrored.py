@@ -3,23 +3,16 @@ import math
 import msgspec
 import numpy as np
 
-from particle_filter.sensor_model import Beams
 from protocol.arrays import ArrayBlob
-from protocol.steps import LaserBeams, Scan, mirrored
+from protocol.steps import LaserBeams, mirrored
 from tests.unit.coordinator.reports import scan as scan_of
+from tests.unit.recordings.logs import beam_ends
 
 MOUNT = (0.3, 0.1, 0.4)
 SCAN = msgspec.structs.replace(
     scan_of(3), odom_from_robot=(1.0, 2.0, 0.5), robot_from_laser=MOUNT, angle_min_rad=-1.0,
     ranges=ArrayBlob.of(np.array([1.0, 2.0, np.inf, 4.0]), "float32"),
 )  # fmt: skip
-
-
-def ends(laser: Scan | LaserBeams) -> np.ndarray:
-    """(B, 2) where the beams end, in the robot's frame."""
-    ranges = laser.ranges.array().astype(np.float64)
-    angles = laser.angle_min_rad + laser.angle_step_rad * np.arange(len(ranges))
-    return Beams(ranges, angles, np.array(laser.robot_from_laser), np.inf).hits_in_robot
 
 
 def test_beams_end_on_the_other_side_of_the_robot() -> None:
@@ -33,6 +26,8 @@ def test_beams_end_on_the_other_side_of_the_robot() -> None:
     scan = msgspec.structs.replace(SCAN, others=(other,))
     image = mirrored(scan)
     for before, after in ((scan, image), (other, image.others[0])):
-        np.testing.assert_allclose(ends(after)[::-1], ends(before) * (1.0, -1.0), atol=1e-12)
+        np.testing.assert_allclose(
+            beam_ends(after)[::-1], beam_ends(before) * (1.0, -1.0), atol=1e-12
+        )
     assert image.odom_from_robot == (1.0, -2.0, -0.5)
     assert mirrored(image) == scan

@@ -5,11 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from particle_filter.sensor_model import Beams
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
+from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
 from recordings.recording import Recording, open_recording
 
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
@@ -68,6 +70,13 @@ def seconds(stamp_s: float) -> int:
 
 def odometry_reading(stamp_s: float, pose: PoseTuple = ORIGIN) -> OdometryReading:
     return OdometryReading(sender="robot", stamp_ns=seconds(stamp_s), odom_from_robot=pose)
+
+
+def beam_ends(laser: Scan | LaserBeams) -> NDArray[np.float64]:
+    """(B, 2) where the beams end, in the robot's frame."""
+    ranges = laser.ranges.array().astype(np.float64)
+    angles = laser.angle_min_rad + laser.angle_step_rad * np.arange(len(ranges))
+    return Beams(ranges, angles, np.array(laser.robot_from_laser), np.inf).hits_in_robot
 
 
 def laser_reading(

@@ -12,12 +12,6 @@ def test_corrected_times_never_decrease(stamps: list[int]) -> None:
     assert np.all(np.diff(monotonic_times(np.array(stamps, np.int64))) >= 0)
 
 
-@given(STAMPS)
-def test_ascending_stamps_are_unchanged(stamps: list[int]) -> None:
-    in_order = np.array(sorted(stamps), np.int64)
-    np.testing.assert_array_equal(monotonic_times(in_order), in_order)
-
-
 @given(STAMPS.filter(len))
 def test_no_stamp_is_corrected_by_more_than_the_largest_step_back(stamps: list[int]) -> None:
     times = np.array(stamps, np.int64)

@@ -7,14 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from particle_filter.sensor_model import Beams
 from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import MAX_LASERS
-from protocol.steps import LaserBeams, LaserReading, Reading, Scan
+from protocol.steps import LaserReading, Reading, Scan
 from sensor_bridge.stages import RESTART_AFTER
-from sensor_bridge.step_maker import StepMaker, beams_of, steps_from
+from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 FRONT: PoseTuple = (0.3, 0.0, 0.0)
@@ -151,24 +149,3 @@ def test_ranges_below_the_lasers_minimum_are_no_returns() -> None:
     maker = a_maker()
     assert made_of(near, maker=maker) == []
     assert maker.dropped == {"no_returns": 1}
-
-
-def points(beams: LaserBeams) -> np.ndarray:
-    ranges = beams.ranges.array()
-    angles = beams.angle_min_rad + beams.angle_step_rad * np.arange(len(ranges))
-    return Beams(ranges, angles, np.array(beams.robot_from_laser), np.inf).hits_in_robot
-
-
-def test_beams_of_an_upside_down_laser_are_mirrored() -> None:
-    reading = LaserReading(
-        sender="robot", stamp_ns=0, ranges=ArrayBlob.of(np.array([1.0, 2.0, 3.0]), "float32"),
-        angle_min_rad=0.2, angle_step_rad=0.5, range_max_m=10.0, robot_from_laser=(0.5, 0.0, 0.1),
-    )  # fmt: skip
-    upright = points(beams_of(reading)) - (0.5, 0.0)
-    head = beams_of(msgspec.structs.replace(reading, upside_down=True))
-    assert head.angle_step_rad > 0
-    c, s = math.cos(0.1), math.sin(0.1)
-    along, across = np.array([c, s]), np.array([-s, c])  # of the laser
-    mirrored = (points(head) - (0.5, 0.0))[::-1]
-    np.testing.assert_allclose(mirrored @ along, upright @ along, atol=1e-6)
-    np.testing.assert_allclose(mirrored @ across, -(upright @ across), atol=1e-6)

@@ -7,13 +7,12 @@ import pytest
 from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
 from benchmarks.experiments.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from benchmarks.experiments.measures import RunMeasures
-from benchmarks.experiments.task import Run, Task, run_task
-from coordinator.belief.outcome import Outcome
+from benchmarks.experiments.task import Task, run_task
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
-from tests.unit.particle_filter.rooms import model_of, plain_room, symmetric_room
+from tests.unit.particle_filter.rooms import model_of, plain_room
 
 SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())
@@ -25,10 +24,6 @@ def task(algorithm: Algorithm, cache: Path, *more: str, **changed: Any) -> Task:
     case = Case(name="t", title="t", robot=robot, seeds=1, **changed)
     settings = load_settings(None, [*SMALL, *more])
     return Task(case=case, algorithm=algorithm, seed=3, settings=settings, cache_folder=cache)
-
-
-def beliefs(algorithm: Algorithm, cache: Path, *more: str) -> list[Outcome]:
-    return list(Run(task(algorithm, cache, *more, updates=8)).outcomes())
 
 
 def kidnapped(algorithm: Algorithm, cache: Path) -> RunMeasures:
@@ -45,10 +40,6 @@ def test_a_kidnapped_robot_is_found_again_only_with_random_particles(tmp_path: P
     assert with_recovery.localized
     assert without.right_within is not None
     assert without.right_after_kidnap is None
-
-
-def test_no_random_particles_are_drawn_while_scans_fit(tmp_path: Path) -> None:
-    assert beliefs("amcl", tmp_path) == beliefs("mcl", tmp_path)
 
 
 def cloud(*poses: tuple[float, float, float], count: int = 2000) -> ParticleSet:
@@ -74,6 +65,3 @@ def test_the_random_share_of_a_particle_set_is_drawn_from_the_whole_map() -> Non
     assert np.ptp(after.map_from_robot[moved], axis=0) == pytest.approx([5.9, 3.9, 6.28], abs=0.3)
     assert (after.weights == 1.0 / 2000).all()
     assert drawn(before, 0.0) is before
-
-
-WITH_BOX, WITHOUT_BOX = symmetric_room(), plain_room()
