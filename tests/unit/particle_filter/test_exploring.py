@@ -82,5 +82,6 @@ def test_no_hit_is_nearer_to_the_way_than_the_radius(
         return
     assert LEAST_M <= np.hypot(*way[-1, :2]) <= MOST_M + 1e-9
     bearing = way[-1, 2]
-    ahead = hits @ (math.cos(bearing), math.sin(bearing)) > 0.0  # the robot stands free already
+    # The robot stands free already, so hits at its side do not count.
+    ahead = hits @ (math.cos(bearing), math.sin(bearing)) > 1e-9
     assert np.hypot(*(hits[ahead, None] - way[1:, :2]).T).min() >= radius_m
