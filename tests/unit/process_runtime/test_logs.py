@@ -1,12 +1,11 @@
 import logging
-import subprocess
-import sys
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from process_runtime.logs import CauseCounter
+from tests.unit.programs import ran
 
 
 def test_a_cause_is_logged_once_a_minute_with_its_count() -> None:
@@ -42,9 +41,7 @@ def test_a_message_is_one_line_on_standard_error_with_the_process_in_front() -> 
         "c('early', 'debug'); c('50% worker-3', 'info'); log = logging.getLogger('x');"
         "log.debug('hidden'); log.info('two\\nlines %s', 1)"
     )
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
-    )
-    assert ran.stdout == ""
-    assert len(ran.stderr.splitlines()) == 1
-    assert ran.stderr.endswith("INFO    50% worker-3: two | lines 1\n")
+    ended = ran(program)
+    assert ended.stdout == ""
+    assert len(ended.stderr.splitlines()) == 1
+    assert ended.stderr.endswith("INFO    50% worker-3: two | lines 1\n")

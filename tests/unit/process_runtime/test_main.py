@@ -1,6 +1,4 @@
 import argparse
-import subprocess
-import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +8,7 @@ import pytest
 from process_runtime.main import Invocation, run_process
 from process_runtime.stop import StopFlag, StoppedError
 from protocol.errors import UnreachableError
+from tests.unit.programs import ran
 
 
 def run(body: Callable[[Invocation], None], *argv: str) -> int:
@@ -100,11 +99,8 @@ def test_every_process_prints_its_version(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_the_command_prints_its_version() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-m", "clustermcl", "--version"], capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    assert (ran.stdout, ran.stderr) == (f"clustermcl {version('clustermcl')}\n", "")
+    ended = ran("import runpy; runpy.run_module('clustermcl', run_name='__main__')", "--version")
+    assert (ended.stdout, ended.stderr) == (f"clustermcl {version('clustermcl')}\n", "")
 
 
 def test_the_runtime_loads_nothing_heavy() -> None:
@@ -114,7 +110,4 @@ def test_the_runtime_loads_nothing_heavy() -> None:
         "zenoh_link.router, process_runtime.supervisor;"
         "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
     )
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
-    )
-    assert ran.stdout == "set()\n"
+    assert ran(program).stdout == "set()\n"

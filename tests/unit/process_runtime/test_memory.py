@@ -1,10 +1,9 @@
 import platform
-import subprocess
-import sys
 
 import pytest
 
 from process_runtime.memory import ARENAS, SETTLED_S, HeapTrimmer
+from tests.unit.programs import ran
 
 if platform.libc_ver()[0] != "glibc":
     pytest.skip("only glibc keeps freed memory and can be told not to", allow_module_level=True)
@@ -43,9 +42,7 @@ libc.fflush(ctypes.c_void_p(stream))
 
 
 def arenas(word: str) -> int:
-    command = [sys.executable, "-I", "-c", ARENAS_PROGRAM, word]
-    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return output.count("<heap nr=")
+    return ran(ARENAS_PROGRAM, word).stdout.count("<heap nr=")
 
 
 def test_threads_share_a_few_arenas() -> None:
@@ -64,9 +61,6 @@ def test_heap_memory_is_returned_once_after_large_messages() -> None:
 
 def test_free_memory_below_used_memory_is_returned() -> None:
     """Some 115 MB were used; a heap shrinks by itself only from its end."""
-    output = subprocess.run(
-        [sys.executable, "-I", "-c", PROGRAM], capture_output=True, text=True, check=True
-    ).stdout
-    before_mb, after_mb = map(int, output.split())
+    before_mb, after_mb = map(int, ran(PROGRAM).stdout.split())
     assert before_mb > 100
     assert after_mb < before_mb - 90

@@ -69,12 +69,6 @@ def any_settings(draw: st.DrawFn) -> Settings:
     return msgspec.convert(tables, Settings)
 
 
-@given(data=st.data())
-def test_texts_of_a_pattern_are_generated(data: st.DataObject) -> None:
-    for name in ("robot.name", "search.regions"):
-        assert isinstance(data.draw(values_of(TABLE[name])), str)
-
-
 @given(settings=any_settings())
 def test_settings_written_as_toml_are_read_back_the_same(
     settings: Settings, tmp_path_factory: pytest.TempPathFactory
@@ -104,10 +98,6 @@ def test_every_setting_is_written_with_unit_meaning_and_default() -> None:
     assert "# Seed of all random numbers; a whole number >= 0; default 0 seed = 7" in text
     for info in TABLE.values():
         assert info.meaning in text
-
-
-def test_without_file_and_assignments_all_settings_are_defaults() -> None:
-    assert load_settings(None, []) == Settings()
 
 
 def test_the_command_line_overrides_the_file_and_later_options_override_earlier_ones(

@@ -1,11 +1,10 @@
-import subprocess
-import sys
 import threading
 import time
 
 import pytest
 
 from process_runtime.stop import StopFlag, StoppedError
+from tests.unit.programs import ran
 
 PRINTS_WHEN_STOPPED = """
 import os, signal
@@ -58,37 +57,18 @@ def test_check_raises_once_the_flag_is_set() -> None:
 
 
 def test_signals_set_the_flag_and_the_second_does_no_harm() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", PRINTS_WHEN_STOPPED],
-        capture_output=True,
-        text=True,
-        timeout=30.0,
-        check=True,
-    )
-    assert (ran.stdout, ran.stderr) == ("True\n", "")
+    ended = ran(PRINTS_WHEN_STOPPED)
+    assert (ended.stdout, ended.stderr) == ("True\n", "")
 
 
 @pytest.mark.parametrize(("how", "stops"), [("plain", "True\n"), ("nohup", "False\n")])
 def test_a_terminal_that_closes_is_a_signal_to_stop_unless_it_is_ignored(
     how: str, stops: str
 ) -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", CLOSED_TERMINAL, how],
-        capture_output=True,
-        text=True,
-        timeout=30.0,
-        check=True,
-    )
-    assert ran.stdout == stops
+    assert ran(CLOSED_TERMINAL, how).stdout == stops
 
 
 def test_a_process_that_hangs_after_the_signal_prints_its_stack_and_ends() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", HANGS],
-        capture_output=True,
-        text=True,
-        timeout=30.0,
-        check=False,
-    )
-    assert ran.returncode == 1
-    assert "in wait" in ran.stderr
+    ended = ran(HANGS, check=False)
+    assert ended.returncode == 1
+    assert "in wait" in ended.stderr

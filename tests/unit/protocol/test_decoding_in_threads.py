@@ -1,12 +1,12 @@
-import subprocess
-import sys
+from tests.unit.programs import ran
 
 FIRST_DECODED_BY_FOUR_THREADS = """
-import sys, threading
+import faulthandler, sys, threading
 import msgspec
 from protocol.codec import decode
 from protocol.message import Message
 
+faulthandler.enable()
 sys.setswitchinterval(1e-6)
 for number in range(60):
     inner = [
@@ -33,8 +33,5 @@ for number in range(60):
 
 
 def test_several_threads_can_decode_a_new_class_at_the_same_time() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-X", "faulthandler", "-c", FIRST_DECODED_BY_FOUR_THREADS],
-        capture_output=True, text=True, timeout=100.0, check=False,
-    )  # fmt: skip
-    assert ran.returncode == 0, ran.stderr[-2000:]
+    ended = ran(FIRST_DECODED_BY_FOUR_THREADS, check=False, timeout_s=100.0)
+    assert ended.returncode == 0, ended.stderr[-2000:]

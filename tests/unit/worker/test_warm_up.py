@@ -1,8 +1,6 @@
 import logging
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +8,7 @@ import pytest
 
 from particle_filter import kernel_library, kernels
 from particle_filter.settings import MotionSettings, SensorSettings
+from tests.unit.programs import ran
 from worker.warm_up import compile_kernels, run_kernels
 
 needs_compiler = pytest.mark.skipif(
@@ -30,10 +29,7 @@ print("imported:", sorted({"numba", "llvmlite"} & set(sys.modules)))
 
 @needs_compiler
 def test_a_robot_drives_without_numba() -> None:
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", DRIVE], capture_output=True, text=True, check=True
-    )
-    assert ran.stdout.splitlines()[-1] == "imported: []"
+    assert ran(DRIVE, timeout_s=250.0).stdout.splitlines()[-1] == "imported: []"
 
 
 @pytest.fixture
