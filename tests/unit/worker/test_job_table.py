@@ -66,6 +66,22 @@ def order(
     return reports.work_order(snapshot_every_steps=snapshots, keep=keep, begin=begin)
 
 
+def search(shard: int = 0, first_step: int = 0) -> Assignment:
+    job = SearchJob(search=0, shard=shard, first_step=first_step)
+    return Assignment(job_id=f"s0.{shard}", epoch=1, job=job)
+
+
+def table_with(model: SensorModel, *begun: Assignment) -> JobTable:
+    table = JobTable("w")
+    table.follow(order(*begun), model, SETTINGS)
+    return table
+
+
+def sizes(table: JobTable) -> list[tuple[int | None, int]]:
+    jobs = [held.job for held in table.holds()]
+    return [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)]
+
+
 def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
     taken = [report for step in steps for report in table.on_scan(scan(step))]
     assert all(isinstance(report, TrackReport) for report in taken)
@@ -75,8 +91,7 @@ def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
 def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     model: SensorModel,
 ) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
+    table = table_with(model, track("c0", cloud()), track("c1", cloud()))
     kept = msgspec.structs.replace(
         order(keep=(("c0", 1), ("c1", 1))), resize=(("c1", 25, 3), ("c9", 25, 3))
     )
@@ -84,30 +99,21 @@ def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     table.follow(kept, model, SETTINGS)
     settled = msgspec.structs.replace(kept, resize=(("c1", 25, 3),))
     assert not table.has_changes(settled)
-    jobs = [job.job for job in table.holds()]
-    assert [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)] == [
-        (None, -1),
-        (None, -1),
-    ], "they have seen no scan, so they are handed on as they were given"
+    as_given = [(None, -1), (None, -1)]
+    assert sizes(table) == as_given, "they have seen no scan"
     reports_of(table, range(1, 2))
-    jobs = [job.job for job in table.holds()]
-    assert [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)] == [
-        (100, -1),
-        (25, 3),
-    ]
+    assert sizes(table) == [(100, -1), (25, 3)]
 
 
 def test_a_repeated_order_does_not_restart_a_job(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    table = table_with(model, track("c0", cloud()))
     reports_of(table, range(1, 3))
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     assert table.summary() == (("c0", 1, 2),)
 
 
 def test_a_missed_step_loses_only_its_own_evidence(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    table = table_with(model, track("c0", cloud()))
     table.on_scan(scan(1))
     (report,) = reports_of(table, range(5, 6))
     moved = report.pose[0] - np.mean(cloud().map_from_robot.array()[:, 0])
@@ -124,10 +130,7 @@ def searched(table: JobTable) -> list[Report]:
 def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
     model: SensorModel,
 ) -> None:
-    order_of_both = order(
-        track("c0", cloud()),
-        Assignment(job_id="s0.1", epoch=1, job=SearchJob(search=0, shard=1, first_step=1)),
-    )
+    order_of_both = order(track("c0", cloud()), search(shard=1, first_step=1))
     at_once, in_slices = JobTable("w"), JobTable("w")
     reported: dict[JobTable, list[Report]] = {at_once: [], in_slices: []}
     for table in reported:
@@ -146,9 +149,7 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
 
 
 def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
-    table = JobTable("w")
-    job = SearchJob(search=0, shard=0, first_step=0)
-    table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
+    table = table_with(model, search())
     table.on_scan(scan(0))
     assert table.search_on() == []
     table.follow(order(track("c0", cloud())), model, SETTINGS)
@@ -157,9 +158,7 @@ def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
 
 
 def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> None:
-    table = JobTable("w")
-    job = SearchJob(search=0, shard=0, first_step=0)
-    table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
+    table = table_with(model, search())
     for step in range(4):
         assert table.on_scan(scan(step)) == [], "clusters would not wait for it"
     reports = searched(table)
@@ -171,8 +170,7 @@ def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> N
 
 
 def test_several_scans_far_ahead_are_followed_and_so_is_the_return(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    table = table_with(model, track("c0", cloud()))
     reports_of(table, range(1, 4))
     forged = [msgspec.structs.replace(scan(3 + n), step=10**9 + n) for n in range(1, 4)]
     assert [report.step for one in forged for report in table.on_scan(one)] == [10**9 + 3]

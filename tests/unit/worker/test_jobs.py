@@ -51,9 +51,17 @@ def test_a_cluster_without_a_scan_is_handed_on_unchanged(model: SensorModel) -> 
     np.testing.assert_array_equal(first, second)
 
 
-def test_clusters_do_not_share_their_noise(model: SensorModel) -> None:
+@pytest.mark.parametrize(
+    ("job_id", "seed"), [("c1", 0), ("c0", 1)], ids=["another cluster", "another seed"]
+)
+def test_clusters_and_seeds_do_not_share_their_noise(
+    model: SensorModel, job_id: str, seed: int
+) -> None:
     """From one start, at one step: else what errs for one errs for all alike."""
-    jobs = [begun(job_id, model, KEPT, exact=True) for job_id in ("c0", "c1")]
+    jobs = [
+        begun("c0", model, KEPT, exact=True),
+        begun(job_id, model, replace(KEPT, seed=seed), exact=True),
+    ]
     for job in jobs:
         job.advance(scan(1))
     assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
@@ -67,13 +75,6 @@ def test_steps_do_not_share_their_noise(model: SensorModel) -> None:
         headings.append(poses_of(job)[:, 2])
     first, second = np.diff(headings, axis=0)
     assert np.abs(first - second).min() > 1e-9
-
-
-def test_seeds_do_not_share_their_noise(model: SensorModel) -> None:
-    jobs = [begun("c0", model, replace(KEPT, seed=seed), exact=True) for seed in (0, 1)]
-    for job in jobs:
-        job.advance(scan(1))
-    assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
 
 
 def test_a_report_describes_the_current_particles(model: SensorModel) -> None:

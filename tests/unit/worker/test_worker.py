@@ -294,30 +294,29 @@ def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> N
     assert handled(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)], "for the next"
 
 
-def test_an_order_whose_map_never_arrives_is_refused_and_the_next_one_queries_it_again(
-    fresh: Worker,
+@pytest.mark.parametrize(
+    ("events", "cause", "problem"),
+    [
+        pytest.param(
+            [on_map_failure(NO_ANSWER)], "order refused", str(NO_ANSWER), id="it never arrives"
+        ),
+        pytest.param(
+            [on_map(grid("another"))], "order for another map", "'w' has map another, expected map",
+            id="another",
+        ),
+        pytest.param(
+            [on_map(grid()), on_map_failure(ValueError("the map has no obstacle"))],
+            "order refused", "the map has no obstacle", id="no sensor model can be built of it",
+        ),
+    ],
+)  # fmt: skip
+def test_an_order_whose_map_cannot_be_used_is_refused_and_the_next_one_fetches_it_again(
+    fresh: Worker, events: list[Event], cause: str, problem: str
 ) -> None:
-    handled(fresh, asked(1, track("c0", cloud())))
-    refused = handled(fresh, on_map_failure(NO_ANSWER))
-    assert causes(refused) == ["order refused"]
-    assert answers(refused)[1].problem == str(NO_ANSWER)
+    refused = handled(fresh, asked(1, track("c0", cloud())), *events)
+    assert causes(refused) == [cause]
+    assert answers(refused)[1].problem == problem
     assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
-
-
-def test_another_map_than_the_orders_is_refused_with_both_digests(fresh: Worker) -> None:
-    refused = handled(fresh, asked(1, track("c0", cloud())), on_map(grid("another")))
-    assert causes(refused) == ["order for another map"]
-    assert answers(refused)[1].problem == "'w' has map another, expected map"
-    assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
-
-
-def test_an_order_is_refused_if_no_sensor_model_of_its_map_can_be_built(fresh: Worker) -> None:
-    handled(fresh, asked(1, track("c0", cloud())), on_map(grid()))
-    refused = handled(fresh, on_map_failure(ValueError("the map has no obstacle")))
-    assert answers(refused)[1].problem == "the map has no obstacle"
-    assert handled(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], (
-        "it may be another by now"
-    )
 
 
 def test_an_order_for_another_map_fetches_that_and_its_model(
@@ -390,14 +389,18 @@ def test_a_job_that_begins_behind_waits_for_history_while_others_continue(tracki
     assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
 
 
-def test_without_history_a_job_begins_with_the_scans_at_hand(
-    fresh: Worker, model: SensorModel
-) -> None:
+@pytest.fixture
+def behind(fresh: Worker, model: SensorModel) -> Worker:
+    """Has the scan 5 and a job that begins after step 2: it has asked for those in between."""
     handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
     begun = handled(fresh, on_model("map", model))
     assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
-    assert handled(fresh, on_scan(scan(6))) == []
-    failed = handled(fresh, on_no_history(MissingScans(3, 4), "nobody is there"))
+    return fresh
+
+
+def test_without_history_a_job_begins_with_the_scans_at_hand(behind: Worker) -> None:
+    assert handled(behind, on_scan(scan(6))) == []
+    failed = handled(behind, on_no_history(MissingScans(3, 4), "nobody is there"))
     assert causes(failed) == ["no scan history"]
     assert reported(failed) == [("c0", 5), ("c0", 6)]
 
@@ -415,22 +418,18 @@ def test_a_worker_needs_scans_only_for_a_job_and_fetches_those_since_it_began(
     assert again[1:] == [FetchScans(MissingScans(91, None), HISTORY_TIMEOUT_S)]
 
 
-def test_repeated_orders_request_past_scans_once(fresh: Worker, model: SensorModel) -> None:
-    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
-    handled(fresh, on_model("map", model))
-    again = handled(fresh, asked(2, track("c0", cloud(step=2))))
+def test_repeated_orders_request_past_scans_once(behind: Worker) -> None:
+    again = handled(behind, asked(2, track("c0", cloud(step=2))))
     assert [type(do) for do in again] == [Answer]
-    caught_up = handled(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4))))
+    caught_up = handled(behind, on_history(MissingScans(3, 4), (scan(3), scan(4))))
     assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
 
 
-def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: SensorModel) -> None:
-    handled(fresh, asked(1, track("c0", cloud(step=2))), on_scan(scan(5)), on_map(grid()))
-    handled(fresh, on_model("map", model))
-    wider = handled(fresh, on_scan(scan(8)))
+def test_an_answer_to_a_repeated_query_is_not_awaited(behind: Worker) -> None:
+    wider = handled(behind, on_scan(scan(8)))
     assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
-    assert handled(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
-    caught_up = handled(fresh, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
+    assert handled(behind, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
+    caught_up = handled(behind, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
     assert reported(caught_up) == [("c0", step) for step in range(3, 9)]
 
 
