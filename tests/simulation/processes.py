@@ -1,18 +1,18 @@
 """The bridge and the workers: their real cores, at the ends of simulated links."""
 
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from protocol.errors import UnreachableError
-from protocol.steps import MapMessage, OdometryReading, Scan
+from protocol.steps import OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
 from tests.simulation.network import Action, Asker, Node
 from tests.simulation.world import MAP, scan_of
 from tests.unit.worker import events
 from worker import worker as instructions
-from worker.job_table import MissingScans
 from worker.worker import Worker
 
 if TYPE_CHECKING:
@@ -147,49 +147,32 @@ class WorkerNode(Node):
             case instructions.Answer(question, WorkerState() as state):
                 simulation.answer_state(self, self._questions[question], state)
             case instructions.FetchMap():
-                self._fetch_map()
+                error = UnreachableError(peer="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
+                self._ask_bridge(lambda _: events.on_map(MAP), events.on_map_failure(error))
             case instructions.BuildModel(map_message):
                 built = events.on_model(map_message.digest, simulation.model)
                 self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._handle(built))
             case instructions.FetchScans(missing):
-                self._fetch_scans(missing)
+                self._ask_bridge(
+                    lambda bridge: events.on_history(
+                        missing, bridge.history(missing.first, missing.last)
+                    ),
+                    events.on_no_history(missing, "nobody is there"),
+                )
             case instructions.Warn():
                 pass
 
-    def _fetch_map(self) -> None:
-        answered = list[MapMessage]()
+    def _ask_bridge(self, answered: Callable[[Bridge], events.Event], failed: events.Event) -> None:
+        """Whatever comes first happens: the answer, or the end of patience."""
+        happened = list[bool]()
 
-        def arrived() -> None:
-            if not answered:
-                answered.append(MAP)
-                self._handle(events.on_map(MAP))
+        def first(event: events.Event) -> Action:
+            def happen() -> None:
+                if not happened:
+                    happened.append(True)
+                    self._handle(event)
 
-        def failed() -> None:
-            if not answered:
-                answered.append(MAP)
-                error = UnreachableError(peer="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
-                self._handle(events.on_map_failure(error))
+            return happen
 
-        self._simulation.ask_bridge(self, lambda _: arrived)
-        self.later(FETCH_TIMEOUT_S, failed)
-
-    def _fetch_scans(self, missing: MissingScans) -> None:
-        answered = list[bool]()
-
-        def with_scans(bridge: Bridge) -> Action:
-            scans = bridge.history(missing.first, missing.last)
-
-            def arrived() -> None:
-                if not answered:
-                    answered.append(True)
-                    self._handle(events.on_history(missing, scans))
-
-            return arrived
-
-        def failed() -> None:
-            if not answered:
-                answered.append(True)
-                self._handle(events.on_no_history(missing, "nobody is there"))
-
-        self._simulation.ask_bridge(self, with_scans)
-        self.later(FETCH_TIMEOUT_S, failed)
+        self._simulation.ask_bridge(self, lambda bridge: first(answered(bridge)))
+        self.later(FETCH_TIMEOUT_S, first(failed))

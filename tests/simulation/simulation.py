@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import TypeVar
 
 from particle_filter.sensor_model import SensorModel
@@ -152,35 +153,31 @@ class Simulation:
 
     # --- what goes over the network
 
+    def _publish(self, source: Node, nodes: Iterable[N], received: Callable[[N], None]) -> None:
+        for node in nodes:
+            self.network.send(source, node, partial(received, node))
+
     def publish_scan(self, source: Bridge, scan: Scan) -> None:
         self.laws.taken_ns[scan.stamp_ns] = self.clock.now_ns
-        for node in self._shuffled((*self.coordinators.values(), *self.workers.values())):
-            self.network.send(source, node, lambda node=node: node.on_scan(scan))  # type: ignore[misc]
+        nodes: list[CoordinatorNode | WorkerNode]
+        nodes = [*self.coordinators.values(), *self.workers.values()]
+        self._publish(source, self._shuffled(nodes), lambda node: node.on_scan(scan))
 
     def publish_odometry(self, source: Bridge, reading: OdometryReading) -> None:
         self.laws.taken_ns[reading.stamp_ns] = self.clock.now_ns
-        for node in self.coordinators.values():
-            self.network.send(source, node, lambda node=node: node.on_odometry(reading))  # type: ignore[misc]
+        self._publish(source, self.coordinators.values(), lambda node: node.on_odometry(reading))
 
     def publish_report(self, source: WorkerNode, report: Report) -> None:
-        for node in self.coordinators.values():
-            self.network.send(
-                source,
-                node,
-                lambda node=node: node.on_report(source.name, report),  # type: ignore[misc]
-            )
+        self._publish(
+            source, self.coordinators.values(), lambda node: node.on_report(source.name, report)
+        )
 
     def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
         received = decode(encode(checkpoint), Checkpoint)
-        for worker in self._shuffled(self.workers.values()):
-            self.network.send(
-                source,
-                worker,
-                lambda worker=worker: worker.on_checkpoint(received),  # type: ignore[misc]
-            )
-        for node in self.coordinators.values():
-            if node is not source:
-                self.network.send(source, node, lambda node=node: node.on_checkpoint(received))  # type: ignore[misc]
+        workers = self._shuffled(self.workers.values())
+        others = [node for node in self.coordinators.values() if node is not source]
+        self._publish(source, workers, lambda node: node.on_checkpoint(received))
+        self._publish(source, others, lambda node: node.on_checkpoint(received))
 
     def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
         worker, asker = self.workers[name], Asker.now(source)
