@@ -1,6 +1,6 @@
 from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
 from coordinator.events import TimePassed, WorkerLeft
-from coordinator.instructions import Instruction, SendOrder
+from coordinator.instructions import Instruction
 from coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
@@ -16,16 +16,11 @@ class StoryWithFrozen(Story):
         super().__init__(*workers)
 
     def follow(self, instructions: list[Instruction]) -> None:
-        super().follow(
-            [
-                instruction
-                for instruction in instructions
-                if not (isinstance(instruction, SendOrder) and instruction.worker in self.frozen)
-            ]
-        )
+        answered = [do for do in instructions if getattr(do, "worker", "") not in self.frozen]
+        super().follow(answered)
 
     def tick(self, *, at_s: float) -> None:
-        self.follow(self.coordinator.handle(TimePassed(), int(at_s * SECOND)))
+        self.handle(TimePassed(), at_s)
 
 
 def with_two_clusters() -> StoryWithFrozen:
@@ -67,10 +62,9 @@ def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None 
     """Steps whose reports come 0.3 s after their scan, or that must do without one."""
     for step in range(first, first + steps):
         story.scan(step, at_s=20.0 + step)
-        story.report(tracked("c0", step, 0.1, NORTH, epoch=story.epochs["c0"]), at_s=20.3 + step)
+        story.report(tracked("c0", step, 0.1, NORTH), at_s=20.3 + step)
         if south is not None:
-            other = tracked("c1", step, south, SOUTH, epoch=story.epochs["c1"])
-            story.report(other, at_s=20.3 + step)
+            story.report(tracked("c1", step, south, SOUTH), at_s=20.3 + step)
         story.tick(at_s=20.6 + step)
     return 21.0 + first + steps
 
@@ -78,7 +72,7 @@ def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None 
 def test_the_status_shows_an_overload() -> None:
     story = with_two_clusters()
     at_s = slow(story, 4, STEPS)
-    assert story.coordinator.status(int(at_s * SECOND), {}).overloaded
+    assert story.status(at_s).overloaded
 
 
 def test_periodic_searches_wait_until_an_overload_ends() -> None:
@@ -100,7 +94,7 @@ def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -
     slow(story, 4 + STEPS, GIVEN_UP_AFTER + 1, south=None)
     assert story.places["c1"] == slower
     slow(story, 5 + STEPS + GIVEN_UP_AFTER, GIVEN_UP_LATER, south=None)
-    story.follow(story.coordinator.handle(TimePassed(), 200 * SECOND))
+    story.tick(at_s=200.0)
     assert story.places["c1"] != slower
 
 
@@ -134,8 +128,7 @@ def test_a_thawed_worker_gets_jobs_again_after_its_pause() -> None:
     story.frozen.clear()
     story.tick(at_s=given_up_s + 1.0)  # its order is repeated, and answered
     for worker in {"a", "b", "c"} - {frozen, story.places["c0"]}:
-        now_ns = int((given_up_s + 1.0) * SECOND)
-        story.follow(story.coordinator.handle(WorkerLeft(worker), now_ns))
+        story.handle(WorkerLeft(worker), given_up_s + 1.0)
     assert story.places["c1"] == story.places["c0"], "in its pause it gets nothing"
     story.tick(at_s=given_up_s + FIRST_PAUSE_NS / SECOND + 1.0)
     assert frozen in {story.places["c0"], story.places["c1"]}

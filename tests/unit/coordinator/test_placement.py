@@ -33,10 +33,16 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
         made.on_order_answer(name, answer)
 
 
-def test_an_order_that_was_answered_is_not_repeated() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
+def tracking(*workers: str, clusters: int = 1) -> Placement:
+    """Its workers have confirmed their jobs."""
+    made = placement(*workers)
+    made.jobs.begin({f"c{n}": track(n) for n in range(clusters)})
     follow(made, due(made, 0))
+    return made
+
+
+def test_an_order_that_was_answered_is_not_repeated() -> None:
+    made = tracking("a")
     assert due(made, 10 * SECOND) == []
 
 
@@ -51,11 +57,8 @@ def test_an_order_without_answer_is_repeated_with_the_same_epoch() -> None:
 
 
 def test_another_worker_continues_the_cluster_of_a_dead_worker_from_its_last_snapshot() -> None:
-    made = placement("a", "b")
-    made.jobs.begin({"c0": track(0)})
-    orders = due(made, 0)
-    follow(made, orders)
-    epoch = orders[0][1].begin[0].epoch
+    made = tracking("a", "b")
+    epoch = made.jobs.by_worker()["a"]["c0"]
     snapshot = cloud_at((1.0, 2.0, 0.0), step=10)
     made.on_report(tracked("c0", 10, 0.1, (1.0, 2.0, 0.0), snapshot=snapshot), in_time=True)
     made.on_worker_left("a")
@@ -69,9 +72,7 @@ def test_another_worker_continues_the_cluster_of_a_dead_worker_from_its_last_sna
 
 
 def test_a_new_number_of_particles_reaches_the_worker_and_its_successor() -> None:
-    made = placement("a", "b")
-    made.jobs.begin({"c0": track(0), "c1": track(1)})
-    follow(made, due(made, 0))
+    made = tracking("a", "b", clusters=2)
     made.resize({"c0": (500, 30)})
     ((name, order),) = due(made, 1)
     assert (name, order.begin, order.resize) == ("a", (), (("c0", 500, 30),))
@@ -86,9 +87,7 @@ def test_a_new_number_of_particles_reaches_the_worker_and_its_successor() -> Non
 
 
 def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
-    follow(made, due(made, 0))
+    made = tracking("a")
     made.resize({"c0": (500, 30)})
     due(made, 1)  # lost
     before = Assignment(job_id="c0", epoch=made.jobs.by_worker()["a"]["c0"], job=track(0, 9))
@@ -98,17 +97,13 @@ def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again()
 
 
 def test_a_restarted_worker_gets_its_jobs_again() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
-    follow(made, due(made, 0))
+    made = tracking("a")
     made.on_worker_joined("a")
     assert begun(due(made, SECOND)) == {"a": ["c0"]}
 
 
 def test_ended_jobs_are_left_out_of_the_next_order() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0), "c1": track(1)})
-    follow(made, due(made, 0))
+    made = tracking("a", clusters=2)
     made.jobs.end(["c0"])
     ((_, order),) = due(made, SECOND)
     assert [job for job, _ in order.keep] == ["c1"]
@@ -116,9 +111,7 @@ def test_ended_jobs_are_left_out_of_the_next_order() -> None:
 
 
 def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
-    made = placement("a", "b")
-    made.jobs.begin({"c0": track(0), "c1": track(1)})
-    follow(made, due(made, 0))
+    made = tracking("a", "b", clusters=2)
     made.repeat_order("a")
     (name, order), *others = due(made, SECOND)
     assert (name, order.keep, order.begin, others) == ("a", (("c0", 1),), (), [])
@@ -127,9 +120,7 @@ def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
 
 
 def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
-    made = placement("a")
-    made.jobs.begin({"c0": track(0)})
-    follow(made, due(made, 0))
+    made = tracking("a")
     made.repeat_order("a")
     (_, order), *_ = due(made, SECOND)
     made.on_order_answer("a", OrderAnswer(sender="a", order=order.order, jobs=()))
@@ -140,9 +131,7 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
 
 
 def test_a_worker_given_up_before_it_joined_disturbs_no_other() -> None:
-    before = placement("absent")
-    before.jobs.begin({"c0": track(0)})
-    follow(before, due(before, 0))
+    before = tracking("absent")
     made = placement("b")
     made.resume(before.jobs_to_hand_on(), track_again, 0, term=0)
     made.jobs.begin({"c1": track(1)})
@@ -189,9 +178,7 @@ def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job() -
 
 
 def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
-    made = placement("good-0")
-    made.jobs.begin({f"c{n}": track(n) for n in range(9)})
-    follow(made, due(made, 0))
+    made = tracking("good-0", clusters=9)
     made.on_report(tracked("c0", 1, 0.1, (1.0, 2.0, 0.0)), in_time=True)
     for n in range(60):
         made.on_worker_joined(f"new-{n}")

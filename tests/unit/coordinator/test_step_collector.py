@@ -1,9 +1,12 @@
+from collections.abc import Sequence
+
 from coordinator.jobs import HAND_OVER_NS
 from coordinator.step_collector import (
     BULKY_REPORTS,
     FETCH_NS,
     KEPT_AHEAD,
     REPORTS_AHEAD,
+    ReadyStep,
     StepCollector,
 )
 from process_runtime.settings import CoordinatorSettings
@@ -21,14 +24,21 @@ def never_placed(_job_id: str) -> int:
     return 0
 
 
+def given_out(
+    made: StepCollector, *jobs: str, now_ns: int = 0, deferrable: Sequence[str] = ()
+) -> ReadyStep:
+    ready = made.ready(jobs, never_placed, now_ns, deferrable)
+    assert ready is not None
+    return ready
+
+
 def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     made.on_report(tracked("c0", 0, 1.0, HERE))
     assert made.ready(["c0", "c1"], never_placed, 1) is None
     made.on_report(tracked("c1", 0, 1.0, HERE))
-    ready = made.ready(["c0", "c1"], never_placed, 1)
-    assert ready is not None
+    ready = given_out(made, "c0", "c1", now_ns=1)
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
 
 
@@ -36,9 +46,7 @@ def test_a_step_is_ready_without_missing_reports_after_its_deadline() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     assert made.ready(["c0"], never_placed, DEADLINE_NS - 1) is None
-    ready = made.ready(["c0"], never_placed, DEADLINE_NS)
-    assert ready is not None
-    assert ready.reports == ()
+    assert given_out(made, "c0", now_ns=DEADLINE_NS).reports == ()
 
 
 def test_a_lockstep_step_waits_long() -> None:
@@ -107,9 +115,7 @@ def test_a_late_track_report_is_useless_but_a_late_search_report_is_used() -> No
     assert not made.on_report(tracked("c0", 0, 1.0, HERE))
     assert made.on_report(searched("s0.0", 0, {HERE: 1.0}))
     made.on_scan(scan(1), 0)
-    ready = made.ready([], never_placed, 0)
-    assert ready is not None
-    assert [report.job_id for report in ready.reports] == ["s0.0"]
+    assert [report.job_id for report in given_out(made).reports] == ["s0.0"]
 
 
 def test_a_search_next_to_clusters_delays_no_step() -> None:
@@ -119,15 +125,12 @@ def test_a_search_next_to_clusters_delays_no_step() -> None:
     assert made.ready(jobs, never_placed, 1, ["s1.0"]) is None
     made.on_report(tracked("c0", 0, 1.0, HERE))
     assert made.ready(jobs, never_placed, 1) is None
-    ready = made.ready(jobs, never_placed, 1, ["s1.0"])
-    assert ready is not None
+    given_out(made, *jobs, now_ns=1, deferrable=["s1.0"])
     late = searched("s1.0", 0, {HERE: 1.0})
     assert made.on_report(late)
     made.on_scan(scan(1), 2)
     made.on_report(tracked("c0", 1, 1.0, HERE))
-    following = made.ready(jobs, never_placed, 3, ["s1.0"])
-    assert following is not None
-    assert late in following.reports
+    assert late in given_out(made, *jobs, now_ns=3, deferrable=["s1.0"]).reports
 
 
 def test_a_step_waits_for_a_search_in_lockstep_or_if_so_configured() -> None:
@@ -151,13 +154,10 @@ def test_a_successor_keeps_waiting_scans_and_no_reports() -> None:
     other.ready([], never_placed, 1)
     made.resume(other)
     assert made.ready(["e0"], never_placed, 1) is None, "it waits for the other's job"
-    ready = made.ready([], never_placed, 1)
-    assert ready is not None
+    ready = given_out(made, now_ns=1)
     assert (ready.scan.step, ready.reports) == (4, ())
     made.on_scan(scan(5), 2)
-    later = made.ready([], never_placed, 3)
-    assert later is not None
-    assert later.reports == ()
+    assert given_out(made, now_ns=3).reports == ()
 
 
 def test_steps_before_the_start_of_the_search_are_discarded() -> None:
@@ -166,9 +166,7 @@ def test_steps_before_the_start_of_the_search_are_discarded() -> None:
         made.on_scan(scan(step), 0)
     made.begin_after(5)
     assert not made.on_scan(scan(5), 0)
-    ready = made.ready([], never_placed, 1)
-    assert ready is not None
-    assert ready.scan.step == 6
+    assert given_out(made, now_ns=1).scan.step == 6
     made.begin_after(20)
     made.on_scan(scan(7), 2)
     assert made.ready([], never_placed, 3) is not None, "it has begun, and goes on from there"
@@ -201,9 +199,7 @@ def test_waiting_reports_have_no_particles() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
     made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)))
-    ready = made.ready(["c0"], never_placed, 0)
-    assert ready is not None
-    assert ready.reports == (tracked("c0", 0, 1.0, HERE),)
+    assert given_out(made, "c0").reports == (tracked("c0", 0, 1.0, HERE),)
 
 
 def test_a_bounded_number_of_reports_of_a_search_is_kept() -> None:
@@ -227,8 +223,7 @@ def test_the_newest_late_reports_of_a_search_are_kept() -> None:
         assert made.on_report(searched("s0.0", step, {HERE: 1.0}))
     made.on_report(searched("s0.1", 0, {HERE: 1.0}))
     made.on_scan(scan(2 * BULKY_REPORTS), 0)
-    ready = made.ready([], never_placed, 0)
-    assert ready is not None
+    ready = given_out(made)
     kept = [report.step for report in ready.reports if report.job_id == "s0.0"]
     assert kept == list(range(BULKY_REPORTS, 2 * BULKY_REPORTS))
     assert len(ready.reports) == BULKY_REPORTS + 1
