@@ -2,6 +2,7 @@
 
 import resource
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,11 @@ from tests.fuzz.effort import ALL_CASES
 MAX_GROWTH_MB = 200 + 0.005 * ALL_CASES
 """Hypothesis remembers every case of a test, 50 kB of the largest kind, until the test ends. The
 same cases again and again without Hypothesis leave the memory as it is."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz")
 
 
 @pytest.fixture(autouse=True)

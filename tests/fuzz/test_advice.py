@@ -20,6 +20,7 @@ from protocol.codec import decode, encode
 from protocol.steps import Landmark
 from protocol.validity import problem_of
 from tests.fuzz.effort import cases
+from tests.fuzz.test_decisions import LANDMARKS
 from tests.unit.evaluation.places import place
 from tests.unit.worker.test_advising import SCAN
 from worker.advising import advice
@@ -59,12 +60,6 @@ def questions(draw: st.DrawFn) -> AdviceQuestion:
     )  # fmt: skip
 
 
-LANDMARKS = st.lists(
-    st.builds(
-        Landmark, name=st.sampled_from(["a", "b"]), x=NUMBERS, y=NUMBERS, sigma=st.floats(1e-6, 1e6)
-    ),
-    max_size=4,
-)
 RANGES = st.lists(st.floats(width=32) | st.just(math.nan), min_size=181, max_size=181)
 
 

@@ -23,11 +23,6 @@ def walled() -> GridMap:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module")
 def computed() -> SensorModel:
     return sensor_model(walled(), SETTINGS, None)
 

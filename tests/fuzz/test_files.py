@@ -44,11 +44,6 @@ WORDS = NUMBERS | st.sampled_from(
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("fuzz")
-
-
 def lines(*strategies: st.SearchStrategy[str]) -> st.SearchStrategy[bytes]:
     """A text of such lines."""
     listed = st.lists(st.one_of(strategies), max_size=12)

@@ -5,7 +5,6 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -28,11 +27,6 @@ from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, write_
 from tests.unit.coordinator.recorder.test_replay import live
 
 NAME = f"{7:017d}-000001.mcap"
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("flight")
 
 
 @cache

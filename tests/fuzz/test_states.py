@@ -30,11 +30,6 @@ from tests.unit.coordinator.living import SETTINGS, Living, scan_of, symmetric_r
 from tests.unit.coordinator.reports import started
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("state")
-
-
 @cases(0.02)
 @given(damaged(values_of(CheckpointState).map(to_bytes)) | st.binary(max_size=200))
 def test_a_checkpoints_state_is_read_or_refused(data: bytes) -> None:

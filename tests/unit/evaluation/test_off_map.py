@@ -1,7 +1,6 @@
 import itertools
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -56,17 +55,3 @@ def test_the_mirrored_robot_of_a_recording_is_off_the_map(name: str, tmp_path: P
     assert localized(outcomes_of) <= 0.02
     assert outcomes_of[-1].off_map_probability > 0.5
     assert localized(run(robot, tmp_path, 40)) > 0.85
-
-
-def test_a_robot_in_the_map_of_another_building_is_not_localized(tmp_path: Path) -> None:
-    course = course_of(Case(robot=SimulatedRobot(world="hall")), 1, BridgeSettings())
-    other = course_of(Case(robot=SimulatedRobot(world="gates")), 1, BridgeSettings())
-    settings = Settings()
-    model = sensor_model(other.map, settings.sensor, tmp_path)
-    scans = (
-        msgspec.structs.replace(scan, map_digest=other.map.digest)
-        for scan, _ in itertools.islice(course.steps, 40)
-    )
-    outcomes_of = [outcome for _, outcome in outcomes(scans, model, settings)]
-    assert localized(outcomes_of) <= 0.05
-    assert outcomes_of[-1].state == "lost"

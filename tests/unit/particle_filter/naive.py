@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from particle_filter.arrays import FREE, OCCUPIED, Cells, LogWeights, Points, Pose, Poses
+from particle_filter.grid import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
 
 
@@ -91,31 +92,14 @@ def log_likelihood_at(distance_m: ArrayLike, s: SensorSettings) -> Any:
     return np.log(s.hit_weight * hit + s.random_weight / s.max_range_m)
 
 
-def scan_log_likelihood_bounds(
-    poses: Poses,
-    hits: Points,
-    field: NDArray[np.float64],
-    *,
-    far: float,
-    cell_m: float,
-    map_from_grid: Pose,
-    slack_cells: float,
-) -> tuple[LogWeights, LogWeights]:
-    """Least and greatest sums, where hits within `slack_cells` of a border fall either way."""
-    grid_from_map = np.linalg.inv(matrix(map_from_grid))
-    low, high = np.zeros(len(poses)), np.zeros(len(poses))
-    for i, pose in enumerate(poses):
-        grid_from_robot = grid_from_map @ matrix(pose)
-        for hit in hits:
-            x, y, _ = grid_from_robot @ np.array([hit[0], hit[1], 1.0]) / cell_m
-            read = [
-                _read(field, floor(y + dy), floor(x + dx), far)
-                for dx in (-slack_cells, slack_cells)
-                for dy in (-slack_cells, slack_cells)
-            ]
-            low[i] += min(read)
-            high[i] += max(read)
-    return low, high
+def scan_log_likelihood(
+    pose: Pose, hits: Points, field: NDArray[np.float64], far: float, grid: Grid
+) -> tuple[float, float]:
+    """The sum of the field's values, and how near a hit is to the border of its cell [cells]."""
+    ends = matrix(pose) @ [*hits.T, np.ones(len(hits))]
+    in_cells = (np.linalg.inv(matrix(grid.map_from_grid)) @ ends)[:2].T / grid.cell_m
+    values = [_read(field, floor(y), floor(x), far) for x, y in in_cells]
+    return sum(values), float(np.abs(in_cells - np.round(in_cells)).min())
 
 
 def _read(field: NDArray[np.float64], row: int, col: int, far: float) -> float:

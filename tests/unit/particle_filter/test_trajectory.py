@@ -10,10 +10,8 @@ from tests.unit.recordings.logs import seconds
 S = 1_000_000_000
 
 
-def through(
-    *poses: tuple[float, PoseTuple], most: int | None = None, held_ns: int | None = None
-) -> Trajectory:
-    trajectory = Trajectory(most, held_ns=held_ns)
+def through(*poses: tuple[float, PoseTuple], most: int | None = None) -> Trajectory:
+    trajectory = Trajectory(most)
     for stamp_s, pose in poses:
         trajectory.add(seconds(stamp_s), pose)
     return trajectory
@@ -79,13 +77,6 @@ def test_late_poses_find_their_place_and_old_ones_go() -> None:
 def test_two_poses_of_one_time_do_not_divide_by_zero() -> None:
     trajectory = through((1, (1, 0, 0)), (1, (1, 1, 0)))
     assert trajectory.pose_at(seconds(1.1)) == (1, 1, 0)
-
-
-def test_end_poses_hold_for_the_given_time() -> None:
-    held = through((10.0, (1, 0, 0)), (11.0, (2, 0, 0)), held_ns=S)
-    assert [held.pose_at(9 * S), held.pose_at(12 * S)] == [(1, 0, 0), (2, 0, 0)]
-    assert [held.pose_at(9 * S - 1), held.pose_at(12 * S + 1)] == [None, None]
-    assert held.pose_at(seconds(10.5)) == pytest.approx((1.5, 0, 0))
 
 
 @pytest.mark.parametrize("rate_hz", [1, 10, 333])

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading
-from recordings.recording import open_recording
+from recordings.recording import monotonic_times, open_recording
 from tests.unit.recordings import recording_or_skip
 from tests.unit.recordings.logs import (
     flaser,
@@ -230,6 +232,21 @@ def test_a_sensor_keeps_its_order_where_stamps_step_back(tmp_path: Path) -> None
     assert max(abs(np.array(mended) - [seconds(t) for t in stamps])) < 0.5e9
     # A reference knows a scan by the stamp in the file.
     assert [scan.stamp_ns for scan in scans_of(recording)] == [seconds(4.0), seconds(3.5)]
+
+
+STAMPS = st.lists(st.integers(-(10**18), 10**18), max_size=30)
+
+
+@given(STAMPS)
+def test_corrected_times_never_decrease(stamps: list[int]) -> None:
+    assert np.all(np.diff(monotonic_times(np.array(stamps, np.int64))) >= 0)
+
+
+@given(STAMPS.filter(len))
+def test_no_stamp_is_corrected_by_more_than_the_largest_step_back(stamps: list[int]) -> None:
+    times = np.array(stamps, np.int64)
+    largest_step_back = int((np.maximum.accumulate(times) - times).max())
+    assert np.abs(monotonic_times(times) - times).max() <= largest_step_back
 
 
 def test_a_line_with_an_impossible_stamp_is_skipped(tmp_path: Path) -> None:

@@ -15,8 +15,10 @@ from particle_filter.sensor_model import Beams, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import Scan
+from recordings.log_file import SkippedLine
 from recordings.map_file import load_map
-from recordings.recording import open_recording
+from recordings.recording import Recording, open_recording
+from sensor_bridge import recorded
 from sensor_bridge.recorded import steps_of
 from tests.unit.recordings import recording_or_skip
 from tests.unit.recordings.logs import flaser, recording_of
@@ -77,3 +79,26 @@ def test_a_recording_without_a_usable_scan_is_refused(tmp_path: Path) -> None:
     recording = recording_of(tmp_path, *(flaser(t, ranges=["nan"] * 180) for t in range(3)))
     with pytest.raises(RecordingError, match=r"none of its 3 scans can be used \(no_returns: 3\)"):
         list(steps_of(recording, BridgeSettings(), "digest"))
+
+
+X, CUT = "'x' is not a number", "cut"
+
+
+@pytest.mark.parametrize(("skipped", "words"), [
+    ((SkippedLine(3, X), SkippedLine(9, CUT)),
+     f"robot.log:3: 2 bad lines left out (3, 9); the first: {X}"),
+    (tuple(SkippedLine(number, CUT) for number in range(1, 40)),
+     "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)"),
+    ((), ""),
+], ids=["the first is explained", "ten of many are named", "no bad line, no warning"])  # fmt: skip
+def test_bad_lines_that_are_left_out_are_counted(
+    skipped: tuple[SkippedLine, ...],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    recording = Recording(Path("robot.log"), (), skipped)
+    monkeypatch.setattr(recorded, "open_recording", lambda *_: recording)
+    recorded.opened("robot.log", BridgeSettings())
+    assert words in caplog.text
+    assert bool(skipped) == bool(caplog.text)
