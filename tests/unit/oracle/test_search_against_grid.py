@@ -13,6 +13,7 @@ from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.oracle.grid_filter import ExactField
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import CELL_M, DRIVE, MOTION, SENSOR, Drive, exact_everywhere
+from tests.unit.particle_filter.naive import matrix
 from worker.jobs import running
 
 STEPS, SEEDS, START = 4, range(16), np.array([0.75, 0.85, 0.3])
@@ -53,18 +54,11 @@ def exact_joined(drive: Drive, exponent: float) -> tuple[float, float]:
     """As `exact`, of all scans at once, placed by odometry as if it did not err."""
     cells = small_room()
     grid, field = exact_everywhere(cells), ExactField(cells, CELL_M, BLUNT)
-    x, y, heading = drive.scans[-1].odom_from_robot
+    robot_from_odom = np.linalg.inv(matrix(drive.scans[-1].odom_from_robot))
     log_likelihood = np.zeros(grid.mass.shape)
     for scan, hits in zip(drive.scans, drive.hits, strict=True):
-        then = scan.odom_from_robot
-        turn = then[2] - heading
-        ahead, left = (
-            np.cos(heading) * (then[0] - x) + np.sin(heading) * (then[1] - y),
-            np.cos(heading) * (then[1] - y) - np.sin(heading) * (then[0] - x),
-        )
-        along = ahead + np.cos(turn) * hits[:, 0] - np.sin(turn) * hits[:, 1]
-        across = left + np.sin(turn) * hits[:, 0] + np.cos(turn) * hits[:, 1]
-        from_now = np.stack([along, across], axis=-1)
+        in_odom = matrix(scan.odom_from_robot) @ [*hits.T, np.ones(len(hits))]
+        from_now = (robot_from_odom @ in_odom)[:2].T
         log_likelihood += field.log_weight(grid.x, grid.y, grid.heading, from_now, exponent)
     mass = grid.mass * np.exp(log_likelihood)
     left_half = mass[grid.xs < 0.5 * cells.shape[1] * CELL_M].sum()

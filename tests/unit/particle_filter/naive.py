@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from particle_filter.arrays import FREE, OCCUPIED, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
+from protocol.message import PoseTuple
 
 
-def matrix(pose: Pose) -> NDArray[np.float64]:
+def matrix(pose: Pose | PoseTuple) -> NDArray[np.float64]:
     """A pose as a homogeneous matrix: composing is multiplying."""
     c, s = cos(pose[2]), sin(pose[2])
     return np.array([[c, -s, pose[0]], [s, c, pose[1]], [0.0, 0.0, 1.0]])
@@ -110,12 +111,10 @@ def _read(field: NDArray[np.float64], row: int, col: int, far: float) -> float:
 def ground_log_penalty(
     poses: Poses, cells: Cells, cell_m: float, map_from_grid: Pose, log_penalty: float
 ) -> LogWeights:
-    penalties = []
+    field, penalties = np.where(cells == FREE, 0.0, log_penalty), []
     for pose in poses:
-        x, y, _ = np.linalg.inv(matrix(map_from_grid)) @ np.array([pose[0], pose[1], 1.0])
-        row, col = floor(y / cell_m), floor(x / cell_m)
-        inside = 0 <= row < cells.shape[0] and 0 <= col < cells.shape[1]
-        penalties.append(0.0 if inside and cells[row, col] == FREE else log_penalty)
+        x, y, _ = np.linalg.inv(matrix(map_from_grid)) @ [pose[0], pose[1], 1.0] / cell_m
+        penalties.append(_read(field, floor(y), floor(x), log_penalty))
     return np.array(penalties)
 
 

@@ -49,7 +49,11 @@ def brute_force() -> tuple[np.ndarray, np.ndarray]:
     return poses, exponent * scan_log_likelihood(poses, hits, ROOM.field)
 
 
-def test_branch_and_bound_finds_all_leaves_within_the_margin_and_no_others() -> None:
+@pytest.mark.parametrize("bound_below", [0.0, math.inf], ids=["no bounds", "all bounds"])
+def test_branch_and_bound_finds_all_leaves_within_the_margin_and_no_others(
+    bound_below: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(branch_and_bound, "_BOUND_BELOW", bound_below)
     poses, scores = brute_force()
     margin = 6.0
     found = searched(SearchSettings(shards=1, poses=10_000_000, margin=margin))
@@ -62,17 +66,6 @@ def test_branch_and_bound_finds_all_leaves_within_the_margin_and_no_others() -> 
     assert {tuple(pose) for pose in np.round(poses[sure], 6).tolist()} <= as_rows
     assert as_rows <= {tuple(pose) for pose in np.round(poses[possible], 6).tolist()}
     assert found.scores.max() == pytest.approx(scores.max(), abs=rounding)
-
-
-def test_bounds_do_not_change_the_leaves_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    rules, found = SearchSettings(shards=1, poses=10_000_000, margin=6.0), []
-    for below in (0.0, math.inf):
-        monkeypatch.setattr(branch_and_bound, "_BOUND_BELOW", below)
-        leaves = searched(rules)
-        order = np.lexsort(leaves.map_from_robot.T)
-        found.append((leaves.map_from_robot[order], leaves.scores[order]))
-    np.testing.assert_array_equal(found[0][0], found[1][0])
-    np.testing.assert_array_equal(found[0][1], found[1][1])
 
 
 def test_the_weight_of_a_sample_is_that_of_all() -> None:

@@ -129,11 +129,6 @@ def test_an_observation_moves_with_the_robot(kind: str) -> None:
         np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-12)
 
 
-def test_an_observation_far_from_every_landmark_is_no_evidence() -> None:
-    far = Observation(np.array([30.0, 0.0]), np.eye(2) * 0.01, "tag", 0.05)
-    assert log_likelihood_ratio(np.zeros((1, 3)), [far], LANDMARKS, GRID) == pytest.approx(0.0)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_allowed_poses_and_even_poses_estimate_an_average_together(kind: str) -> None:
     """Averages of a function over the free space, weighed by the densities of both kinds."""

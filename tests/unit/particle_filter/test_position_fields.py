@@ -44,15 +44,17 @@ def cell_centres(grid: Grid, value: int = 0) -> Array:
     return compose(grid.map_from_grid, np.column_stack([along, across, np.zeros(len(rows))]))
 
 
-def exact_likelihoods(poses: Array, levels: Array = LEVELS) -> Array:
+def density(x: float, y: float) -> float:
+    col, row = math.floor((x - 1.0) / 2.0), math.floor((y + 1.0) / 2.0)
+    return math.exp(LEVELS[row, col]) if 0 <= row < 2 and 0 <= col < 3 else 0.0
+
+
+AVERAGE = np.mean([density(x, y) for x, y, _ in cell_centres(GRID)])
+
+
+def exact_likelihoods(poses: Array) -> Array:
     """Likelihoods by the page of docs, one pose after the other."""
-
-    def density(x: float, y: float) -> float:
-        col, row = math.floor((x - 1.0) / 2.0), math.floor((y + 1.0) / 2.0)
-        return math.exp(levels[row, col]) if 0 <= row < 2 and 0 <= col < 3 else 0.0
-
-    average = np.mean([density(x, y) for x, y, _ in cell_centres(GRID)])
-    return np.array([FALSE + (1.0 - FALSE) * density(x, y) / average for x, y, _ in poses])
+    return np.array([FALSE + (1.0 - FALSE) * density(x, y) / AVERAGE for x, y, _ in poses])
 
 
 def everywhere(count: int, seed: int) -> Array:
