@@ -10,8 +10,6 @@ from particle_filter.branch_and_bound import (
     BranchAndBoundSearch,
     Leaves,
     SearchSpace,
-    _best,
-    _good,
     _joined_runs,
     free_leaves,
 )
@@ -115,18 +113,6 @@ def test_a_region_limits_the_search_unless_it_has_no_free_leaf() -> None:
     assert np.all((poses[:, 1] >= 2.5) & (poses[:, 1] <= 3.5))
     assert len(leaves) == pytest.approx(25, abs=10)
     assert leaves_in(((90.0, 90.0), (91.0, 91.0))).leaf_count == space_of().leaf_count
-
-
-RUNS = np.array([[0, 1, 2], [2, 0, 3]])
-SUMS = np.array([5, 9, 7, 300, 8], np.uint16)
-FREE = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [1, 0, 1, 0]], bool)
-
-
-def test_the_best_and_good_leaves_are_found_among_free_leaves_of_all_runs() -> None:
-    assert _best(RUNS, SUMS, FREE) == 9
-    leaves, kept = _good(RUNS, SUMS, FREE, 7)
-    assert leaves.tolist() == [0 * 4 + 2, 2 * 4 + 0, 2 * 4 + 2]
-    assert kept.tolist() == [9, 7, 8]
 
 
 def test_adjacent_good_tiles_with_small_gaps_are_scored_as_one_run() -> None:

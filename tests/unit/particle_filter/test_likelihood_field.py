@@ -1,5 +1,4 @@
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,18 +89,6 @@ def test_a_hit_outside_the_map_or_nowhere_is_far_from_everything(
 SHARED_FIELD = LikelihoodField.build(
     Grid(random_map(np.random.default_rng(8)), CELL_M, ORIGIN), SENSOR
 )
-
-
-def test_a_field_mapped_from_a_file_scores_the_same(tmp_path: Path) -> None:
-    np.save(tmp_path / "codes.npy", SHARED_FIELD.codes)
-    codes = np.load(tmp_path / "codes.npy", mmap_mode="r")
-    field = LikelihoodField.from_codes(codes, SHARED_FIELD.grid, SENSOR)
-    rng = np.random.default_rng(4)
-    poses, hits = rng.uniform(0, 4, (30, 3)), rng.uniform(-2, 2, (9, 2))
-    np.testing.assert_array_equal(
-        scan_log_likelihood(poses, hits, field), scan_log_likelihood(poses, hits, SHARED_FIELD)
-    )
-    assert np.shares_memory(field.codes, codes), "not copied"
 
 
 def test_a_scan_without_returns_is_refused() -> None:

@@ -10,10 +10,17 @@ from benchmarks.worlds import world
 from evaluation.map_check import ambiguity
 from evaluation.map_check.ambiguity import distinguishable
 from evaluation.map_check.look_alikes import LookAlikeSearch
-from evaluation.map_check.report import report_of
+from evaluation.map_check.report import MapReport, report_of
+from grid_maps.grid_map import GridMap
 from particle_filter.poses import heading_distance
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Landmark
+
+
+def report_on(plan: GridMap, places: int, laser_range_m: float = 12.0) -> MapReport:
+    return report_of(
+        "plan", plan, laser_range_m=laser_range_m, places=places, seed=1, agreement=None
+    )
 
 
 def test_every_place_of_the_cross_looks_like_its_three_images() -> None:
@@ -29,16 +36,13 @@ def test_every_place_of_the_cross_looks_like_its_three_images() -> None:
 
 
 def test_a_hall_with_a_difference_everywhere_has_no_look_alikes() -> None:
-    report = report_of(
-        "hall", world("hall").map, laser_range_m=12.0, places=8, seed=1, agreement=None
-    )
+    report = report_on(world("hall").map, 8)
     assert [place.look_alikes for place in report.places] == [()] * 8
     assert report.remarks == ()
 
 
 def test_a_symmetric_hall_is_reported() -> None:
-    plan = world("hall_symmetric").map
-    report = report_of("hall", plan, laser_range_m=12.0, places=8, seed=1, agreement=None)
+    report = report_on(world("hall_symmetric").map, 8)
     alike, for_good = report.remarks
     assert alike.startswith("8 of 8 places look like others")
     assert for_good.startswith("from 8 of these, no drive distinguishes them")
@@ -47,8 +51,7 @@ def test_a_symmetric_hall_is_reported() -> None:
 
 def test_a_tag_in_one_arm_of_the_cross_distinguishes_what_looks_alike() -> None:
     tag = Landmark(name="east", x=7.7, y=0.0, sigma=0.05)
-    plan = world("cross").map.with_landmarks([tag])
-    report = report_of("cross", plan, laser_range_m=12.0, places=4, seed=1, agreement=None)
+    report = report_on(world("cross").map.with_landmarks([tag]), 4)
     assert [len(place.look_alikes) for place in report.places] == [3] * 4
     assert {place.distinguishable for place in report.places} == {True}
     (remark,) = report.remarks
@@ -68,7 +71,5 @@ def test_only_some_groups_of_places_are_asked_for(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_short_sighted_laser_is_reported() -> None:
-    report = report_of(
-        "hall", world("hall").map, laser_range_m=0.5, places=4, seed=1, agreement=None
-    )
+    report = report_on(world("hall").map, 4, laser_range_m=0.5)
     assert report.remarks[0].startswith("from 4 of 4 places most beams hit nothing within 0.5 m")
