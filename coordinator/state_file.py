@@ -1,7 +1,8 @@
 """The coordinator's state on disk, from which the next process continues.
 
-A new file is written under another name and renamed, so a reader finds the old or the new state,
-also after a power cut. A checksum detects a damaged file, which is logged and not used.
+One file is replaced once a second as a whole, and survives a power cut. Between, states are written
+in turn over two others without waiting for the disk: if a process dies while it writes one, the
+other is whole. The newest counts. A checksum detects a damaged file, which is logged and not used.
 """
 
 import hashlib
@@ -12,6 +13,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from io import BufferedWriter
 from pathlib import Path
 from urllib.parse import quote
 
@@ -53,13 +55,19 @@ def without_checksum(data: bytes) -> bytes:
 
 
 @cache
-def file_of(folder: Path, robot: str) -> Path:
-    return folder / f"state-{quote(robot, safe='')}.msgpack"
+def files_of(folder: Path, robot: str) -> tuple[Path, Path, Path]:
+    """Return the file that survives a power cut, and the two for states since."""
+    file = folder / f"state-{quote(robot, safe='')}.msgpack"
+    return file, Path(f"{file}.0"), Path(f"{file}.1")
 
 
 def read(folder: Path, robot: str) -> Checkpoint | None:
-    """Return the state in a robot's file; None: the file is missing, unreadable or invalid."""
-    path = file_of(folder, robot)
+    """Return the newest state in a robot's files; None: all are missing, unreadable or invalid."""
+    found = filter(None, map(_read, files_of(folder, robot)))
+    return max(found, key=lambda checkpoint: checkpoint.rank, default=None)
+
+
+def _read(path: Path) -> Checkpoint | None:
     try:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
@@ -77,48 +85,51 @@ def read(folder: Path, robot: str) -> Checkpoint | None:
 
 
 def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
-    """Write a state, which replaces the last one; create the folder if it is missing.
+    """Write a state; create the folder if it is missing.
 
     With `sync`, wait until the state is on the disk, so that it survives a power cut.
 
     Raises:
-        OSError: the folder cannot be written, or the disk is full; the last file is unchanged.
+        OSError: the folder cannot be written, or the disk is full; earlier states are kept.
     """
-    target = file_of(folder, robot)
+    target, *recent = files_of(folder, robot)
+    content = with_checksum(encode(checkpoint))
+    if not sync:  # a rename, or an empty file, would make some file systems begin to write
+        with _opened(recent[checkpoint.serial % 2], folder) as file:
+            file.write(content)
+            file.truncate()
+        return
     part = target.with_suffix(".part")  # one name: what a killed process left is written over
     try:
-        number = _opened(part, folder)
-        with os.fdopen(number, "wb") as file:
-            file.write(with_checksum(encode(checkpoint)))
-            file.flush()
-            if sync:
-                os.fsync(number)
+        with _opened(part, folder) as file:
+            file.write(content)
+            file.truncate()
+            os.fsync(file.fileno())
         part.replace(target)
     except OSError:
         part.unlink(missing_ok=True)
         raise
-    if sync:  # wait until the renamed file's name is on the disk
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
-
-
-def _opened(file: Path, folder: Path) -> int:
-    """Open a file for writing; create its folder only if that fails, which is seldom."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC
+    number = os.open(folder, os.O_RDONLY)
     try:
-        return os.open(file, flags, 0o600)
+        os.fsync(number)  # wait until the renamed file's name is on the disk
+    finally:
+        os.close(number)
+
+
+def _opened(file: Path, folder: Path) -> BufferedWriter:
+    """Open a file to write it over; create its folder only if that fails, which is seldom."""
+    flags = os.O_WRONLY | os.O_CREAT
+    try:
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
     except FileNotFoundError:
         folder.mkdir(parents=True, exist_ok=True)
-        return os.open(file, flags, 0o600)
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
 
 
 class StateKeeper:
     """Writes the newest state in a separate thread, so a slow disk delays no belief.
 
-    Only a state of a higher rank replaces `kept`, the state in the file. Without a `folder` no
+    Only a state of a higher rank replaces `kept`, the state in the files. Without a `folder` no
     state is written.
     """
 

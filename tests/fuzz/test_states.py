@@ -19,7 +19,7 @@ from coordinator.events import (
     WorkerStateArrived,
 )
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.state_file import file_of, read, write
+from coordinator.state_file import files_of, read, write
 from protocol.answers import Belief, SetPose
 from protocol.codec import decode, encode
 from protocol.work import Checkpoint, WorkOrder
@@ -118,8 +118,8 @@ def test_a_damaged_state_file_is_never_believed(
     folder: Path, which: int, damages: list[Mutation]
 ) -> None:
     kept = real_checkpoints()[which]
-    write(folder, "robot", kept, sync=False)
-    path = file_of(folder, "robot")
+    write(folder, "robot", kept, sync=True)
+    path, *_ = files_of(folder, "robot")
     content = path.read_bytes()
     for damage in damages:
         content = damage(content)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from coordinator.state_file import MAX_FILE_BYTES, StateKeeper, file_of, read, write
+from coordinator.state_file import MAX_FILE_BYTES, StateKeeper, files_of, read, write
 from protocol.terms import MAX_AHEAD_US
 from protocol.work import Checkpoint
 from tests.unit.coordinator.states import checkpoint_at
@@ -20,7 +20,7 @@ def test_only_its_owner_can_read_a_state_file(tmp_path: Path) -> None:
     write(folder, "robot", STATE, sync=True)
     assert read(folder, "robot") == STATE
     (file,) = folder.iterdir()
-    assert file == file_of(folder, "robot"), "no part of a file is left"
+    assert file == files_of(folder, "robot")[0], "no part of a file is left"
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
 
 
@@ -33,19 +33,20 @@ def test_each_robot_has_its_own_state_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut_at", [0, 1, 40, 200, -2])
+@pytest.mark.parametrize("sync", [True, False])
 def test_a_truncated_file_is_logged_and_ignored(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, cut_at: int
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, cut_at: int, sync: bool
 ) -> None:
-    write(tmp_path, "robot", STATE, sync=False)
-    file = file_of(tmp_path, "robot")
+    write(tmp_path, "robot", STATE, sync=sync)
+    (file,) = tmp_path.iterdir()
     file.write_bytes(file.read_bytes()[:cut_at])
     assert read(tmp_path, "robot") is None
     assert str(file) in caplog.text
 
 
 def test_any_flipped_bit_is_detected(tmp_path: Path) -> None:
-    write(tmp_path, "robot", STATE, sync=False)
-    file = file_of(tmp_path, "robot")
+    write(tmp_path, "robot", STATE, sync=True)
+    (file,) = tmp_path.iterdir()
     whole = file.read_bytes()
     for at in range(0, len(whole), 7):
         broken = bytearray(whole)
@@ -57,7 +58,7 @@ def test_any_flipped_bit_is_detected(tmp_path: Path) -> None:
 def test_at_most_the_size_of_a_state_is_read_from_a_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with file_of(tmp_path, "robot").open("wb") as file:
+    with files_of(tmp_path, "robot")[0].open("wb") as file:
         file.truncate(MAX_FILE_BYTES * 1_000)
     assert read(tmp_path, "robot") is None
     assert f"larger than {MAX_FILE_BYTES} bytes" in caplog.text
@@ -144,9 +145,32 @@ def test_a_disk_that_cannot_be_written_is_logged_once_and_stops_nothing(
 
 
 def test_an_unfinished_file_of_a_killed_process_is_written_over(tmp_path: Path) -> None:
-    file_of(tmp_path, "robot").with_suffix(".part").write_bytes(b"half of it" * 100_000)
+    file, *_ = files_of(tmp_path, "robot")
+    file.with_suffix(".part").write_bytes(b"half of it" * 100_000)
+    write(tmp_path, "robot", STATE, sync=True)
+    assert list(tmp_path.iterdir()) == [file]
+    assert read(tmp_path, "robot") == STATE
+
+
+def test_the_state_before_is_read_if_a_process_died_while_it_wrote_the_newest(
+    tmp_path: Path,
+) -> None:
+    states = [replace(STATE, serial=serial) for serial in range(5)]
+    for state in states:
+        write(tmp_path, "robot", state, sync=state.serial == 0)
+    on_disk, *recent = files_of(tmp_path, "robot")
+    assert read(tmp_path, "robot") == states[4]
+    for state, torn in zip((states[3], states[0]), recent, strict=True):
+        torn.write_bytes(torn.read_bytes()[:-100] + bytes(500))
+        assert read(tmp_path, "robot") == state
+    on_disk.unlink()
+    assert read(tmp_path, "robot") is None
+
+
+def test_a_shorter_state_leaves_nothing_of_a_longer_one_before(tmp_path: Path) -> None:
+    longer = replace(STATE, term=STATE.term + 1, state=bytes(100_000))
+    write(tmp_path, "robot", longer, sync=False)
     write(tmp_path, "robot", STATE, sync=False)
-    assert list(tmp_path.iterdir()) == [file_of(tmp_path, "robot")]
     assert read(tmp_path, "robot") == STATE
 
 
