@@ -120,11 +120,6 @@ def test_pairs_of_places_that_share_no_ground_are_listed() -> None:
     assert answer_to(question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))).apart == ()
 
 
-def test_a_worker_without_a_map_answers_at_once() -> None:
-    answers = Worker("worker-0").on_advice_query("asked", question((0.0, 3.7, 0.0)))
-    assert "no map" in note_of(answers)
-
-
 def note_of(instructions: list[Instruction]) -> str:
     (answer,) = instructions
     assert isinstance(answer, Answer)
@@ -135,6 +130,7 @@ def note_of(instructions: list[Instruction]) -> str:
 def test_a_question_is_computed_with_the_model_and_the_scan_of_its_step() -> None:
     worker = Worker("worker-0")
     asked = question((0.0, 3.7, -1.57), (3.7, 0.0, 3.14))
+    assert "no map" in note_of(worker.on_advice_query("no map", asked))
     worker._model, worker._ordered, worker._model_digest = MODEL, SETTINGS, CROSS.map.digest
     assert "no scan of step 0" in note_of(worker.on_advice_query("early", asked))
     worker._table._keep(SCAN)

@@ -256,23 +256,17 @@ def test_a_state_query_is_answered_while_the_map_is_fetched(fresh: Worker) -> No
     assert (answer.message.term, answer.message.holds) == (2, ())
 
 
-def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
-    fresh: Worker, model: SensorModel
+@pytest.mark.parametrize("job_id", ["c0", "c1"], ids=["the same again", "another"])
+def test_an_order_that_comes_while_the_map_is_fetched_supersedes_the_one_that_waits(
+    fresh: Worker, model: SensorModel, job_id: str
 ) -> None:
     assert handled(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
-    again = handled(fresh, asked(2, track("c0", cloud())))
+    again = handled(fresh, asked(2, track(job_id, cloud())))
     before = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert again == [Answer(1, before)], "and the map is not asked for again"
     done = handled(fresh, on_map(grid()), on_model("map", model))
     assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
-
-
-def test_an_order_superseded_while_it_waits_is_never_followed(
-    fresh: Worker, model: SensorModel
-) -> None:
-    handled(fresh, asked(1, track("c0", cloud())), asked(2, track("c1", cloud())))
-    handled(fresh, on_map(grid()), on_model("map", model))
-    assert jobs(fresh) == ["c1"]
+    assert jobs(fresh) == [job_id]
 
 
 def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
@@ -285,13 +279,6 @@ def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     assert {question: a.order for question, a in answers(done).items()} == {2: 1, 3: 3}
     assert handled(tracking, on_model("map", model)) == []
     assert jobs(tracking) == ["c0"]
-
-
-def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> None:
-    handled(fresh, asked(1, track("c0", cloud())))
-    done = handled(fresh, asked(2))
-    assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
-    assert handled(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)], "for the next"
 
 
 @pytest.mark.parametrize(

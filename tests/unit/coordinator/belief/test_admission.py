@@ -163,11 +163,6 @@ def first_shares(found: Pool, **belief: object) -> list[float]:
     return [place.share for place in first_places(found, replace(SETTINGS.belief, **belief))]
 
 
-def test_first_places_are_as_probable_as_their_shares() -> None:
-    found = pool((0.6, FAR), (0.3, FARTHER), (0.05, LEAST))
-    assert first_shares(found) == [0.6, 0.3, 0.05]
-
-
 def test_first_places_are_limited_in_number_and_by_probability() -> None:
     found = pool((0.6, FAR), (0.3, FARTHER), (0.0005, LEAST))
     assert len(first_shares(found)) == 2

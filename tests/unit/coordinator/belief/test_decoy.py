@@ -141,8 +141,3 @@ def test_a_lifted_robot_is_found_with_off_the_map_as_without() -> None:
     made.admit(candidates(1e3), 1)
     assert made.by_probability()[0].cluster == 1
     assert made.off_map < 0.06
-
-
-def test_a_search_of_a_decoy_has_jobs_of_its_own() -> None:
-    plain, image = SearchCourse(SETTINGS), SearchCourse(SETTINGS, mirrored=True)
-    assert set(plain.begin(0)) & set(image.begin(0)) == set()

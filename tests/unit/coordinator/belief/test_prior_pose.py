@@ -58,17 +58,11 @@ def test_a_prior_pose_is_moved_by_odometry() -> None:
     assert offered.pose == pytest.approx((7.0, 5.0, 0.0))
 
 
-def test_a_prior_pose_waits_until_the_first_search_has_found_a_place() -> None:
+def test_a_prior_pose_enters_once_when_the_first_search_has_found_a_place() -> None:
     ensemble = Ensemble.of(RULES)
     ensemble.begin_at(4, OFFER)
     assert ensemble.advance(4, [searched("s0.0", 4, {})]).hypotheses == ()
     assert ensemble.prior_pose is OFFER
-
-
-def test_a_prior_pose_enters_once_when_the_first_search_ends() -> None:
-    ensemble = Ensemble.of(RULES)
-    ensemble.begin_at(4, OFFER)
-    assert ensemble.advance(4, []).hypotheses == ()
     outcome = ensemble.advance(5, [searched("s0.0", 5, {(1.0, 1.0, 0.0): 1.0})])
     assert [h.probability for h in outcome.hypotheses] == pytest.approx([0.9, 0.1])
     assert outcome.events[:2] == (
