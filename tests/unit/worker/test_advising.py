@@ -13,12 +13,12 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.stop import StopFlag
 from protocol.advice import Advice, AdviceQuestion
-from protocol.answers import Hypothesis
 from protocol.codec import decode, encode
 from protocol.steps import Landmark, Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker
+from tests.unit.evaluation.places import place
 from worker.adviser import Adviser
 from worker.advising import advice
 from worker.worker import Advise, Answer, Instruction, Worker
@@ -41,12 +41,9 @@ SCAN = first_scan()
 
 def question(*poses: tuple[float, float, float], **changed: Any) -> AdviceQuestion:
     places = tuple(
-        Hypothesis(
-            cluster=number, probability=1.0 / len(poses), log_probability=0.0, pose=pose,
-            covariance=FLAT, effective_sample_size=100.0, age_steps=3,
-        )
+        replace(place(1.0 / len(poses), pose, cluster=number), covariance=FLAT)
         for number, pose in enumerate(poses)
-    )  # fmt: skip
+    )
     asked = AdviceQuestion(
         sender="test", step=SCAN.step, map_digest=SCAN.map_digest, hypotheses=places,
         elsewhere_probability=0.0, radius_m=0.25, gate_distance_m=0.2, gate_turn_rad=0.2,

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.admission import MOST_LOG, admission, first_places, log_weight_of_held
+from coordinator.belief.admission import (
+    MOST_LOG,
+    Admission,
+    admission,
+    first_places,
+    log_weight_of_held,
+)
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.search_pool import Pool
 from particle_filter.random_streams import Purpose
@@ -32,6 +38,11 @@ NO_EVIDENCE = -math.inf
 
 def pool(*found: tuple[float, PoseTuple]) -> Pool:
     return pool_of(*found, step=7)
+
+
+def own(found: Pool, log_weight: float, *, is_over: bool = False) -> Admission:
+    """Of the search that found the clusters."""
+    return admission(found, HELD, (0.0,) * 4, log_weight, SETTINGS, is_over=is_over, holds_own=True)
 
 
 def entered(
@@ -86,27 +97,17 @@ def test_places_of_a_finished_search_have_at_least_the_configured_probability() 
 def test_places_of_the_search_that_found_the_clusters_get_no_minimum_probability() -> None:
     found = pool((0.5, FAR), (0.4, HELD[0]))
     for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
-        admitted = admission(
-            found, HELD, (0.0,) * 4, log_weight, SETTINGS, is_over=True, holds_own=True
-        )
+        admitted = own(found, log_weight, is_over=True)
         assert [place.share for place in admitted.entering] == pytest.approx(came)
 
 
 def test_the_search_that_found_the_clusters_has_no_further_candidates() -> None:
     found = pool((0.6, NEARBY), (0.4, FAR))
-    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
+    came = own(found, 0.0)
     assert [place.pose for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
     turned = (0.0, 0.0, 0.45)
-    came = admission(
-        pool((0.6, turned), (0.4, FAR)),
-        HELD,
-        (0.0,) * 4,
-        0.0,
-        SETTINGS,
-        is_over=False,
-        holds_own=True,
-    )
+    came = own(pool((0.6, turned), (0.4, FAR)), 0.0)
     assert [place.pose for place in came.entering] == [FAR], "nor does a search resolve headings"
 
 
@@ -145,9 +146,8 @@ def test_places_that_are_too_improbable_do_not_enter() -> None:
 def test_the_weight_of_entered_and_held_places_is_explained() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
     for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
-        assert admission(
-            found, HELD, room, 0.0, SETTINGS, is_over=False
-        ).explained == pytest.approx(explained)
+        came = admission(found, HELD, room, 0.0, SETTINGS, is_over=False)
+        assert came.explained == pytest.approx(explained)
 
 
 def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
