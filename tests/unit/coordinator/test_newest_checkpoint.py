@@ -1,41 +1,26 @@
-from collections.abc import Callable
-
-import pytest
 from msgspec.structs import replace
 
-from coordinator.checkpoint import from_bytes, to_bytes
+from coordinator.checkpoint import state_in, to_bytes
 from coordinator.replica import NewestState
-from particle_filter.sensor_model import SensorModel
 from protocol.work import Checkpoint
-from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.reports import checkpoint
+from tests.unit.coordinator.states import checkpoint_at
 
 SECOND = 1_000_000_000
-
-Published = Callable[..., Checkpoint]
-
-
-@pytest.fixture(scope="module")
-def published(model: SensorModel) -> Published:
-    """Checkpoints of a coordinator that tracks a live robot; its scan's stamp is 100 s."""
-    living = Living(model).drive_on(3)
-    assert living.kept is not None
-    known = from_bytes(living.kept.state)
-    assert known.collector.applied is not None
-
-    def published(
-        *, age_s: float, stamp_s: int = 100, live: bool = True, known_age: bool = True,
-        serial: int = 1,
-    ) -> Checkpoint:  # fmt: skip
-        applied = replace(known.collector.applied, stamp_ns=stamp_s * SECOND, live=live)
-        collector = replace(known.collector, applied=applied)
-        state = replace(known, collector=collector, age_s=age_s, age_known=known_age)
-        return checkpoint(1, serial, step=applied.step, state=to_bytes(state))
-
-    return published
+KNOWN = state_in(checkpoint_at((1.0, 2.0, 0.5)))
 
 
-def test_the_usual_delay_is_the_least_delay_of_the_received_states(published: Published) -> None:
+def published(
+    *, age_s: float, stamp_s: int = 100, live: bool = True, known_age: bool = True, serial: int = 1
+) -> Checkpoint:
+    """Of a coordinator that tracks a robot; its scan's stamp is 100 s."""
+    applied = replace(KNOWN.collector.applied, stamp_ns=stamp_s * SECOND, live=live)
+    collector = replace(KNOWN.collector, applied=applied)
+    state = replace(KNOWN, collector=collector, age_s=age_s, age_known=known_age)
+    return checkpoint(1, serial, step=applied.step, state=to_bytes(state))
+
+
+def test_the_usual_delay_is_the_least_delay_of_the_received_states() -> None:
     newest = NewestState()
     newest.on_state(published(age_s=0.25), now_ns=3 * SECOND)
     newest.on_state(
@@ -44,9 +29,7 @@ def test_the_usual_delay_is_the_least_delay_of_the_received_states(published: Pu
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
-def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay(
-    published: Published,
-) -> None:
+def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay() -> None:
     newest, given = NewestState(), published(age_s=0.25)
     newest.on_state(given, now_ns=3 * SECOND)
     for after_s in range(60):  # the robot stands
@@ -54,7 +37,7 @@ def test_a_repeated_state_is_a_sign_of_life_and_does_not_change_the_usual_delay(
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
-def test_states_without_a_known_age_do_not_change_the_usual_delay(published: Published) -> None:
+def test_states_without_a_known_age_do_not_change_the_usual_delay() -> None:
     newest = NewestState()
     for state in (
         published(age_s=0.25, live=False),
