@@ -8,6 +8,19 @@ from PIL import Image
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED
 
+HEADER = {
+    "image": "map.pgm",
+    "resolution": "0.05",
+    "origin": "[0, 0, 0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+
+
+def header(**changed: str) -> str:
+    return "".join(f"{key}: {value}\n" for key, value in {**HEADER, **changed}.items())
+
 
 def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
     """Write ``name.yaml`` and ``name.pgm`` into a folder; return the path of the YAML file."""
@@ -17,10 +30,6 @@ def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
     Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # the first row of an image is the top
     x, y, heading = grid_map.map_from_grid
     path = folder / f"{name}.yaml"
-    path.write_text(
-        f"image: {name}.pgm\nresolution: {grid_map.cell_m!r}\n"
-        f"origin: [{x!r}, {y!r}, {heading!r}]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
-        encoding="utf-8",
-    )
+    origin = f"[{x!r}, {y!r}, {heading!r}]"
+    path.write_text(header(image=f"{name}.pgm", resolution=f"{grid_map.cell_m!r}", origin=origin))
     return path

@@ -27,6 +27,7 @@ from recordings.recording import open_recording
 from sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import PACKERS, damaged, packed
+from tests.maps import HEADER, header
 from tests.unit.recordings.logs import (
     flaser,
     odom,
@@ -101,23 +102,15 @@ yaml_values = NUMBERS | st.sampled_from(
     ["[0, 0, 0]", "[a, b]", "{a: b}", "&a [*a]", "*a", "!!python/object:os.system x", "map.pgm",
      "[[[[", "2001-99-99", "0.05", "scale", "raw", "? ", "!!binary x", "<<: {a: 1}", "'", "../.."]
 )  # fmt: skip
-HEADER = {
-    "image": "map.pgm",
-    "resolution": "0.05",
-    "origin": "[0, 0, 0]",
-    "negate": "0",
-    "occupied_thresh": "0.65",
-    "free_thresh": "0.196",
-}
 headers = st.dictionaries(st.sampled_from([*HEADER, "mode", "<<"]), yaml_values, max_size=2).map(
-    lambda changes: "\n".join(f"{k}: {v}" for k, v in {**HEADER, **changes}.items()).encode()
+    lambda changes: header(**changes).encode()
 )
 
 
 @cases(0.05)
 @given(damaged(headers), packed(images))
-def test_a_ros_map_is_read_or_refused(folder: Path, header: bytes, pixels: bytes) -> None:
-    (folder / "map.yaml").write_bytes(header)
+def test_a_ros_map_is_read_or_refused(folder: Path, text: bytes, pixels: bytes) -> None:
+    (folder / "map.yaml").write_bytes(text)
     (folder / "map.pgm").write_bytes(pixels)
     with contextlib.suppress(MapFileError):
         load_map(folder / "map.yaml")
@@ -173,10 +166,10 @@ def test_a_file_that_unpacks_without_end_is_refused(
 
 
 def test_a_png_that_unpacks_without_end_is_refused(folder: Path) -> None:
-    header = b"\x00\x00\x00\rIHDR" + (2**16).to_bytes(4, "big") * 2 + b"\x08\x06\x00\x00\x00"
-    body = b"\x89PNG\r\n\x1a\n" + header + zlib.crc32(header[4:]).to_bytes(4, "big")
+    size = b"\x00\x00\x00\rIHDR" + (2**16).to_bytes(4, "big") * 2 + b"\x08\x06\x00\x00\x00"
+    body = b"\x89PNG\r\n\x1a\n" + size + zlib.crc32(size[4:]).to_bytes(4, "big")
     (folder / "map.pgm").write_bytes(body + b"\x00\x00\x00\x00IDAT" + bytes(1000))
-    (folder / "map.yaml").write_text("".join(f"{key}: {HEADER[key]}\n" for key in HEADER))
+    (folder / "map.yaml").write_text(header())
     with pytest.raises(MapFileError, match="65536 x 65536 pixels"):
         load_map(folder / "map.yaml")
 

@@ -2,10 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from evaluation.course import Case, RecordedRobot, course_of
+from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
+from tests.maps import write_map
 from tests.unit.recordings.logs import flaser
 
 
@@ -16,12 +17,10 @@ def recorded(tmp_path: Path) -> RecordedRobot:
     poses = [f"{second} {second} 0 0 0 0 0 1" for second in range(10)]
     (tmp_path / "robot.log").write_text("\n".join(lines) + "\n")
     (tmp_path / "truth.tum").write_text("\n".join(poses) + "\n")
-    Image.fromarray(np.full((20, 20), 254, np.uint8)).save(tmp_path / "map.pgm")
-    header = "image: map.pgm\nresolution: 1.0\norigin: [0, 0, 0]\nnegate: 0\n"
-    (tmp_path / "map.yaml").write_text(header + "occupied_thresh: 0.65\nfree_thresh: 0.2\n")
-    files = (tmp_path / name for name in ("robot.log", "map.yaml", "truth.tum"))
-    recording, grid_map, reference = files
-    return RecordedRobot(recording=recording, map=grid_map, reference=reference)
+    plan = write_map(GridMap(np.zeros((20, 20), np.int8), 1.0, (0.0, 0.0, 0.0)), tmp_path, "map")
+    return RecordedRobot(
+        recording=tmp_path / "robot.log", map=plan, reference=tmp_path / "truth.tum"
+    )
 
 
 def truths(robot: RecordedRobot, start_step: int, updates: int | None) -> list[tuple[int, float]]:

@@ -11,13 +11,10 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from particle_filter.poses import compose
 from process_runtime import compressed
 from recordings.map_file import load_map
+from tests.maps import header
 
 CELL_M = 0.1
 RIM = round(RIM_M / CELL_M)
-HEADER = (
-    "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-)
 
 
 @pytest.fixture(autouse=True)
@@ -38,7 +35,7 @@ def grey(cells: Cells) -> Image.Image:
 
 def loaded(folder: Path, image: Image.Image) -> GridMap:
     image.save(folder / "map.png")
-    (folder / "map.yaml").write_text(HEADER)
+    (folder / "map.yaml").write_text(header(image="map.png", resolution="0.1"))
     return load_map(folder / "map.yaml")
 
 

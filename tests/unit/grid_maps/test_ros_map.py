@@ -11,24 +11,16 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.errors import MapFileError
 from recordings.map_file import load_map
+from tests.maps import HEADER, header
 from tests.unit.recordings import recording_or_skip
 
-HEADER = {
-    "image": "map.pgm",
-    "resolution": "0.05",
-    "origin": "[-1.0, 2.0, 0.0]",
-    "negate": "0",
-    "occupied_thresh": "0.65",
-    "free_thresh": "0.196",
-}
 PGM = b"P5\n3 2\n255\n" + bytes([0, 205, 254, 254, 254, 0])  # the upper row first
 OF_PGM = [[FREE, FREE, OCCUPIED], [OCCUPIED, UNKNOWN, FREE]]
 
 
 def write_map(folder: Path, content: bytes = PGM, /, **changed: str) -> Path:
-    header = {**HEADER, **changed}
     (folder / "map.pgm").write_bytes(content)
-    (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
+    (folder / "map.yaml").write_text(header(**{"origin": "[-1.0, 2.0, 0.0]", **changed}))
     return folder / "map.yaml"
 
 
