@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 Mutation = Callable[[bytes], bytes]
 
-PACKERS: dict[str, Mutation] = {
+_PACKERS: dict[str, Mutation] = {
     "plain": bytes,
     "gzip": lambda data: gzip.compress(data, 1),
     "xz": lambda data: lzma.compress(data, preset=0),
@@ -55,7 +55,7 @@ def damaged(draw: st.DrawFn, valid: st.SearchStrategy[bytes], most: int = 3) -> 
 @st.composite
 def packed(draw: st.DrawFn, content: st.SearchStrategy[bytes]) -> bytes:
     """A file's bytes as they are, or compressed and perhaps damaged after that."""
-    data = PACKERS[draw(st.sampled_from(sorted(PACKERS)))](draw(content))
+    data = _PACKERS[draw(st.sampled_from(sorted(_PACKERS)))](draw(content))
     return draw(damaged(st.just(data), most=1))
 
 

@@ -1,7 +1,6 @@
 import contextlib
 import io
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from evaluation.references import load_reference
-from process_runtime import compressed
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import TABLE, settings_as_toml
@@ -26,7 +24,7 @@ from recordings.map_file import load_map
 from recordings.recording import open_recording
 from sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
-from tests.fuzz.mutations import PACKERS, damaged, packed
+from tests.fuzz.mutations import damaged, packed
 from tests.maps import HEADER, header
 from tests.unit.recordings.logs import (
     flaser,
@@ -139,30 +137,6 @@ def test_settings_are_read_or_refused(folder: Path, content: bytes, given_too: l
 
 
 # --- files that are far larger than they look -----------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("load", "refusal"),
-    [
-        (load_map, MapFileError),
-        (load_reference, ReferenceFileError),
-        (lambda path: open_recording(path, BridgeSettings()), RecordingError),
-    ],
-)
-@pytest.mark.parametrize("pack", PACKERS.values(), ids=PACKERS)
-def test_a_file_that_unpacks_without_end_is_refused(
-    folder: Path,
-    load: Callable[[Path], object],
-    refusal: type[InputFileError],
-    pack: Callable[[bytes], bytes],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """After 8 MiB here, so that the test is short; the code is the same for all limits."""
-    monkeypatch.setattr(compressed, "MAX_FILE_BYTES", 2**23)
-    path = folder / "bomb.dat"
-    path.write_bytes(pack(b"# nothing at all in this remark\n" * 600_000))
-    with pytest.raises(refusal, match="MiB unpacked"):
-        load(path)
 
 
 def test_a_png_that_unpacks_without_end_is_refused(folder: Path) -> None:

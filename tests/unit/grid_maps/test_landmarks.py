@@ -69,11 +69,6 @@ def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, content: str, w
         load_landmarks(written(tmp_path, content))
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(LandmarksFileError, match="nowhere"):
-        load_landmarks(tmp_path / "nowhere.yaml")
-
-
 @cases(0.03)
 @given(junk=st.binary(max_size=40), at=st.integers(0, len(GOOD)))
 def test_a_damaged_file_raises_nothing_but_its_own_error(

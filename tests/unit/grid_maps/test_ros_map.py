@@ -187,20 +187,6 @@ def test_an_image_without_its_header_is_refused(tmp_path: Path) -> None:
         load_map(tmp_path / "map.pgm")
 
 
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(MapFileError, match="no such file"):
-        load_map(tmp_path / "map.yaml")
-    with pytest.raises(MapFileError, match="is a folder"):
-        load_map(tmp_path)
-
-
-def test_a_cut_archive_is_refused(tmp_path: Path) -> None:
-    path = write_map(tmp_path)
-    path.write_bytes(gzip.compress(path.read_bytes())[:-10])
-    with pytest.raises(MapFileError, match="cut off"):
-        load_map(path)
-
-
 @pytest.mark.parametrize(
     ("name", "shape", "free_m2"),
     [

@@ -175,9 +175,6 @@ def test_a_truncated_archive_is_read_up_to_its_end(
     recording = open_recording(path, BridgeSettings())
     assert 50 < recording.laser_count < 200
     assert "cut off" in recording.skipped[-1].problem
-    path.write_bytes(packed[:60])
-    with pytest.raises(RecordingError, match="cut off"):
-        open_recording(path, BridgeSettings())
 
 
 @pytest.mark.parametrize(
@@ -200,13 +197,6 @@ def test_a_file_that_is_not_a_recording_is_refused(
         open_recording(path, BridgeSettings())
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_recording_and_a_folder_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no such file"):
-        open_recording(tmp_path / "log", BridgeSettings())
-    with pytest.raises(RecordingError, match="is a folder"):
-        open_recording(tmp_path, BridgeSettings())
 
 
 # --- time ---------------------------------------------------------------------------------------
