@@ -1,4 +1,5 @@
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,12 +35,17 @@ def two_flats(*, cupboard: bool) -> Cells:
     return np.concatenate([flat, other], axis=1)
 
 
-def question(*places: tuple[float, float, float], seen: ViewMemory | None = None) -> Question:
+def seen_at(*poses: Sequence[float] | Pose) -> ViewMemory:
+    rows = [(x, y, heading, 1.0, 0.0, 0.0) for x, y, heading in poses]
+    return ViewMemory(np.array(rows, "<f4").tobytes())
+
+
+def question(*places: tuple[float, float, float]) -> Question:
     laser = scan_of(np.ones(len(ANGLES)), 8.0)
     count = len(places)
     return Question(
         np.array(places), np.array([KNOWN] * count), np.full(count, 1.0 / count), laser,
-        0.0, RADIUS_M, seen or ViewMemory(), 0.2, 0.2,
+        0.0, RADIUS_M, ViewMemory(), 0.2, 0.2,
     )  # fmt: skip
 
 
@@ -48,7 +54,7 @@ def ways_in(cells: Cells, asked: Question) -> list[Way]:
 
 
 FLATS = two_flats(cupboard=True)
-ASKED = question((2.0, 2.0, 0.0), (12.0, 2.0, 0.0))
+ASKED = question(RIGHT, LEFT)
 
 
 def test_the_first_ways_end_where_the_cupboard_is_seen() -> None:
@@ -76,10 +82,8 @@ def test_spots_tell_more_where_the_cupboard_is_seen() -> None:
 
 def test_a_view_seen_before_adds_no_information() -> None:
     first = ways_in(FLATS, ASKED)[0]
-    at_its_views = np.zeros((40, 6), "<f4")
     chosen = np.linspace(0, len(first.poses) - 1, 40).astype(int)
-    at_its_views[:, :3], at_its_views[:, 3] = first.poses[chosen], 1.0
-    again = ways_in(FLATS, replace(ASKED, seen=ViewMemory(at_its_views.tobytes())))
+    again = ways_in(FLATS, replace(ASKED, seen=seen_at(*first.poses[chosen])))
     ends = [math.dist(way.poses[-1, :2], first.poses[-1, :2]) for way in again]
     assert all(end > 0.5 for end in ends)
 
@@ -87,8 +91,7 @@ def test_a_view_seen_before_adds_no_information() -> None:
 @pytest.mark.parametrize(("x_m", "is_advised"), [(0.0, True), (5.5, False)])
 def test_a_cupboard_that_was_not_seen_is_not_looked_for_again(x_m: float, is_advised: bool) -> None:
     """Only the flat with a cupboard would have gained evidence in the far room."""
-    earlier = np.array([[x_m, 0.3, 0.0, 1.0, 0.0, 0.0]], "<f4")
-    asked = replace(ASKED, seen=ViewMemory(earlier.tobytes()))
+    asked = replace(ASKED, seen=seen_at((x_m, 0.3, 0.0)))
     assert bool(ways_in(FLATS, asked)) == is_advised
 
 
@@ -96,8 +99,7 @@ def test_a_place_is_confirmed_after_another_was_not_seen() -> None:
     """The belief keeps both places equal: its evidence is only what each would have seen."""
     cells = FLATS.copy()
     cells[55:70, 50:75] = OCCUPIED  # in the near room of the first flat
-    earlier = np.array([[0.0, 0.3, 0.0, 1.0, 0.0, 0.0]], "<f4")
-    ways = ways_in(cells, replace(ASKED, seen=ViewMemory(earlier.tobytes())))
+    ways = ways_in(cells, replace(ASKED, seen=seen_at((0.0, 0.3, 0.0))))
     assert ways[0].poses[-1, 0] + 2.0 > 4.5  # to the cupboard in the far room of the second
     assert ways[0].gains[1] > 3.0 * LEAST_INFORMATION
 
@@ -134,8 +136,7 @@ def test_ways_lead_to_a_landmark_that_only_one_place_has() -> None:
 
 
 def test_a_landmark_that_was_not_seen_is_not_looked_for_again() -> None:
-    earlier = np.array([[6.0, 0.0, 0.0, 1.0, 0.0, 0.0]], "<f4")
-    asked = replace(ASKED, landmarks=TAG, seen=ViewMemory(earlier.tobytes()))
+    asked = replace(ASKED, landmarks=TAG, seen=seen_at((6.0, 0.0, 0.0)))
     assert ways_in(two_flats(cupboard=False), asked) == []
 
 

@@ -14,7 +14,7 @@ from particle_filter.roads import MARGIN_M, roads_of
 from particle_filter.sensor_model import LaserScan
 from particle_filter.view_memory import ViewMemory
 from tests.unit.particle_filter.rooms import scan_of
-from tests.unit.particle_filter.test_advice import FLATS, KNOWN, LEFT, model_of
+from tests.unit.particle_filter.test_advice import FLATS, KNOWN, LEFT, model_of, seen_at
 
 RADIUS_M = 0.25
 ANGLES = np.linspace(-math.pi, math.pi, 180, endpoint=False)
@@ -31,11 +31,6 @@ def in_corridor(ahead_m: float, behind_m: float) -> LaserScan:
     return scan(np.minimum(to_ends, 1.0 / np.maximum(np.abs(s), 1e-9)))
 
 
-def seen_at(*places: tuple[float, float]) -> ViewMemory:
-    rows = [(x, y, 0.0, 1.0, 0.0, 0.0) for x, y in places]
-    return ViewMemory(np.array(rows, "<f4").tobytes())
-
-
 def test_the_longest_free_way_is_taken_before_anything_was_seen() -> None:
     way = unseen_way(in_corridor(9.0, 4.0), ViewMemory(), RADIUS_M, None)
     assert 8.0 < way[-1, 0] <= 9.0 - RADIUS_M - MARGIN_M + 1e-9
@@ -44,7 +39,7 @@ def test_the_longest_free_way_is_taken_before_anything_was_seen() -> None:
 
 
 def test_seen_ground_is_left_for_unseen_ground() -> None:
-    seen = seen_at(*((float(x), 0.0) for x in range(10)))
+    seen = seen_at(*((float(x), 0.0, 0.0) for x in range(10)))
     way = unseen_way(in_corridor(9.0, 4.0), seen, RADIUS_M, None)
     assert -4.0 + RADIUS_M + MARGIN_M <= way[-1, 0] < -3.0
     assert abs(way[-1, 2]) > math.radians(160.0)
@@ -69,11 +64,11 @@ def test_the_way_is_also_free_at_the_possible_places() -> None:
 
 @given(
     ranges=arrays(np.float64, 180, elements=st.floats(-1.0, 15.0) | st.just(math.nan)),
-    views=st.lists(st.tuples(st.floats(-20.0, 20.0), st.floats(-20.0, 20.0)), max_size=8),
+    views=st.lists(st.tuples(*[st.floats(-20.0, 20.0)] * 3), max_size=8),
     radius_m=st.floats(0.0, 10.0),
 )
 def test_no_hit_is_nearer_to_the_way_than_the_radius(
-    ranges: NDArray[np.float64], views: list[tuple[float, float]], radius_m: float
+    ranges: NDArray[np.float64], views: list[tuple[float, float, float]], radius_m: float
 ) -> None:
     way = unseen_way(scan(ranges), seen_at(*views), radius_m, None)
     hit = (ranges > 0.0) & (ranges < 12.0)
