@@ -2,18 +2,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from particle_filter.arrays import Pose
 from particle_filter.regions import is_region, parsed_regions
 from particle_filter.settings import SearchSettings
-
-HERE = np.zeros(3)
-
-
-def inside(corners: tuple[tuple[float, float], ...], map_from_grid: np.ndarray = HERE) -> list[str]:
-    """Rows of tiles of 1 m, from the lowest on."""
-    return [
-        "".join(".#"[int(tile)] for tile in row)
-        for row in is_region(corners, (4, 5), 1.0, map_from_grid)
-    ]
 
 
 def test_regions_have_names_and_corners() -> None:
@@ -32,17 +23,25 @@ def test_an_unknown_region_is_refused(text: str) -> None:
         msgspec.convert({"regions": text}, SearchSettings)
 
 
-def test_two_corners_are_those_of_a_rectangle_in_any_order() -> None:
-    for corners in (((1.0, 1.0), (4.0, 3.0)), ((4.0, 1.0), (1.0, 3.0))):
-        assert inside(corners) == [".....", ".###.", ".###.", "....."]
+HERE = np.zeros(3)
+TURNED = np.array([10.0, 0.0, np.pi / 2])
+"""The grid's columns run along the map's y axis from x = 10 on, its rows against the x axis."""
+L_SHAPE = ((0.0, 0.0), (5.0, 0.0), (5.0, 1.0), (2.0, 1.0), (2.0, 4.0), (0.0, 4.0))
 
 
-def test_more_than_two_corners_define_a_polygon() -> None:
-    l_shape = ((0.0, 0.0), (5.0, 0.0), (5.0, 1.0), (2.0, 1.0), (2.0, 4.0), (0.0, 4.0))
-    assert inside(l_shape) == ["#####", "##...", "##...", "##..."]
-
-
-def test_a_region_lies_in_the_map_also_where_the_grid_is_turned() -> None:
-    # The grid's columns run along the map's y axis from x = 10 on, its rows against the x axis.
-    turned = np.array([10.0, 0.0, np.pi / 2])
-    assert inside(((7.0, 1.0), (9.0, 3.0)), turned) == [".....", ".##..", ".##..", "....."]
+@pytest.mark.parametrize(
+    ("corners", "map_from_grid", "inside"),
+    [
+        (((1.0, 1.0), (4.0, 3.0)), HERE, [".....", ".###.", ".###.", "....."]),
+        (((4.0, 1.0), (1.0, 3.0)), HERE, [".....", ".###.", ".###.", "....."]),
+        (L_SHAPE, HERE, ["#####", "##...", "##...", "##..."]),
+        (((7.0, 1.0), (9.0, 3.0)), TURNED, [".....", ".##..", ".##..", "....."]),
+    ],
+    ids=["two corners of a rectangle", "in any order", "a polygon", "a turned grid"],
+)
+def test_tiles_within_the_corners_are_of_the_region(
+    corners: tuple[tuple[float, float], ...], map_from_grid: Pose, inside: list[str]
+) -> None:
+    """Rows of tiles of 1 m, from the lowest on."""
+    tiles = is_region(corners, (4, 5), 1.0, map_from_grid)
+    assert ["".join(".#"[int(tile)] for tile in row) for row in tiles] == inside

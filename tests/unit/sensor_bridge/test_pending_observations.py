@@ -36,6 +36,14 @@ def driven(sights: PendingObservations, until_s: int, speed: float = 1.0) -> Non
         sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
 
 
+def sights_after_5_s() -> tuple[PendingObservations, Counter[str]]:
+    """With the counter of what is dropped, by its cause."""
+    dropped = Counter[str]()
+    sights = PendingObservations(TAGS, dropped)
+    driven(sights, 5)
+    return sights, dropped
+
+
 def shares_of(observations: Iterable[Observation], speed: float = 0.0) -> list[float]:
     """Of observations by a driving robot, each taken into a step at once."""
     sights, shares = PendingObservations(TAGS, Counter()), list[float]()
@@ -88,9 +96,7 @@ def test_later_observations_of_the_same_tag_weigh_less() -> None:
 
 
 def test_unusable_observations_are_counted_by_cause() -> None:
-    dropped = Counter[str]()
-    sights = PendingObservations(TAGS, dropped)
-    driven(sights, 5)
+    sights, dropped = sights_after_5_s()
     for observation in (seen(5.0, name="nobody"), seen(60.0), seen(-60.0)):
         sights.on_observation(observation)
     driven(sights, 6)
@@ -98,9 +104,7 @@ def test_unusable_observations_are_counted_by_cause() -> None:
 
 
 def test_a_flood_of_observations_is_bounded() -> None:
-    dropped = Counter[str]()
-    sights = PendingObservations(TAGS, dropped)
-    driven(sights, 5)
+    sights, dropped = sights_after_5_s()
     for number in range(1000):
         sights.on_observation(seen(5.5, x=3.0 * number))
     driven(sights, 6)
@@ -110,9 +114,7 @@ def test_a_flood_of_observations_is_bounded() -> None:
 
 
 def test_clocks_that_are_ahead_take_no_place_from_other_sensors() -> None:
-    dropped = Counter[str]()
-    sights = PendingObservations(TAGS, dropped)
-    driven(sights, 5)
+    sights, dropped = sights_after_5_s()
     for number in range(100):
         ahead = msgspec.structs.replace(seen(14.0), sender=f"ahead {number}")
         sights.on_observation(ahead)
