@@ -1,9 +1,4 @@
-import numpy as np
-import pytest
-
-from benchmarks.advice import ASK_STEPS, Obstacles, place_of, run
-from clustermcl import ClusterMCL
-from protocol.advice import Advice
+from benchmarks.advice import Obstacles, place_of, run
 from tests.unit.evaluation.places import straight_way
 
 CROSS = place_of("cross_feature")
@@ -13,19 +8,6 @@ def test_no_advised_pose_is_near_an_obstacle() -> None:
     made = run(CROSS, 6, 60, advised=True)
     assert made.checked > 5_000
     assert made.unsafe == 0
-
-
-def test_an_advised_robot_drives_on_while_the_places_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked, advice = list[int](), ClusterMCL.advice
-
-    def recorded(mcl: ClusterMCL, *, radius_m: float) -> Advice:
-        answer = advice(mcl, radius_m=radius_m)
-        asked.append(answer.step)
-        return answer
-
-    monkeypatch.setattr(ClusterMCL, "advice", recorded)
-    run(CROSS, 6, 50, advised=True)
-    assert max(np.diff(asked)) > ASK_STEPS
 
 
 def test_a_way_through_a_wall_is_counted() -> None:

@@ -258,11 +258,17 @@ def test_a_tilted_laser_is_refused_and_a_little_tilt_is_not(tmp_path: Path) -> N
     assert only_scan(tmp_path / "little", pitched(3), scan(S)).robot_from_laser[2] == 0.0
 
 
-@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)])
+NOWHERE = (math.nan, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("place", "turn"),
+    [((0, 0, 0), (0.0,) * 4), ((0, 0, 0), (math.nan, 0.0, 0.0, 1.0)), (NOWHERE, LEVEL)],
+)
 def test_an_invalid_transform_is_skipped_and_listed(
-    tmp_path: Path, turn: tuple[float, float, float, float]
+    tmp_path: Path, place: Sequence[float], turn: Sequence[float]
 ) -> None:
-    recording = opened(tmp_path, [MOUNT, tf(S, "odom", "base_link", (0, 0, 0), turn), *drive()])
+    recording = opened(tmp_path, [MOUNT, tf(S, "odom", "base_link", place, turn), *drive()])
     assert len(odometry_of(recording)) == 10
     assert "from 'odom' to 'base_link' tf has" in recording.skipped[0].problem
 
