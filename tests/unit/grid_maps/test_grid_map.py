@@ -47,17 +47,10 @@ def test_equal_maps_have_equal_digests() -> None:
     assert a_map(map_from_grid=(0.0, 0.0, 0.0)).digest == a_map(map_from_grid=(-0.0, 0, 0)).digest
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        a_map(np.flipud(CELLS)),
-        a_map(CELLS.reshape(3, 2)),
-        a_map(cell_m=0.25),
-        a_map(map_from_grid=(1.0, -2.0, 0.31)),
-    ],
-)
-def test_a_map_that_gives_poses_another_meaning_has_another_digest(other: GridMap) -> None:
-    assert other.digest != a_map().digest
+def test_a_map_that_gives_poses_another_meaning_has_another_digest() -> None:
+    others = [a_map(np.flipud(CELLS)), a_map(CELLS.reshape(3, 2)), a_map(cell_m=0.25)]
+    others.append(a_map(map_from_grid=(1.0, -2.0, 0.31)))
+    assert len({grid_map.digest for grid_map in (a_map(), *others)}) == 5
 
 
 @pytest.mark.parametrize(

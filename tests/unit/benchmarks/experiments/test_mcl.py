@@ -102,26 +102,25 @@ def test_particles_are_resampled_below_half_the_effective_sample_size(
 GAINS = RecoveryGains(slow=0.1, fast=0.5)
 
 
-def after(*likelihoods: float) -> float:
+@pytest.mark.parametrize(
+    ("likelihoods", "share"),
+    [
+        ((), 0.0),
+        ((0.3,), 0.0),
+        ((0.3,) * 20, 0.0),
+        ((0.1, 0.2, 0.4, 0.8), 0.0),
+        ((1.0, 0.2), 1.0 - 0.6 / 0.92),
+        ((1.0, 0.2, 0.2), 1.0 - 0.4 / 0.848),
+    ],
+    ids=["no scan", "one scan", "all fit alike", "each fits better", "one fits worse", "two"],
+)
+def test_the_random_share_follows_from_the_fast_and_the_slow_average(
+    likelihoods: tuple[float, ...], share: float
+) -> None:
     recovery = Recovery(GAINS)
     for likelihood in likelihoods:
         recovery.on_likelihood(math.log(likelihood))
-    return recovery.random_share
-
-
-def test_no_random_particles_are_drawn_before_or_at_the_first_scan() -> None:
-    assert Recovery(GAINS).random_share == 0.0
-    assert after(0.3) == 0.0
-
-
-def test_no_random_particles_are_drawn_while_scans_fit_as_before_or_better() -> None:
-    assert after(*[0.3] * 20) == pytest.approx(0.0, abs=1e-12)
-    assert after(0.1, 0.2, 0.4, 0.8) == 0.0
-
-
-def test_the_random_share_follows_from_the_fast_and_the_slow_average() -> None:
-    assert after(1.0, 0.2) == pytest.approx(1.0 - 0.6 / 0.92)
-    assert after(1.0, 0.2, 0.2) == pytest.approx(1.0 - 0.4 / 0.848)
+    assert recovery.random_share == pytest.approx(share, abs=1e-12)
 
 
 def test_a_scan_that_fits_nowhere_is_no_error() -> None:
