@@ -72,6 +72,8 @@ class Story:
             filter_settings=settings, settings=rules, known=known, kept=kept
         ).coordinator()
         self.has_map = True
+        self.frozen: set[str] = set()
+        """Workers that receive nothing."""
         self.checkpoints: list[Checkpoint] = []
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
@@ -102,7 +104,7 @@ class Story:
                     self.handle(HistoryArrived(()))
                 case AskState(worker=worker):
                     self.handle(WorkerStateArrived(worker, WorkerSnapshot(term=0)))
-                case SendOrder(worker=worker, order=order):
+                case SendOrder(worker=worker, order=order) if worker not in self.frozen:
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
                         self.places[assignment.job_id] = worker
@@ -142,6 +144,9 @@ class Story:
         instructions = self.handle(CommandArrived(command), at_s)
         (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
         return answer.done.problem
+
+    def tick(self, *, at_s: float) -> None:
+        self.handle(TimePassed(), at_s)
 
     def odometry(self, stamp_s: float, x_m: float, at_s: float = 0.0) -> None:
         reading = OdometryReading(
@@ -285,7 +290,7 @@ def test_a_step_that_no_worker_weighed_makes_the_pose_dead_reckoning() -> None:
     story = tracking_story()
     for step in range(5, 12):
         story.scan(step, x_m=0.2 * (step - 4))
-        story.handle(TimePassed(), step + 0.9)
+        story.tick(at_s=step + 0.9)
     pose = story.coordinator.pose(12 * SECOND)
     assert (pose.step, pose.freshness) == (11, "dead_reckoning")
     assert pose.scan_age_s == 8.0
@@ -299,7 +304,7 @@ def test_decisions_are_sent_in_between_if_many_steps_are_due() -> None:
     reported = []
     for _ in range(4):
         before = len(story.beliefs)
-        story.handle(TimePassed(), 60.0)
+        story.tick(at_s=60.0)
         reported.append(len(story.beliefs) - before)
     assert reported == [STEPS_AT_ONCE, STEPS_AT_ONCE, 1, 0]
 
@@ -408,7 +413,7 @@ def test_a_pose_waits_for_the_map_and_is_applied_when_the_map_arrives() -> None:
     assert story.command(given("1", 1.0, 2.0, 0.5)) == ""
     assert len(story.beliefs) == 1
     story.has_map = True
-    story.handle(TimePassed(), 3.0)
+    story.tick(at_s=3.0)
     assert story.best.pose == (1.0, 2.0, 0.5)
 
 
@@ -446,7 +451,7 @@ def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
         story.tracks(step, north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
     story.handle(LinkChanged(up=False))
-    story.handle(TimePassed(), 15.0)
+    story.tick(at_s=15.0)
     assert story.beliefs[-1].step == 3
     story.handle(LinkChanged(up=True), 16.0)
     assert story.beliefs[-1].step == 3

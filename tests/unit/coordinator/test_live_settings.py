@@ -1,6 +1,5 @@
 """Settings that change while a robot drives: carried by scans, known to the next coordinator."""
 
-from coordinator.events import TimePassed
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from protocol.live_settings import AS_STARTED, LiveSettings
@@ -39,6 +38,6 @@ def test_the_settings_of_the_applied_scan_hold_and_a_successor_keeps_them() -> N
         assert goes_by(one) == (0.4, 0.4, 0.5, 0.7)
         assert one.status(2.0).settings == LIVE
     heir.scan(2)
-    heir.handle(TimePassed(), 60.0)
+    heir.tick(at_s=60.0)
     assert goes_by(heir) == started
     assert heir.coordinator.state.live == AS_STARTED

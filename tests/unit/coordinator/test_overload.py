@@ -1,6 +1,5 @@
 from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
-from coordinator.events import TimePassed, WorkerLeft
-from coordinator.instructions import Instruction
+from coordinator.events import WorkerLeft
 from coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
@@ -10,22 +9,9 @@ DEADLINE_S = 0.5
 """The default of `coordinator.step_deadline_s`."""
 
 
-class StoryWithFrozen(Story):
-    def __init__(self, *workers: str) -> None:
-        self.frozen: set[str] = set()
-        super().__init__(*workers)
-
-    def follow(self, instructions: list[Instruction]) -> None:
-        answered = [do for do in instructions if getattr(do, "worker", "") not in self.frozen]
-        super().follow(answered)
-
-    def tick(self, *, at_s: float) -> None:
-        self.handle(TimePassed(), at_s)
-
-
-def with_two_clusters() -> StoryWithFrozen:
+def with_two_clusters() -> Story:
     """Clusters c0 and c1 are tracked by two of three workers, well after their hand-over."""
-    story = StoryWithFrozen("a", "b", "c")
+    story = Story("a", "b", "c")
     story.bootstrapped()
     for step in range(1, 4):
         story.tracks(step, at_s=10.0 + step, north=0.1, south=0.1)
@@ -58,7 +44,7 @@ def test_an_overload_ends_when_steps_are_well_in_time() -> None:
     assert not detector.is_overloaded
 
 
-def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None = 0.1) -> float:
+def slow(story: Story, first: int, steps: int, *, south: float | None = 0.1) -> float:
     """Steps whose reports come 0.3 s after their scan, or that must do without one."""
     for step in range(first, first + steps):
         story.scan(step, at_s=20.0 + step)
@@ -69,16 +55,11 @@ def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None 
     return 21.0 + first + steps
 
 
-def test_the_status_shows_an_overload() -> None:
-    story = with_two_clusters()
-    at_s = slow(story, 4, STEPS)
-    assert story.status(at_s).overloaded
-
-
-def test_periodic_searches_wait_until_an_overload_ends() -> None:
+def test_the_status_shows_an_overload_and_periodic_searches_wait_until_it_ends() -> None:
     story = with_two_clusters()
     every = BeliefSettings().search_every_steps
-    slow(story, 4, every + STEPS)
+    at_s = slow(story, 4, every + STEPS)
+    assert story.status(at_s).overloaded
     assert not story.beliefs[-1].searching
     first = 4 + every + STEPS
     for step in range(first, first + 2 * STEPS):
