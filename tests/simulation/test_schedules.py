@@ -1,11 +1,9 @@
 """Coordinators, workers and the bridge keep the laws in thousands of schedules of faults.
 
 A seed that fails is run again by ``python -m tests.simulation --first SEED --schedules 1``.
-CLUSTERMCL_SCHEDULES=100000 pytest tests/simulation -o timeout=36000
-200 run by default, and 2,000 in .ci/run.
+200 run here, and 2,000 by that command in .ci/run.
 """
 
-import os
 from collections.abc import Iterator
 from multiprocessing.pool import Pool
 
@@ -15,7 +13,7 @@ from tests.simulation.many import broken, processes
 from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room
 
-SCHEDULES = int(os.environ.get("CLUSTERMCL_SCHEDULES", "200"))
+SCHEDULES = 200
 PARTS = 20
 """Each a test, so that one stays within a test's time on a machine that has too much to do."""
 
