@@ -1,14 +1,14 @@
 """A system whose robot is not of the stack: it publishes readings as a real one's driver does."""
 
 import tempfile
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import msgspec
 import numpy as np
+import yaml
 import zenoh
 
 from clustermcl.stack import COORDINATOR
@@ -23,8 +23,10 @@ from protocol.pose_arrays import covariance_matrix
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
+from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
+from tests.integration.running import running
 from tests.integration.waiting import wait_until
 from tests.maps import write_map
 from zenoh_link.wire import Publisher
@@ -36,10 +38,15 @@ WORLD = "cross"
 
 
 @contextmanager
-def with_bridge(world_name: str, settings: Settings = SMALL) -> Iterator[System]:
+def with_bridge(
+    world_name: str, settings: Settings = SMALL, landmarks: Sequence[dict[str, object]] = ()
+) -> Iterator[System]:
     """The system with a bridge that waits for a robot's readings."""
     with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
         map_file = write_map(world(world_name).map, Path(folder), "map")
+        if landmarks:
+            text = yaml.safe_dump({"landmarks": [*landmarks]})
+            map_file.with_name("landmarks.yaml").write_text(text)
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
@@ -61,16 +68,8 @@ class Robot:
         self._laser = Publisher(session, keys.LASER_READING)
         self._truth: dict[int, PoseTuple] = {}
 
-    @contextmanager
-    def driving(self) -> Iterator[None]:
-        stop = StopFlag()
-        thread = threading.Thread(target=self._drive, args=(stop,))
-        thread.start()
-        try:
-            yield
-        finally:
-            stop.set()
-            thread.join()
+    def driving(self) -> AbstractContextManager[StopFlag]:
+        return running(self._drive)
 
     def _drive(self, stop: StopFlag) -> None:
         zero_ns = time.time_ns()
@@ -114,3 +113,10 @@ def with_live_robot(
             yield tested, robot
         finally:
             robot.kill()
+
+
+def assert_same_as_alone(tested: System) -> None:
+    """All beliefs equal those of one process on the bridge's scans."""
+    scans = tested.history()
+    assert scans[0].step == 0
+    assert_same(list(tested.beliefs), outcomes_of_scans(scans, world(WORLD).map, tested.settings))

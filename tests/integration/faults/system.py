@@ -4,10 +4,11 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 import psutil
@@ -20,11 +21,18 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settin
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
-from protocol.answers import Belief
+from protocol.answers import Belief, PoseAnswer, Status
 from protocol.codec import decode
+from protocol.errors import MalformedMessageError
+from protocol.job_events import JobEvent
+from protocol.message import Message
+from protocol.steps import Scan, ScanHistory
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
+from zenoh_link.wire import ask
+
+M = TypeVar("M", bound=Message)
 
 SIMULATOR = "robot_simulator"
 SMALL = Settings(
@@ -59,12 +67,46 @@ class System:
         session.declare_subscriber(keys.BELIEF, self._on_belief)
 
     def _on_belief(self, sample: zenoh.Sample) -> None:
-        self._received_ns.append(time.monotonic_ns())
-        self.beliefs.append(decode(sample.payload.to_bytes(), Belief))
+        with suppress(MalformedMessageError):  # of an intruder
+            self.beliefs.append(decode(sample.payload.to_bytes(), Belief))
+            self._received_ns.append(time.monotonic_ns())
 
     @property
     def client(self) -> Client:
         return Client(patient_client(self.settings))
+
+    def status(self) -> Status:
+        with self.client as client:
+            return client.status()
+
+    def pose(self) -> PoseAnswer:
+        with self.client as client:
+            return client.pose()
+
+    def jobs(self) -> dict[str, tuple[str, ...]]:
+        """The jobs of each worker, by its name."""
+        return dict(self.status().workers)
+
+    def events(self) -> list[JobEvent]:
+        with self.client as client:
+            return [numbered.event for numbered in client.events().events]
+
+    def history(self) -> tuple[Scan, ...]:
+        """All scans that the bridge has made."""
+        key = keys.scan_history(0, None)
+        return ask(self.session, key, ScanHistory, timeout_s=PATIENCE_S).scans
+
+    def next_message(
+        self, key: str, kind: type[M], is_wanted: Callable[[M], object] = lambda _: True
+    ) -> M:
+        """Wait for a message on a key."""
+        received: list[M] = []
+        subscriber = self.session.declare_subscriber(
+            key, lambda sample: received.append(decode(sample.payload.to_bytes(), kind))
+        )
+        wait_until(lambda: received and is_wanted(received[-1]))
+        subscriber.undeclare()
+        return received[-1]
 
     @property
     def step(self) -> int:
@@ -97,6 +139,16 @@ class System:
     def wait_for_steps(self, count: int, deadline_s: float = PATIENCE_S) -> None:
         step = self.step
         wait_until(lambda: self.step >= step + count, deadline_s)
+
+    def wait_for_the_end(self) -> list[Belief]:
+        """Wait for the simulated robot's last step, while all processes live; all beliefs."""
+
+        def is_over() -> bool:
+            self.stack.check()
+            return bool(self.beliefs) and self.beliefs[-1].last
+
+        wait_until(is_over, 2 * PATIENCE_S)
+        return list(self.beliefs)
 
     def pid(self, name: str) -> int:
         return self.stack.pids()[name]

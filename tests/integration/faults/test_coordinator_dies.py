@@ -4,30 +4,21 @@ import math
 import os
 import signal
 import time
-from collections.abc import Sequence
 
 import msgspec
 
 from clustermcl.stack import COORDINATOR, WORKERS
-from coordinator.belief.outcome import Outcome
 from coordinator.checkpoint import state_in
-from coordinator.process import filter_settings
-from evaluation.in_process import outcomes
 from particle_filter.settings import BeliefSettings
-from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.settings import BridgeSettings
 from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode, encode
+from protocol.codec import encode
 from protocol.job_events import Began
-from protocol.steps import ScanHistory
 from protocol.work import Checkpoint
-from robot_simulator.worlds.catalogue import world
-from tests.integration.faults.live_robot import WORLD, with_live_robot
+from tests.integration.alone import assert_same, outcomes_of
+from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import SMALL, System, system
-from tests.integration.system.listening import outcomes_of
-from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from worker.map_model import sensor_model
-from zenoh_link.wire import ask
+from tests.integration.waiting import stretched_s, wait_until
 
 STEPS = 45
 LOCKSTEP = msgspec.structs.replace(
@@ -38,36 +29,16 @@ LOCKSTEP = msgspec.structs.replace(
 """As fast as the workers follow, with searches and candidates all along."""
 
 
-def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
-    """Every received belief, repeated ones included, equals that of one process."""
-    expected = {outcome.step: outcome for outcome in alone}
-    for belief in beliefs:
-        assert belief.missing == (), f"step {belief.step}"
-        assert belief.hypotheses == expected[belief.step].hypotheses, f"step {belief.step}"
-        assert belief.state == expected[belief.step].state, f"step {belief.step}"
-        assert belief.searching == expected[belief.step].searching, f"step {belief.step}"
-
-
-def alone_of(tested: System, settings: Settings = SMALL) -> list[Outcome]:
-    history = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S)
-    assert history.scans[0].step == 0
-    grid_map = world(WORLD).map
-    model = sensor_model(grid_map, settings.sensor, cache_folder=None)
-    plain = filter_settings(settings)
-    return [outcome for _, outcome in outcomes(history.scans, model, plain)]
-
-
 def test_a_coordinator_killed_while_searching_and_tracking_changes_no_belief() -> None:
     alone = outcomes_of(LOCKSTEP, steps=STEPS)
     with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
         for step in (3, 15, 16, 32):
             wait_until(lambda s=step: tested.step >= s)  # type: ignore[misc] # a default
             tested.restart(COORDINATOR)
-        wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last)
+        tested.wait_for_the_end()
         assert len({belief.term for belief in tested.beliefs}) >= 4, "it was several coordinators"
         assert_same(tested.beliefs, alone)
-        with tested.client as client:
-            assert client.status().steps_lost == 0
+        assert tested.status().steps_lost == 0
 
 
 def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_on() -> None:
@@ -86,17 +57,17 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
         assert "--standby" in second.err
         standby = tested.start(COORDINATOR, "--standby")
         standby.wait_for("standing by")
-        tested.session.put(keys.CHECKPOINT, encode(poisoned(newest_checkpoint(tested))))
+        newest = tested.next_message(keys.CHECKPOINT, Checkpoint, has_clusters)
+        tested.session.put(keys.CHECKPOINT, encode(poisoned(newest)))
         tested.hurt(COORDINATOR)
         follows_within_two_seconds(tested)
         steps = [belief.step for belief in tested.since(before)]
         assert sorted(set(steps)) == list(range(before + 1, steps[-1] + 1)), "none was left out"
         assert tested.worker_pids() == workers
-        with tested.client as client:
-            status = client.status()
+        status = tested.status()
         assert status.counters["checkpoint that cannot be read"] >= 1
         assert status.steps_lost == 0
-        assert_same(list(tested.beliefs), alone_of(tested))
+        assert_same_as_alone(tested)
         assert "Traceback" not in standby.err
         standby.send_signal(signal.SIGTERM)
         assert standby.wait() == 0
@@ -114,11 +85,8 @@ def test_workers_and_coordinator_killed_together_lose_no_place() -> None:
         later = tested.since(before)
         assert all(belief.hypotheses for belief in later), "no step without a place"
         assert tested.clusters() & places
-        with tested.client as client:
-            causes = {
-                one.event.cause for one in client.events().events if isinstance(one.event, Began)
-            }
-        assert "first search" not in causes
+        began = [event for event in tested.events() if isinstance(event, Began)]
+        assert "first search" not in {event.cause for event in began}
 
 
 def follows_within_two_seconds(tested: System) -> None:
@@ -129,15 +97,8 @@ def follows_within_two_seconds(tested: System) -> None:
     tested.wait_for_steps(10)
 
 
-def newest_checkpoint(tested: System) -> Checkpoint:
-    """Return a checkpoint of the acting coordinator, with clusters that are tracked."""
-    found: list[Checkpoint] = []
-    subscriber = tested.session.declare_subscriber(
-        keys.CHECKPOINT, lambda sample: found.append(decode(sample.payload.to_bytes(), Checkpoint))
-    )
-    wait_until(lambda: found and len(state_in(found[-1]).ensemble.clusters))
-    subscriber.undeclare()
-    return found[-1]
+def has_clusters(checkpoint: Checkpoint) -> bool:
+    return len(state_in(checkpoint).ensemble.clusters) > 0
 
 
 def poisoned(checkpoint: Checkpoint) -> Checkpoint:
@@ -164,9 +125,9 @@ def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() 
         tested.wait_for_steps(10)
         terms = [belief.term for belief in tested.beliefs]
         assert terms == sorted(terms), "no belief of the old one after the first of the new one"
-        assert_same(list(tested.beliefs), alone_of(tested))
+        assert_same_as_alone(tested)
         standby.kill()  # and now it is its turn again
         highest = max(terms)
         wait_until(lambda: tested.beliefs[-1].term > highest)
         tested.wait_for_steps(10)
-        assert_same(list(tested.beliefs), alone_of(tested))
+        assert_same_as_alone(tested)

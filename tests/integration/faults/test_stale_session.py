@@ -3,7 +3,6 @@
 Here processes reconnect to an empty router while the others are at another one.
 """
 
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from protocol import keys
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
+from tests.integration.running import running
 from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.integration.worlds import write_room
@@ -92,15 +92,11 @@ def test_processes_that_receive_nothing_next_to_others_open_other_sessions_and_k
     detour = Detour(Path(short_folder), start_process)
     detour.leads_to("here")
     detour.start()
+    room = write_room(tmp_path)
     arguments = {
         "worker": ("--name", "w", "--count", "1"),
         "coordinator": (),
-        "sensor_bridge": (
-            "--set",
-            "bridge.source=zenoh",
-            "--set",
-            f"bridge.map={write_room(tmp_path)}",
-        ),
+        "sensor_bridge": ("--set", "bridge.source=zenoh", "--set", f"bridge.map={room}"),
     }
     processes = []
     for name, words in arguments.items():
@@ -144,26 +140,19 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
         return has_leader
 
     monkeypatch.setattr("zenoh_link.wire.is_alive", sees_leader)
-    router, stop = start_router(), StopFlag()
-    node = Node("c", "coordinator", Settings(zenoh=zenoh_settings), stop, peers=None)
+    router, settings = start_router(), Settings(zenoh=zenoh_settings)
 
-    def follow() -> None:
-        with closing(node):
+    def follow(stop: StopFlag) -> None:
+        with closing(Node("c", "coordinator", settings, stop, peers=None)) as node:
             node.open()
             opened.set()
             if Loop(node, Replica(silence_s, time.monotonic_ns()), 0.0).follow():
                 over.append(time.monotonic())
 
-    thread = threading.Thread(target=follow)
-    thread.start()
-    try:
+    with running(follow):
         assert opened.wait(PATIENCE_S)
-        router.send_signal(signal.SIGKILL)
-        router.wait()
+        router.kill()
         start_router()
         wait_until(lambda: over)
-    finally:
-        stop.set()
-        thread.join(10.0)
     assert len(looked) == 1
     assert (over[0] - looked[0] >= silence_s) == has_leader, "else another session is silent, too"

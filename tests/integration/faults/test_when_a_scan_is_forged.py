@@ -6,32 +6,20 @@ from msgspec.structs import replace
 
 from clustermcl.stack import COORDINATOR
 from protocol import keys
-from protocol.codec import decode, encode
+from protocol.codec import encode
 from protocol.message import MAX_SCAN_STEP
 from protocol.steps import Scan
-from tests.integration.faults.live_robot import BRIDGE, with_live_robot
+from tests.integration.faults.live_robot import BRIDGE, assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import System
-from tests.integration.faults.test_coordinator_dies import alone_of, assert_same
 from tests.integration.waiting import wait_until
 
 HIGHEST = 2**53 - 1
 BURST = 4
 
 
-def newest_scan(tested: System) -> Scan:
-    """Return the next scan of the real bridge."""
-    received: list[Scan] = []
-    subscriber = tested.session.declare_subscriber(
-        keys.SCAN, lambda sample: received.append(decode(sample.payload.to_bytes(), Scan))
-    )
-    wait_until(lambda: received)
-    subscriber.undeclare()
-    return received[-1]
-
-
 def forge(tested: System, first_step: int, count: int) -> None:
     """Publish `count` scans from `first_step` on, with increasing stamps."""
-    scan = newest_scan(tested)
+    scan = tested.next_message(keys.SCAN, Scan)
     for n in range(count):
         forged = replace(scan, step=first_step + n, stamp_ns=scan.stamp_ns + n * 1_000_000)
         block = zenoh.CongestionControl.BLOCK
@@ -48,7 +36,7 @@ def test_single_scans_far_ahead_change_no_belief_and_after_a_burst_a_restart_loc
             tested.wait_for_steps(5)
             assert client.status().counters[cause] == 1
         assert client.status().counters.get("steps restarted", 0) == 0
-        assert_same(list(tested.beliefs), alone_of(tested))
+        assert_same_as_alone(tested)
 
         for restarted in (BRIDGE, COORDINATOR):
             forge(tested, MAX_SCAN_STEP - BURST, BURST)

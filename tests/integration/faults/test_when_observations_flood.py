@@ -1,32 +1,24 @@
 """A thousand observations a second, most of them wrong, while a robot drives."""
 
 import math
-import tempfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import cycle
-from pathlib import Path
 
 import numpy as np
-import yaml
 import zenoh
 from msgspec.structs import replace
 
-from clustermcl.stack import COORDINATOR
-from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Status
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.steps import Observation, PositionField
-from robot_simulator.worlds.catalogue import world
-from tests.integration.faults.live_robot import BRIDGE, WORLD, Robot
-from tests.integration.faults.system import SMALL, system
+from tests.integration.faults.live_robot import BRIDGE, WORLD, Robot, with_bridge
+from tests.integration.running import running
 from tests.integration.waiting import wait_until
-from tests.maps import write_map
 
 RATE_HZ = 1000
 HOUR_NS = 3600 * 10**9
@@ -51,24 +43,18 @@ TOO_MANY = "reading refused: too many observations"
 
 
 def test_a_flood_of_observations_costs_no_step() -> None:
-    with tempfile.TemporaryDirectory(prefix="mcl-flood-") as name:
-        map_file = write_map(world(WORLD).map, Path(name), "map")
-        tag = {"id": "tag", "x": 7.7, "y": 0.0}
-        (Path(name) / "landmarks.yaml").write_text(yaml.safe_dump({"landmarks": [tag]}))
-        bridge = BridgeSettings(map=str(map_file), source="zenoh")
-        with system(replace(SMALL, bridge=bridge)) as tested:
-            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
-            robot = Robot(tested.session, WORLD)
-            with robot.driving():
-                wait_until(lambda: tested.step >= 0)
-                with flood(tested.session) as sent, tested.client as client:
-                    began_s = time.monotonic()
-                    wait_until(lambda: tested.step >= STEPS and len(sent) >= RATE_HZ)
-                    rate_hz = len(sent) / (time.monotonic() - began_s)
-                    wait_until(lambda: not WRONG.keys() - dropped(client.status()).keys())
-                    robot.has_laser = False  # so that no step takes those that wait
-                    wait_until(lambda: TOO_MANY in dropped(client.status()))
-                    status = client.status()
+    with with_bridge(WORLD, landmarks=[{"id": "tag", "x": 7.7, "y": 0.0}]) as tested:
+        robot = Robot(tested.session, WORLD)
+        with robot.driving():
+            wait_until(lambda: tested.step >= 0)
+            with flood(tested.session) as sent, tested.client as client:
+                began_s = time.monotonic()
+                wait_until(lambda: tested.step >= STEPS and len(sent) >= RATE_HZ)
+                rate_hz = len(sent) / (time.monotonic() - began_s)
+                wait_until(lambda: not WRONG.keys() - dropped(client.status()).keys())
+                robot.has_laser = False  # so that no step takes those that wait
+                wait_until(lambda: TOO_MANY in dropped(client.status()))
+                status = client.status()
     assert rate_hz > 0.5 * RATE_HZ  # on a loaded machine
     assert status.steps_lost == 0
     assert not {"dropped laser", "dropped odometry"} & dropped(status).keys()
@@ -79,10 +65,10 @@ def test_a_flood_of_observations_costs_no_step() -> None:
 @contextmanager
 def flood(session: zenoh.Session) -> Iterator[list[int]]:
     """Publish observations, right and wrong in turn; the list grows with each."""
-    stop, sent = StopFlag(), list[int]()
+    sent = list[int]()
     kinds = [RIGHT, TAG, *WRONG.values()]
 
-    def publish() -> None:
+    def publish(stop: StopFlag) -> None:
         began_ns = time.monotonic_ns()
         for number, kind in enumerate(cycle(kinds)):
             if stop.wait(number / RATE_HZ - (time.monotonic_ns() - began_ns) * 1e-9):
@@ -94,13 +80,8 @@ def flood(session: zenoh.Session) -> Iterator[list[int]]:
             session.put(keys.OBSERVATION_READING, encode(stamped))
             sent.append(number)
 
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
+    with running(publish):
         yield sent
-    finally:
-        stop.set()
-        thread.join()
 
 
 def dropped(status: Status) -> dict[str, int]:

@@ -31,8 +31,7 @@ def poses_until_stale(
 
     def is_stale() -> bool:
         publish()
-        with tested.client as client:
-            poses.append(client.pose())
+        poses.append(tested.pose())
         return poses[-1].freshness == "stale"
 
     wait_until(is_stale)
@@ -45,11 +44,6 @@ def assert_honest(poses: list[PoseAnswer]) -> None:
         assert pose.pose is not None, "the last pose is still published, with its age"
 
 
-def is_fresh(tested: System) -> bool:
-    with tested.client as client:
-        return client.pose().freshness == "fresh"
-
-
 def test_the_pose_is_stale_while_no_bridge_runs_or_the_clock_stands() -> None:
     with with_live_robot(STALE_SOON) as (tested, robot):
         tested.wait_until_it_tracks()
@@ -59,13 +53,12 @@ def test_the_pose_is_stale_while_no_bridge_runs_or_the_clock_stands() -> None:
         assert_honest(poses_until_stale(tested))
         assert time.monotonic() - stopped_s < stretched_s(STALE_AFTER_S + 1.0)
         tested.mend()
-        wait_until(lambda: is_fresh(tested))
+        wait_until(lambda: tested.pose().freshness == "fresh")
         tested.wait_for_steps(5)
         assert tested.clusters() == clusters
 
         robot.kill()
-        with tested.client as client:
-            last = client.pose()
+        last = tested.pose()
         publisher = Publisher(tested.session, keys.ODOMETRY_READING)
         same = OdometryReading(
             sender="robot", stamp_ns=last.stamp_ns, odom_from_robot=(0.0, 0.0, 0.0)
@@ -92,5 +85,5 @@ def test_a_bridge_restarted_with_another_map_begins_a_new_search_without_any_oth
         assert client.status().counters["map changed"] == 1
         now = tested.stack.pids() | {"workers": tested.worker_pids()}
         assert {name for name in now if now[name] != pids[name]} == {BRIDGE}
-        ended = [e.event for e in client.events().events if isinstance(e.event, Ended)]
+        ended = [event for event in tested.events() if isinstance(event, Ended)]
         assert [one.cause for one in ended].count("new map") == before.clusters

@@ -1,18 +1,14 @@
 """A worker that waits for its map still answers queries and other orders."""
 
-import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import pytest
 import zenoh
 from msgspec.structs import replace
 
-from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
-from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -21,7 +17,9 @@ from protocol.errors import ClusterMclError
 from protocol.health import Health
 from protocol.steps import ScanHistory
 from protocol.work import OrderAnswer, WorkOrder
+from robot_simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
+from tests.integration.running import running
 from tests.integration.waiting import stretched_s, wait_until
 from tests.unit.worker.test_job_table import cloud, track
 from worker.process import WorkerLoop
@@ -30,6 +28,7 @@ from zenoh_link.wire import ask, ask_later
 
 NAME = "worker-0"
 SOON_S = 5.0
+MAP = world("cross").map
 
 
 class Bridge:
@@ -37,35 +36,24 @@ class Bridge:
 
     def __init__(self, session: zenoh.Session) -> None:
         self.asked: list[zenoh.Query] = []
-        self._map = _room()
         session.declare_queryable(keys.MAP, self.asked.append, complete=True)
         session.declare_queryable(keys.SCAN_HISTORY, self._answer_scans, complete=True)
-
-    @property
-    def map_digest(self) -> str:
-        return self._map.digest
 
     def answer(self) -> None:
         while self.asked:
             with self.asked.pop() as query:
-                query.reply(query.key_expr, encode(to_message(self._map, "bridge")))
+                query.reply(query.key_expr, encode(to_message(MAP, "bridge")))
 
     def _answer_scans(self, query: zenoh.Query) -> None:
         with query:
             query.reply(keys.SCAN_HISTORY, encode(ScanHistory(sender="bridge", scans=())))
 
 
-def _room() -> GridMap:
-    cells = np.zeros((60, 80), np.int8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
-    return GridMap(cells, 0.1, (0.0, 0.0, 0.0))
-
-
 class Coordinator:
     """Sends orders without waiting and collects the worker's reports."""
 
-    def __init__(self, session: zenoh.Session, bridge: Bridge) -> None:
-        self._session, self._digest = session, bridge.map_digest
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
         self.answers: dict[int, OrderAnswer] = {}
         self.healths: list[Health] = []
         session.declare_subscriber(
@@ -76,7 +64,7 @@ class Coordinator:
     def order(self, number: int, *jobs: str) -> None:
         begin = tuple(track(job, cloud()) for job in jobs)
         message = WorkOrder(
-            sender="coordinator", order=number, map_digest=self._digest, filter_settings={},
+            sender="coordinator", order=number, map_digest=MAP.digest, filter_settings={},
             snapshot_every_steps=0, keep=(), begin=begin,
         )  # fmt: skip
         ask_later(
@@ -93,21 +81,6 @@ class Coordinator:
         return ask(self._session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
 
 
-@contextmanager
-def working(router: ZenohSettings, folder: Path) -> Iterator[None]:
-    """A worker's loop in a thread of its own."""
-    settings, stop = replace(Settings(), zenoh=router), StopFlag()
-    with closing(Node(NAME, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
-        node.open()
-        thread = threading.Thread(target=WorkerLoop(node, folder, lambda _jobs: None).run)
-        thread.start()
-        try:
-            yield
-        finally:
-            stop.set()
-            thread.join(10.0)
-
-
 @pytest.fixture
 def bridge(router: ZenohSettings, open_client: OpenClient) -> Bridge:
     del router
@@ -118,8 +91,18 @@ def bridge(router: ZenohSettings, open_client: OpenClient) -> Bridge:
 def coordinator(
     bridge: Bridge, router: ZenohSettings, open_client: OpenClient, tmp_path: Path
 ) -> Iterator[Coordinator]:
-    made = Coordinator(open_client(), bridge)
-    with working(router, tmp_path):
+    """Of a worker whose loop runs in a thread."""
+    del bridge
+    settings = replace(Settings(), zenoh=router)
+
+    def work(stop: StopFlag) -> None:
+        peers = keys.COORDINATOR_ALIVE
+        with closing(Node(NAME, "worker", settings, stop, peers=peers)) as node:
+            node.open()
+            WorkerLoop(node, tmp_path, lambda _jobs: None).run()
+
+    made = Coordinator(open_client())
+    with running(work):
         wait_until(lambda: _answers(made))
         yield made
 

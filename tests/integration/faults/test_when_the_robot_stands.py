@@ -1,7 +1,6 @@
 """A standing robot gets places: after its start, after a command, and with a new map."""
 
 import math
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from protocol.steps import LaserReading, MapReading, OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
+from tests.integration.running import running
 from tests.integration.sensor_bridge.robot import answering
 from tests.integration.waiting import wait_until
 from zenoh_link.wire import Publisher
@@ -47,7 +47,6 @@ def map_reading(grid_map: GridMap) -> MapReading:
 @contextmanager
 def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[PoseTuple]:
     """Publishes the same scan ten times a second, and odometry twice as often; yields its pose."""
-    stop = StopFlag()
     tick = next(iter(Simulation(world(world_name), seed=5)))
     odometry, laser = (
         Publisher(session, keys.ODOMETRY_READING),
@@ -56,19 +55,14 @@ def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[PoseTupl
     (scan,) = (one for one in tick.readings if isinstance(one, LaserReading))
     here = (0.0, 0.0, 0.0)
 
-    def stand() -> None:
+    def stand(stop: StopFlag) -> None:
         while not stop.wait(0.5 / LASER_HZ):
             now_ns = time.time_ns()
             odometry.put(OdometryReading(sender="robot", stamp_ns=now_ns, odom_from_robot=here))
             laser.put(msgspec.structs.replace(scan, stamp_ns=now_ns, odom_from_robot=here))
 
-    thread = threading.Thread(target=stand)
-    thread.start()
-    try:
+    with running(stand):
         yield tick.map_from_robot
-    finally:
-        stop.set()
-        thread.join()
 
 
 def may_be_at(belief: Belief, pose: tuple[float, ...]) -> bool:

@@ -3,22 +3,17 @@
 import time
 
 from clustermcl.stack import COORDINATOR, ROUTER, WORKERS
-from tests.integration.faults.system import SIMULATOR, System, system
+from tests.integration.faults.system import SIMULATOR, system
 from tests.integration.waiting import stretched_s, wait_until
 
 OUTAGE_S = 2.5
 """Longer than the lease of 2 s."""
 
 
-def jobs_of(tested: System) -> dict[str, tuple[str, ...]]:
-    with tested.client as client:
-        return dict(client.status().workers)
-
-
 def test_a_restart_of_the_router_loses_only_the_steps_made_meanwhile() -> None:
     with system() as tested:
         tested.wait_until_it_tracks()
-        placed, clusters, pids = jobs_of(tested), tested.clusters(), dict(tested.stack.pids())
+        placed, clusters, pids = tested.jobs(), tested.clusters(), dict(tested.stack.pids())
         workers = tested.worker_pids()
         tested.hurt(ROUTER)
         time.sleep(OUTAGE_S)
@@ -29,12 +24,11 @@ def test_a_restart_of_the_router_loses_only_the_steps_made_meanwhile() -> None:
         assert time.monotonic() - mended_s < stretched_s(2.5), "to connect, and to decide"
         tested.wait_for_steps(10)
         assert tested.clusters() == clusters
-        assert jobs_of(tested) == placed, "no cluster was moved"
+        assert tested.jobs() == placed, "no cluster was moved"
         assert tested.worker_pids() == workers
         for name in (COORDINATOR, WORKERS, SIMULATOR):
             assert tested.pid(name) == pids[name], f"{name} went on"
         # The simulated robot waits for a coordinator, so even the steps of the outage are there.
         after = tested.since(last_before)
         assert [belief.missing for belief in after] == [()] * len(after)
-        with tested.client as client:
-            assert client.status().steps_lost == 0
+        assert tested.status().steps_lost == 0

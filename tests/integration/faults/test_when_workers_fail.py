@@ -40,15 +40,10 @@ PARTICLES = 1_000_000
 """The most that a message can carry: 32 MB."""
 
 
-def jobs_of(tested: System) -> dict[str, tuple[str, ...]]:
-    with tested.client as client:
-        return dict(client.status().workers)
-
-
 def signal_one_that_tracks(tested: System, number: int) -> tuple[str, str, int]:
     """Send a signal to a worker with a cluster; return its name, its job and its process id."""
     name, (job, *_) = next(
-        (name, jobs) for name, jobs in jobs_of(tested).items() if set(jobs) - {ELSEWHERE}
+        (name, jobs) for name, jobs in tested.jobs().items() if set(jobs) - {ELSEWHERE}
     )
     pid = tested.worker_pids()[int(name.removeprefix("worker-"))]
     os.kill(pid, number)
@@ -58,13 +53,13 @@ def signal_one_that_tracks(tested: System, number: int) -> tuple[str, str, int]:
 def test_the_cluster_of_a_killed_worker_is_on_a_standby_worker_within_a_second() -> None:
     with system(SIX_WORKERS) as tested:
         tested.wait_until_it_tracks()
-        clusters, step, jobs = tested.clusters(), tested.step, jobs_of(tested).values()
+        clusters, step, jobs = tested.clusters(), tested.step, tested.jobs().values()
         expected = {f"c{number}" for number in clusters} | {ELSEWHERE}
         assert {job for one in jobs for job in one} == expected
         assert set(map(len, jobs)) == {0, 1}, "some stand by"
         killed_s = time.monotonic()
         name, job, _ = signal_one_that_tracks(tested, signal.SIGKILL)
-        wait_until(lambda: any(job in jobs for n, jobs in jobs_of(tested).items() if n != name))
+        wait_until(lambda: any(job in jobs for n, jobs in tested.jobs().items() if n != name))
         assert time.monotonic() - killed_s < stretched_s(1.0)
         wait_until(lambda: len(tested.since(step)) > 10)
         assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
@@ -85,11 +80,11 @@ def test_a_frozen_worker_delays_the_others_by_one_deadline_and_is_replaced() -> 
             assert max(tested.gaps_s()[received:]) < usual_s + stretched_s(DEADLINE_S + 0.4)
             assert {job_id for belief in tested.since(step) for job_id in belief.missing} == {job}
             assert tested.clusters() == clusters
-            assert jobs_of(tested).get(name, ()) == ()
+            assert tested.jobs().get(name, ()) == ()
         finally:
             os.kill(pid, signal.SIGCONT)
-        wait_until(lambda: name in jobs_of(tested))
-        assert jobs_of(tested)[name] == (), "it stands by"
+        wait_until(lambda: name in tested.jobs())
+        assert tested.jobs()[name] == (), "it stands by"
         step = tested.step
         tested.wait_for_steps(10)
         assert not any(belief.missing for belief in tested.since(step))

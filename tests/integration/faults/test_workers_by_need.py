@@ -39,15 +39,9 @@ def by_need(monkeypatch: pytest.MonkeyPatch) -> Iterator[System]:
         yield tested
 
 
-def workers(tested: System) -> set[str]:
-    with tested.client as client:
-        return set(client.status().workers)
-
-
 def busy_worker(tested: System) -> int:
     """Return the process id of a worker with a job."""
-    with tested.client as client:
-        name = next(name for name, jobs in client.status().workers.items() if jobs)
+    name = next(name for name, jobs in tested.jobs().items() if jobs)
     children = psutil.Process(tested.pid(WORKERS)).children()
     return next(child.pid for child in children if child.name() == name)
 
@@ -57,34 +51,34 @@ def test_workers_follow_the_number_of_clusters_and_a_kill_in_each_phase_loses_no
 ) -> None:
     tested = by_need
     tested.wait_until_it_tracks()
-    wait_until(lambda: len(workers(tested)) == WIDE)
+    wait_until(lambda: len(tested.jobs()) == WIDE)
     wide = tested.clusters()
     assert len(wide) == WIDE
 
     step = tested.step
     os.kill(busy_worker(tested), signal.SIGKILL)
-    wait_until(lambda: len(workers(tested)) == WIDE and len(tested.since(step)) > 10)
+    wait_until(lambda: len(tested.jobs()) == WIDE and len(tested.since(step)) > 10)
     assert tested.clusters() == wide
     assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
 
     step = tested.step
+    pose = tested.pose().pose
+    assert pose is not None
     with tested.client as client:
-        pose = client.pose().pose
-        assert pose is not None
         client.relocalize(near=(*pose[:2], NEAR_M))
-    wait_until(lambda: len(workers(tested)) == NARROW)
+    wait_until(lambda: len(tested.jobs()) == NARROW)
     assert len(tested.clusters()) == 1
     os.kill(busy_worker(tested), signal.SIGKILL)
     tested.wait_for_steps(10)
-    wait_until(lambda: len(workers(tested)) == NARROW)
+    wait_until(lambda: len(tested.jobs()) == NARROW)
     assert len(tested.clusters()) == 1
     assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
 
     step = tested.step
     with tested.client as client:
         client.relocalize()
-    wait_until(lambda: tested.step > step + 2 and len(workers(tested)) > NARROW)
+    wait_until(lambda: tested.step > step + 2 and len(tested.jobs()) > NARROW)
     os.kill(busy_worker(tested), signal.SIGKILL)
-    wait_until(lambda: len(workers(tested)) == WIDE and tested.tracks())
+    wait_until(lambda: len(tested.jobs()) == WIDE and tested.tracks())
     assert len(tested.clusters()) == WIDE
     assert not any(belief.missing for belief in tested.since(step)), "no update was lost"

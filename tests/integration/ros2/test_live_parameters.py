@@ -4,21 +4,17 @@ from typing import Any
 import pytest
 
 from clustermcl.stack import COORDINATOR
-from coordinator.process import filter_settings
-from evaluation.in_process import outcomes
 from protocol import keys
 from protocol.answers import CommandDone, Configure
 from protocol.live_settings import LiveSettings
-from protocol.steps import Scan, ScanHistory
 from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.topics import BOND
-from tests.integration.faults.system import System
+from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
 EXPECTED = LiveSettings(
@@ -37,16 +33,6 @@ def set_parameters(robot: RosRobot, **values: float) -> list[Any]:
     request = new(request_of(kind), parameters=parameters)
     results: list[Any] = robot.call("/amcl/set_parameters", kind, request).results
     return results
-
-
-def newest_scan(tested: System) -> Scan:
-    return history(tested)[-1]
-
-
-def history(tested: System) -> tuple[Scan, ...]:
-    scans = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S).scans
-    assert scans
-    return scans
 
 
 def assert_bond_went_on(beats_s: list[float]) -> None:
@@ -68,7 +54,7 @@ def test_live_parameters_apply_from_the_next_step_and_with_the_bond_survive_ever
                 robot, update_min_d=0.1, alpha1=0.25, max_beams=31, sigma_hit=0.3, z_hit=0.6
             )
             assert [result.reason for result in results] == [""] * 5
-            wait_until(lambda: newest_scan(tested).settings == EXPECTED)
+            wait_until(lambda: tested.history()[-1].settings == EXPECTED)
             tested.wait_for_steps(6)
             count = len(bonds)
             tested.restart(COORDINATOR)
@@ -76,26 +62,21 @@ def test_live_parameters_apply_from_the_next_step_and_with_the_bond_survive_ever
             assert_bond_went_on(robot.received_at_s[BOND.name][count - 1 :])
             assert all(bond.active for bond in bonds)
             assert len({bond.instance_id for bond in bonds}) == 1
-            scans, beliefs = history(tested), list(tested.beliefs)
+            scans, beliefs = tested.history(), list(tested.beliefs)
             assert client.status().settings == EXPECTED
             tested.restart("sensor_bridge")
             tested.wait_for_steps(3)
-            assert newest_scan(tested).settings == EXPECTED
+            assert tested.history()[-1].settings == EXPECTED
             # A restarted process receives them again.
             done = ask(
                 tested.session, keys.CONFIGURE, CommandDone, timeout_s=PATIENCE_S,
                 message=Configure(sender="test", settings=LiveSettings()),
             )  # fmt: skip
             assert not done.problem
-            wait_until(lambda: newest_scan(tested).settings == LiveSettings())
-            wait_until(lambda: newest_scan(tested).settings == EXPECTED)
+            wait_until(lambda: tested.history()[-1].settings == LiveSettings())
+            wait_until(lambda: tested.history()[-1].settings == EXPECTED)
     # Every cluster was weighed by these numbers at each step: one process believes the same.
     assert {scan.settings for scan in scans} == {LiveSettings(), EXPECTED}
-    model = sensor_model(world(WORLD).map, tested.settings.sensor, cache_folder=None)
-    plain = filter_settings(tested.settings)
-    alone = {outcome.step: outcome for _, outcome in outcomes(scans, model, plain)}
-    compared = [belief for belief in beliefs if belief.step in alone]
+    compared = [belief for belief in beliefs if belief.step <= scans[-1].step]
     assert compared[-1].step > next(one.step for one in scans if one.settings == EXPECTED) + 5
-    for belief in compared:
-        assert belief.missing == ()
-        assert belief.hypotheses == alone[belief.step].hypotheses, f"step {belief.step}"
+    assert_same(compared, outcomes_of_scans(scans, world(WORLD).map, tested.settings))

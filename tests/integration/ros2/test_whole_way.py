@@ -1,11 +1,10 @@
 import math
 import sys
 import tempfile
-import threading
 import time
 from bisect import bisect_left
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -19,8 +18,6 @@ import pytest
 import zenoh
 
 from clustermcl.stack import COORDINATOR
-from coordinator.process import filter_settings
-from evaluation.in_process import outcomes
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, wrap_angle
 from process_runtime.ros2_settings import Ros2Settings
@@ -39,11 +36,12 @@ from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header, pose
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
 from sensor_bridge.step_maker import StepMaker, steps_from
+from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.ros2.robot import RosRobot, planar
+from tests.integration.running import running
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from tests.maps import write_map
-from worker.map_model import sensor_model
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
 
@@ -113,16 +111,8 @@ class Drive:
         self._first = next(self._ticks)
         robot.put_mounts(("laser", flat(self._first.laser.robot_from_laser)))
 
-    @contextmanager
-    def driving(self) -> Iterator[None]:
-        stop = StopFlag()
-        thread = threading.Thread(target=self._drive, args=(stop,))
-        thread.start()
-        try:
-            yield
-        finally:
-            stop.set()
-            thread.join()
+    def driving(self) -> AbstractContextManager[StopFlag]:
+        return running(self._drive)
 
     def _drive(self, stop: StopFlag) -> None:
         zero_ns = time.time_ns()
@@ -214,7 +204,7 @@ def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
             wait_until(lambda: poses and tested.beliefs[-1].state == "localized", 150.0)
             count, drive.at_ease_from = len(poses), len(drive.readings)
             wait_until(lambda: len(poses) >= count + 40, 120.0)
-        from_readings, from_ros = steps_of(drive.readings, receipts.readings)
+        from_ros = steps_of(drive.readings, receipts.readings)
         wait_until(lambda: tested.beliefs[-1].stamp_ns >= from_ros[-1].stamp_ns)
         bridge_mb = psutil.Process(tested.pid("ros2_bridge")).memory_info().rss / 1e6
     last_pose = poses[-1]
@@ -232,7 +222,9 @@ def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
     assert bridge_mb < 70.0
     poses_at_s = dict(zip(map(stamp_of, poses), robot.received_at_s[AMCL_POSE.name], strict=True))
     assert_early_enough(drive, receipts, poses_at_s)
-    assert_same_beliefs(tested.beliefs, from_ros, from_readings)
+    alone = outcomes_of_scans(from_ros, world(WORLD).map, SMALL)
+    assert len(tested.beliefs) >= len(alone) > 100
+    assert_same(tested.beliefs[: len(alone)], alone)
 
 
 @pytest.mark.timeout(400)
@@ -278,12 +270,11 @@ def assert_early_enough(drive: Drive, receipts: Receipts, poses_at_s: dict[int, 
 
 def steps_of(
     published: list[OdometryReading | LaserReading], receipts: list[OdometryReading | LaserReading]
-) -> tuple[list[Scan], list[Scan]]:
+) -> list[Scan]:
     """The steps of the robot's measurements equal those that our system received.
 
     A busy machine may lose a scan or a transform on ROS's side: the scans that came are compared,
-    and their odometry wherever its transforms arrived too. Where one did not, nothing is
-    answered for the robot's own numbers: the beliefs that they make are others.
+    and their odometry wherever its transforms arrived too.
     """
     receipts = sorted(receipts, key=lambda one: one.stamp_ns)  # as far as it goes: more may come
     lasers_received = {one.stamp_ns for one in receipts if isinstance(one, LaserReading)}
@@ -300,13 +291,11 @@ def steps_of(
         list(steps_from(readings, StepMaker(BridgeSettings(), digest, "test")))
         for readings in (published, receipts)
     )
-    whole = True
     for ours, theirs in zip(ours_made, theirs_made, strict=True):
         assert ours.stamp_ns == theirs.stamp_ns
         np.testing.assert_array_equal(ours.ranges.array(), theirs.ranges.array())
         at = bisect_left(odometry_ns, ours.stamp_ns)
         came = odometry_received.issuperset(odometry_ns[max(at - 1, 0) : at + 1])
-        whole = whole and came
         np.testing.assert_allclose(
             ours.odom_from_robot, theirs.odom_from_robot, atol=1e-9 if came else 0.1
         )
@@ -314,26 +303,4 @@ def steps_of(
         assert (ours.range_max_m, ours.angle_step_rad) == pytest.approx(
             (theirs.range_max_m, theirs.angle_step_rad), rel=1e-6
         )  # ROS has them as float32
-    return ours_made if whole else [], theirs_made
-
-
-def assert_same_beliefs(
-    beliefs: list[Belief], from_ros: list[Scan], from_readings: list[Scan]
-) -> None:
-    """The beliefs equal those of one process on the received readings, bit for bit, and on the
-    robot's own numbers up to ROS's quaternions and float32.
-    """
-    model = sensor_model(world(WORLD).map, SMALL.sensor, cache_folder=None)
-    of_ros, of_readings = (
-        [one for _, one in outcomes(steps, model, filter_settings(SMALL))]
-        for steps in (from_ros, from_readings)
-    )
-    assert len(beliefs) >= len(of_ros) > 100
-    for belief, one in zip(beliefs, of_ros, strict=False):
-        assert belief.hypotheses == one.hypotheses, f"step {belief.step}"
-    # Rounding lets single particles be drawn or not, and alike places change their order.
-    error, sure = 0.03, SMALL.belief.localized_probability
-    for one, other in zip(of_ros, of_readings, strict=bool(of_readings)):
-        probability = one.hypotheses[0].probability
-        assert probability == pytest.approx(other.hypotheses[0].probability, abs=error)
-        assert one.state == other.state or abs(probability - sure) < error
+    return theirs_made

@@ -1,14 +1,5 @@
-"""Whole systems: router, workers, coordinator and a simulated robot as processes of their own."""
+"""Settings of whole systems: router, workers, coordinator and a simulated robot as processes."""
 
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
-from pathlib import Path
-
-import msgspec
-import pytest
-
-from clustermcl.stack import Stack, meeting_in
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
 
@@ -22,22 +13,3 @@ SMALL = Settings(
     coordinator=CoordinatorSettings(lockstep_deadline_s=60.0),
 )
 """A filter small enough for tests, on a simulated robot, as fast as the workers follow."""
-
-StartStack = Callable[..., tuple[Stack, Settings]]
-
-
-@pytest.fixture(scope="module")
-def start_stack() -> Iterator[StartStack]:
-    """Starts systems, each meeting at a socket of its own; all are ended after the module."""
-    with ExitStack() as resources:
-
-        def start(settings: Settings, *, steps: int) -> tuple[Stack, Settings]:
-            folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-")))
-            cache = msgspec.structs.replace(settings.worker, cache_folder=str(folder / "cache"))
-            met = meeting_in(folder, msgspec.structs.replace(settings, worker=cache))
-            arguments = ("--steps", str(steps))
-            stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
-            resources.enter_context(closing(stack))
-            return stack, met
-
-        yield start

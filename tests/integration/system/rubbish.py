@@ -1,8 +1,8 @@
 """Messages and queries of an intruder that no process of ours sends."""
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import suppress
 
 import msgpack
 import msgspec
@@ -12,7 +12,8 @@ import zenoh
 from protocol import keys
 from protocol.answers import Kidnap, Relocalize, SetPose, Update
 from protocol.arrays import ArrayBlob
-from protocol.codec import encode
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
 from protocol.health import Health
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
@@ -86,17 +87,24 @@ def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tup
         yield keys.ODOMETRY_READING, encode(changed)
 
 
-@dataclass
 class ForeignSender:
     """An intruder on the network.
 
     Args:
         session: a client like all others.
-        scans: the bridge's scans up to now, by step; the intruder subscribes to them.
     """
 
-    session: zenoh.Session
-    scans: Mapping[int, Scan]
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self.scans: dict[int, Scan] = {}
+        """The bridge's, by step."""
+        session.declare_subscriber(keys.SCAN, self._on_scan)
+
+    def _on_scan(self, sample: zenoh.Sample) -> None:
+        with suppress(MalformedMessageError):
+            scan = decode(sample.payload.to_bytes(), Scan)
+            if scan.map_digest != ANOTHER_MAP:
+                self.scans.setdefault(scan.step, scan)
 
     def speak(self) -> None:
         with self.session.liveliness().declare_token(keys.worker_alive(NO_NAME)):

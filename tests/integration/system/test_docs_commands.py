@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,14 +17,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from clustermcl.client import Client
 from process_runtime.settings import Settings
 from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
+from tests.integration.faults.system import system
 from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER
-from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import patient_client, wait_until
 from tests.maps import write_map
 from tests.unit.recordings.logs import flaser
@@ -145,15 +146,12 @@ def test_an_offline_program_runs(
 
 
 @pytest.fixture(scope="module")
-def robot(start_stack: StartStack) -> Settings:
+def robot() -> Iterator[Settings]:
     """A robot in the hall that has driven a while."""
     hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
-    stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=40)
-    stack.start_all()
-    settings = patient_client(settings)
-    with Client(settings) as client:
-        wait_until(lambda: client.pose().step == 39)
-    return settings
+    with system(msgspec.structs.replace(SMALL, bridge=hall), "--steps", "40") as tested:
+        wait_until(lambda: tested.step == 39)
+        yield patient_client(tested.settings)
 
 
 @pytest.mark.parametrize("block", marked("live"), ids=str)

@@ -2,16 +2,14 @@
 
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
-from clustermcl.client import Client
-from clustermcl.stack import Stack, meeting_in
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from tests.integration.faults.system import system
 from tests.integration.system.conftest import SMALL
-from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.integration.worlds import write_room
 
 COORDINATOR = CoordinatorSettings(step_deadline_s=10.0, stale_after_s=10.0)
@@ -25,26 +23,18 @@ def example() -> str:
     return code
 
 
-def test_the_example_of_the_wire_page_drives_a_robot(short_folder: str) -> None:
-    folder = Path(short_folder)
-    bridge = BridgeSettings(map=str(write_room(folder)), source="zenoh")
-    worker = msgspec.structs.replace(SMALL.worker, cache_folder=str(folder / "cache"))
-    settings = meeting_in(
-        folder,
-        msgspec.structs.replace(SMALL, bridge=bridge, worker=worker, coordinator=COORDINATOR),
-    )
-    stack = Stack(settings, folder, logs_in_folder=True)
-    with closing(stack):
-        stack.start_all()
-        with Client(patient_client(settings)) as client:
-            wait_until(lambda: len(client.status().workers) == 4)
-            wait_until(lambda: "sensor_bridge" in {p.sender for p in client.status().processes})
-            robot = subprocess.run(
-                [sys.executable, "-c", example(), settings.zenoh.router, "40"],
-                capture_output=True, text=True, timeout=PATIENCE_S, check=False,
-            )  # fmt: skip
-            wait_until(lambda: client.status().steps_applied >= 9)
-            status = client.status()
+def test_the_example_of_the_wire_page_drives_a_robot(tmp_path: Path) -> None:
+    bridge = BridgeSettings(map=str(write_room(tmp_path)), source="zenoh")
+    settings = msgspec.structs.replace(SMALL, bridge=bridge, coordinator=COORDINATOR)
+    with system(settings) as tested, tested.client as client:
+        wait_until(lambda: len(client.status().workers) == 4)
+        wait_until(lambda: "sensor_bridge" in {p.sender for p in client.status().processes})
+        robot = subprocess.run(
+            [sys.executable, "-c", example(), tested.settings.zenoh.router, "40"],
+            capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+        )  # fmt: skip
+        wait_until(lambda: client.status().steps_applied >= 9)
+        status = client.status()
     assert robot.returncode == 0, robot.stderr
     assert "'schema': 'pose/1'" in robot.stdout
     assert "'freshness': 'fresh'" in robot.stdout

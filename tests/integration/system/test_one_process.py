@@ -11,9 +11,9 @@ import pytest
 from clustermcl.client import Client
 from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.settings_table import settings_as_toml
+from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.system.commands import TypedCommand, ran, typed
 from tests.integration.system.conftest import SMALL
-from tests.integration.system.listening import outcomes_of
 from tests.integration.waiting import wait_until
 
 STEPS = 120
@@ -46,12 +46,8 @@ def test_one_process_has_the_same_beliefs_as_several(up: TypedCommand, settings:
         received = list(
             takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=60.0))
         )
-    outcomes = outcomes_of(settings, steps=STEPS)
     assert len(received) > STEPS // 4
-    for belief in received:
-        assert belief.missing == (), f"step {belief.step}"
-        assert belief.hypotheses == outcomes[belief.step].hypotheses, f"step {belief.step}"
-        assert belief.off_map_probability == outcomes[belief.step].off_map_probability
+    assert_same(received, outcomes_of(settings, steps=STEPS))
     assert not psutil.Process(up.popen.pid).children()
 
 

@@ -24,9 +24,10 @@ from process_runtime.settings import MetricsSettings, Settings
 from protocol.answers import PoseAnswer
 from protocol.errors import CommandRefusedError, UnreachableError
 from robot_simulator.worlds.catalogue import world
+from tests.integration.faults.system import system as running_system
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import typed as started
-from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
 
 STEPS = 30
@@ -34,21 +35,18 @@ PROCESSES = {"coordinator", "robot_simulator", *(f"worker-{n}" for n in range(4)
 
 
 @pytest.fixture(scope="module")
-def system(start_stack: StartStack) -> Settings:
+def system() -> Iterator[Settings]:
     """A robot that has driven thirty steps and stands still since, and a port for metrics."""
     hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
     metrics = MetricsSettings(port=free_port())
     settings = msgspec.structs.replace(SMALL, bridge=hall, metrics=metrics)
-    stack, settings = start_stack(settings, steps=STEPS)
-    stack.start_all()
-    settings = patient_client(settings)
-    with Client(settings) as client:
+    with running_system(settings, "--steps", str(STEPS)) as tested, tested.client as client:
         wait_until(lambda: client.pose().step == STEPS - 1)
         wait_until(lambda: {p.sender for p in client.status().processes} == PROCESSES)
         wait_until(lambda: all(p.done for p in client.status().processes))
         wait_until(lambda: _done(client, "robot_simulator", "steps") == STEPS)
         wait_until(lambda: _done(client, "coordinator", "scans") >= STEPS)
-    return settings
+        yield patient_client(tested.settings)
 
 
 def _done(client: Client, process: str, what: str) -> int:

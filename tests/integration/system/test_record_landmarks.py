@@ -1,7 +1,7 @@
 import dataclasses
 import logging
 import math
-import threading
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
+from tests.integration.running import running
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
 from tests.unit.clustermcl.test_record_landmarks import odometry, seen
@@ -34,7 +35,7 @@ def test_seen_landmarks_are_added_to_the_file(
     caplog.set_level(logging.INFO)
     file = tmp_path / "landmarks.yaml"
     file.write_text("landmarks: [{class: pillar, x: 1.0, y: 2.0}]")
-    settings, stop = replace(Settings(), zenoh=router), StopFlag()
+    settings = replace(Settings(), zenoh=router)
     session = open_client()
     belief_to, odometry_to, observation_to = (
         Publisher(session, key) for key in (keys.BELIEF, keys.ODOMETRY, keys.OBSERVATION_READING)
@@ -50,13 +51,8 @@ def test_seen_landmarks_are_added_to_the_file(
         odometry_to.put(odometry(step, 0.0))
         return "landmark door was seen" in caplog.text
 
-    recording = threading.Thread(target=run_record_landmarks, args=(settings, file, stop))
-    recording.start()
-    try:
+    with running(partial(run_record_landmarks, settings, file)):
         wait_until(is_seen_enough)
-    finally:
-        stop.set()
-        recording.join()
     pillar, door = load_landmarks(file)
     assert (pillar.name, door.name) == ("pillar", "door")
     assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)

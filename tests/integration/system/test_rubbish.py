@@ -1,20 +1,11 @@
-from contextlib import ExitStack, suppress
+from collections import Counter
 
-import zenoh
-
-from clustermcl.client import Client
-from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
-from protocol import keys
 from protocol.answers import Status
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError
-from protocol.steps import Scan
-from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.system.listening import beliefs_of, outcomes_of
-from tests.integration.system.rubbish import ANOTHER_MAP, ForeignSender
-from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
-from zenoh_link.session import open_session
+from tests.integration.alone import assert_same, outcomes_of
+from tests.integration.faults.system import system
+from tests.integration.system.conftest import SMALL
+from tests.integration.system.rubbish import ForeignSender
+from tests.integration.waiting import wait_until
 
 STEPS = 30
 SPEAKS_FROM, SHOUTS_AT, SPEAKS_TO = 3, 13, STEPS - 4
@@ -23,67 +14,29 @@ MAX_MEMORY_BYTES = 350_000_000
 
 
 def dropped_by(status: Status, role: str) -> dict[str, int]:
-    found: dict[str, int] = {}
+    found = Counter[str]()
     for process in status.processes:
         if process.role == role:
-            for cause, times in process.dropped.items():
-                found[cause] = found.get(cause, 0) + times
+            found.update(process.dropped)
     return found
 
 
-class Disturbance:
-    """An intruder from the first step on."""
-
-    def __init__(self, settings: Settings, resources: ExitStack) -> None:
-        self._settings, self._resources = settings, resources
-        self._scans: dict[int, Scan] = {}
-        self._foreign: ForeignSender | None = None
-
-    def arrive(self) -> None:
-        session = self._resources.enter_context(
-            open_session(self._settings.zenoh, self._settings.robot, StopFlag(), wait_s=PATIENCE_S)
-        )
-        session.declare_subscriber(keys.SCAN, self._on_scan)
-        self._foreign = ForeignSender(session, self._scans)
-
-    def disturb(self) -> None:
-        if self._foreign and self._scans:
-            self._foreign.speak()
-            self._foreign.ask()
-
-    def shout(self) -> None:
-        if self._foreign:
-            self._foreign.shout()
-
-    def _on_scan(self, sample: zenoh.Sample) -> None:
-        with suppress(MalformedMessageError):
-            scan = decode(sample.payload.to_bytes(), Scan)
-            if scan.map_digest != ANOTHER_MAP:
-                self._scans.setdefault(scan.step, scan)
-
-
-def test_malformed_messages_on_every_key_are_counted_by_cause_and_change_no_belief(
-    start_stack: StartStack,
-) -> None:
-    stack, settings = start_stack(SMALL, steps=STEPS)
-    with ExitStack() as resources:
-        foreign = Disturbance(settings, resources)
-        at_step = dict.fromkeys(range(SPEAKS_FROM, SPEAKS_TO, 4), foreign.disturb) | {
-            0: foreign.arrive,
-            SHOUTS_AT: foreign.shout,
-        }
-        received = beliefs_of(stack, settings, at_step=at_step, among_foreign=True)
-        with Client(patient_client(settings)) as client:
-            wait_until(lambda: not uncounted(client.status()))
-            processes = client.status().processes
-    beliefs = {
-        belief.step: belief for belief in received
-    }  # a repeated query gets a repeated answer
-    assert list(beliefs) == list(range(STEPS))
-    for step, outcome in enumerate(outcomes_of(SMALL, steps=STEPS)):
-        assert beliefs[step].missing == (), f"step {step}"
-        assert beliefs[step].hypotheses == outcome.hypotheses, f"step {step}"
-        assert beliefs[step].state == outcome.state, f"step {step}"
+def test_malformed_messages_on_every_key_are_counted_by_cause_and_change_no_belief() -> None:
+    with system(SMALL, "--steps", str(STEPS)) as tested, tested.client as client:
+        foreign = ForeignSender(tested.session)
+        for step in sorted({*range(SPEAKS_FROM, SPEAKS_TO, 4), SHOUTS_AT}):
+            wait_until(lambda s=step: tested.step >= s and foreign.scans)  # type: ignore[misc] # a default
+            if step == SHOUTS_AT:
+                foreign.shout()
+            else:
+                foreign.speak()
+                foreign.ask()
+        received = tested.wait_for_the_end()
+        wait_until(lambda: not uncounted(client.status()))
+        processes = client.status().processes
+        tested.stack.check()
+    assert sorted({belief.step for belief in received}) == list(range(STEPS))
+    assert_same(received, outcomes_of(SMALL, steps=STEPS))
     for process in processes:
         assert process.memory_bytes < MAX_MEMORY_BYTES, process.sender
 

@@ -5,25 +5,24 @@ from msgspec.structs import replace
 from process_runtime.settings import RecorderSettings
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
+from tests.integration.alone import outcomes_of
+from tests.integration.faults.system import system
 from tests.integration.system.commands import ran
-from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.system.listening import beliefs_of, outcomes_of
+from tests.integration.system.conftest import SMALL
 from tests.integration.system.test_queries import asked
-from tests.integration.system.test_same_beliefs import STEPS, assert_same
+from tests.integration.system.test_same_beliefs import STEPS, assert_same_steps
 from tests.integration.worlds import world_of
 
 TAGS = replace(SMALL, bridge=replace(SMALL.bridge, source="sim:cross_tags"))
 
 
-def test_tags_are_seen_through_all_processes_and_replayed(
-    start_stack: StartStack, tmp_path: Path
-) -> None:
+def test_tags_are_seen_through_all_processes_and_replayed(tmp_path: Path) -> None:
     """Beliefs of processes, of one process, and of the replay are the same, bit for bit."""
     recorder = RecorderSettings(folder=str(tmp_path), max_mb=5.0)
-    stack, settings = start_stack(replace(TAGS, recorder=recorder), steps=STEPS)
-    beliefs = beliefs_of(stack, settings)
-    assert_same(beliefs, outcomes_of(TAGS, steps=STEPS))
-    replayed = ran("replay", str(tmp_path / settings.robot.name))
+    with system(replace(TAGS, recorder=recorder), "--steps", str(STEPS)) as tested:
+        beliefs = tested.wait_for_the_end()
+    assert_same_steps(beliefs, outcomes_of(TAGS, steps=STEPS))
+    replayed = ran("replay", str(tmp_path / TAGS.robot.name))
     assert replayed.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
     world = world_of(TAGS)
     source = SimulatedSource(Simulation(world, TAGS.seed), steps=STEPS)
@@ -34,9 +33,9 @@ def test_tags_are_seen_through_all_processes_and_replayed(
     assert beliefs[-1].state == "localized"
 
 
-def test_advice_leads_to_tags_before_one_was_seen(start_stack: StartStack) -> None:
-    stack, settings = start_stack(TAGS, steps=6)
-    assert beliefs_of(stack, settings)[-1].state == "ambiguous"
-    ways = asked(settings, "advise")["ways"]
+def test_advice_leads_to_tags_before_one_was_seen() -> None:
+    with system(TAGS, "--steps", "6") as tested:
+        assert tested.wait_for_the_end()[-1].state == "ambiguous"
+        ways = asked(tested.settings, "advise")["ways"]
     assert ways
     assert {name for way in ways for name in way["landmarks"]} == {"east", "north"}

@@ -17,6 +17,7 @@ from protocol.steps import Scan
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
 from tests.integration.routers import open_router
+from tests.integration.running import running
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import VARIABLE, open_session
@@ -185,18 +186,12 @@ def test_a_process_that_never_answers_delays_no_answer_of_another(
     deaf, speaks, asks = open_client(), open_client(), open_client()
     for session in (deaf, speaks) if deaf_first else (speaks, deaf):
         serve(session, keys.UPDATE, answers if session is speaks else unread)
-    stop = threading.Event()
 
-    def answer() -> None:
+    def answer(stop: StopFlag) -> None:
         while not stop.is_set():
             if isinstance(asked := answers.get(0.05), Asked):
                 asked.answer(CommandDone(sender="speaks"))
 
-    thread = threading.Thread(target=answer)
-    thread.start()
-    try:
+    with running(answer):
         for _ in range(5):
             assert ask(asks, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S).sender == "speaks"
-    finally:
-        stop.set()
-        thread.join(10.0)

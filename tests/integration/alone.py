@@ -1,0 +1,41 @@
+"""The same run in this process, without Zenoh, and beliefs held against it."""
+
+from collections.abc import Iterable
+
+from coordinator.belief.outcome import Outcome
+from coordinator.process import filter_settings
+from evaluation import in_process
+from grid_maps.grid_map import GridMap
+from process_runtime.settings import Settings
+from protocol.answers import Belief
+from protocol.steps import Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from tests.integration.worlds import world_of
+from worker.map_model import sensor_model
+
+
+def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
+    """The outcomes of the settings' simulated robot."""
+    world = world_of(settings)
+    source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
+    scans = (scan for scan, _ in simulated_steps(source, settings.bridge, world.map.digest))
+    return outcomes_of_scans(scans, world.map, settings)
+
+
+def outcomes_of_scans(
+    scans: Iterable[Scan], grid_map: GridMap, settings: Settings
+) -> list[Outcome]:
+    model = sensor_model(grid_map, settings.sensor, cache_folder=None)
+    found = in_process.outcomes(scans, model, filter_settings(settings))
+    return [outcome for _, outcome in found]
+
+
+def assert_same(beliefs: Iterable[Belief], alone: Iterable[Outcome]) -> None:
+    """Every received belief, repeated ones included, equals that of one process, bit for bit."""
+    expected = {outcome.step: outcome for outcome in alone}
+    for belief in beliefs:
+        assert belief.missing == (), f"step {belief.step}"
+        for name in ("hypotheses", "state", "searching", "off_map_probability"):
+            ours, theirs = getattr(belief, name), getattr(expected[belief.step], name)
+            assert ours == theirs, f"{name} of step {belief.step}"
