@@ -115,6 +115,30 @@ def exact_log_odds(
     return np.asarray(np.log(np.array(others) / here[0]))
 
 
+def assert_agrees(
+    shares: dict[str, float],
+    *,
+    missing: dict[int, int] | None = None,
+    reported: dict[str, object] | None = None,
+    exactly: dict[str, float] | None = None,
+) -> None:
+    """Compare the log odds after all steps from these probabilities; elsewhere comes last."""
+    hazard = 0.02 if "elsewhere" in shares else 0.0
+    exact = exact_log_odds(
+        np.log(list(shares.values())),
+        np.stack([evidence("plain", place) for place in shares]),
+        hazard=hazard,
+        missing=missing,
+        **(exactly or {}),  # type: ignore[arg-type] # keywords of the test
+    )
+    tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
+    lost = {step: f"c{cluster}" for step, cluster in (missing or {}).items()}
+    rules = {"kidnapping_probability": hazard, **(reported or {})}
+    found = log_odds("plain", tracked, missing=lost, **rules)
+    for expected, odds in zip(exact, zip(*found, strict=True), strict=True):
+        assert_is_mean_of(expected, odds, GRID_ERROR)
+
+
 @pytest.mark.parametrize(
     ("reported", "exactly"),
     [
@@ -125,38 +149,19 @@ def exact_log_odds(
     ],
     ids=["plain Bayes", "rho", "evidence model", "rho and evidence model"],
 )
-def test_the_probability_of_a_better_place_agrees_with_the_exact_filter(
-    reported: dict[str, object], exactly: dict[str, float]
-) -> None:
-    shares = {"mirrored": 0.6, "truth": 0.4}
-    exact = exact_log_odds(
-        np.log(list(shares.values())),
-        np.stack([evidence("plain", place) for place in shares]),
-        **exactly,  # type: ignore[arg-type] # keywords of the test
-    )
-    found = [odds[0] for odds in log_odds("plain", shares, **reported)]
-    assert_is_mean_of(exact[0], found, GRID_ERROR)
-
-
 @pytest.mark.parametrize(
-    ("reported", "exactly"),
-    [({}, {}), (TEMPERED, EXACTLY), ({"transition_probability": 0.1}, {"rho": 0.1})],
-    ids=["plain Bayes", "evidence model", "rho"],
+    "shares",
+    [
+        {"mirrored": 0.6, "truth": 0.4},
+        {"truth": 0.5, "mirrored": 0.3, "elsewhere": 0.2},
+        {"mirrored": 0.9, "elsewhere": 0.1},
+    ],
+    ids=["a better place", "elsewhere", "the true place is not tracked"],
 )
-@pytest.mark.parametrize("shares", [{"truth": 0.5, "mirrored": 0.3}, {"mirrored": 0.9}])
-def test_the_probability_of_elsewhere_agrees_with_the_exact_filter(
+def test_probabilities_agree_with_the_exact_filter(
     shares: dict[str, float], reported: dict[str, object], exactly: dict[str, float]
 ) -> None:
-    """Where the true place is among those that are tracked, and where it is not."""
-    exact = exact_log_odds(
-        np.log([*shares.values(), 1.0 - sum(shares.values())]),
-        np.stack([evidence("plain", place) for place in (*shares, "elsewhere")]),
-        hazard=0.02,
-        **exactly,  # type: ignore[arg-type] # keywords of the test
-    )
-    found = log_odds("plain", shares, kidnapping_probability=0.02, **reported)
-    for other in range(len(shares)):
-        assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
+    assert_agrees(shares, reported=reported, exactly=exactly)
 
 
 def test_two_places_that_look_alike_stay_alike() -> None:
@@ -167,23 +172,10 @@ def test_two_places_that_look_alike_stay_alike() -> None:
     assert max(abs(odds) for odds in found) < 0.3, "not in the mean only"
 
 
-@pytest.mark.parametrize("hazard", [0.0, 0.02])
-def test_a_place_without_a_report_keeps_its_probability(hazard: float) -> None:
+@pytest.mark.parametrize("third", ["beside", "elsewhere"])
+def test_a_place_without_a_report_keeps_its_probability(third: str) -> None:
     """Elsewhere is compared with the average over the places that reported, not with their sum."""
-    shares = {"truth": 0.4, "mirrored": 0.35, "beside": 0.25}
-    if hazard > 0.0:
-        shares = {"truth": 0.4, "mirrored": 0.3, "elsewhere": 0.3}
-    exact = exact_log_odds(
-        np.log(list(shares.values())),
-        np.stack([evidence("plain", place) for place in shares]),
-        hazard=hazard,
-        missing={2: 1, STEPS: 0},
-    )
-    tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
-    lost = {2: "c1", STEPS: "c0"}
-    found = log_odds("plain", tracked, missing=lost, kidnapping_probability=hazard)
-    for other in range(2):
-        assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
+    assert_agrees({"truth": 0.4, "mirrored": 0.35, third: 0.25}, missing={2: 1, STEPS: 0})
 
 
 def test_merged_places_add_their_weights() -> None:
