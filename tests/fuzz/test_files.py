@@ -51,7 +51,6 @@ def lines(*strategies: st.SearchStrategy[str]) -> st.SearchStrategy[bytes]:
 
 stamps = st.floats(0.0, 20.0).map("{:.3f}".format) | NUMBERS
 poses = st.tuples(*[st.floats(-5.0, 5.0).map("{:.3f}".format) | NUMBERS] * 3)
-centimetres = st.tuples(*[st.floats(-500.0, 500.0)] * 3)
 ranges = st.lists(st.floats(0.1, 80.0).map("{:.2f}".format) | NUMBERS, max_size=8)
 junk_lines = st.lists(WORDS, max_size=14).map(" ".join)
 carmen_logs = lines(

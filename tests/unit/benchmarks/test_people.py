@@ -5,10 +5,7 @@ from itertools import islice
 import numpy as np
 
 from benchmarks.people import CrowdSimulation
-from grid_maps.grid_map import GridMap
 from robot_simulator.worlds.catalogue import world
-
-ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
 
 
 def test_people_change_what_is_seen_but_not_where_the_robot_drives() -> None:

@@ -11,6 +11,7 @@ from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
     DRIVE,
     MIRRORED,
+    PATCH_CELL,
     TRUTH,
     Drive,
     ensemble_steps,
@@ -206,6 +207,6 @@ def test_mean_and_covariance_of_a_cluster_agree_with_the_exact_grid() -> None:
         assert_is_mean_of(mean[i], [m[i] for m in means], 0.03 * sigma[i])
         for j in range(3):
             # A twelfth of a cell's square is in a variance of the grid, and not of particles.
-            cell = (0.0411**2, 0.0411**2, 0.0357**2)[i] / 12.0 if i == j else 0.0
+            cell = PATCH_CELL[i] ** 2 / 12.0 if i == j else 0.0
             found_ij = [float(c[i, j]) for c in covariances]
             assert_is_mean_of(covariance[i, j] - cell, found_ij, 0.05 * sigma[i] * sigma[j] + cell)

@@ -151,7 +151,11 @@ def ensemble_steps(
         yield outcome, {j: r for j, r in reports.items() if isinstance(r, TrackReport)}
 
 
-def exact_patch(mean: Array, cell_m: float = 0.0411, step_rad: float = 0.0357) -> GridFilter:
+PATCH_CELL = np.array([0.0411, 0.0411, 0.0357])
+"""Of the exact grid round a place: x, y [m], heading [rad]."""
+
+
+def exact_patch(mean: Array) -> GridFilter:
     """The grid where a cluster starts: its sample's Gaussian, spread by the hand-over's kernel."""
     kernel = 0.5 * (4.0 / 5.0) ** (1.0 / 7.0) * HANDED_OVER ** (-1.0 / 7.0)
     reach = np.array([1.2, 1.2, 0.4])  # the heading turns one way
@@ -160,7 +164,7 @@ def exact_patch(mean: Array, cell_m: float = 0.0411, step_rad: float = 0.0357) -
         SPREAD**2 * (1.0 + kernel**2),
         mean - reach,
         mean + reach + [0.0, 0.0, 0.5],
-        np.array([cell_m, cell_m, step_rad]),
+        PATCH_CELL,
     )
 
 

@@ -22,13 +22,9 @@ def room() -> Cells:
     return cells
 
 
-def seen(
-    cells: Cells, *ranges: float, angle: float = 0.0, map_from_grid: tuple[float, ...] = (0, 0, 0)
-) -> BeamClasses:
-    beams = Beams(np.array(ranges), np.full(len(ranges), angle), np.zeros(3), 30.0)
-    grid = Grid(cells, CELL_M, np.array(map_from_grid, np.float64))
-    pose = MIDDLE + np.array(map_from_grid)
-    return beam_classes(pose, beams, grid, jump_field(cells))
+def seen(cells: Cells, *ranges: float) -> BeamClasses:
+    beams = Beams(np.array(ranges), np.zeros(len(ranges)), np.zeros(3), 30.0)
+    return beam_classes(MIDDLE, beams, Grid(cells, CELL_M, np.zeros(3)), jump_field(cells))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from particle_filter.arrays import Cells, LogWeights, Poses
+from particle_filter.arrays import LogWeights, Poses
 from particle_filter.beam_model import BeamModel, beam_density
 from particle_filter.grid import Grid
 from particle_filter.sensor_model import LaserScan
@@ -39,11 +39,9 @@ def random_readings(seed: int) -> NDArray[np.float64]:
 def weigh(
     poses: Poses,
     ranges: NDArray[np.float64],
-    cells: Cells = HALL,
-    map_from_grid: tuple[float, float, float] = (0.0, 0.0, 0.0),
     settings: SensorSettings = SETTINGS,
 ) -> LogWeights:
-    grid = Grid(cells, CELL_M, np.array(map_from_grid))
+    grid = Grid(HALL, CELL_M, NO_OFFSET)
     model = BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
     return model.log_likelihood(poses, model.beams(scan_of(ranges, MAX_RANGE_M, ANGLES, LASER)))
 

@@ -142,9 +142,8 @@ def test_the_threshold_is_a_share_of_the_particles() -> None:
     assert resampled(exactly, 100, ClusterSettings(resample_below_ess=1.0), rng) is exactly
 
 
-def cloud_round(pose: np.ndarray, count: int, sigma: float = 0.05, seed: int = 0) -> ParticleSet:
-    rng = np.random.default_rng(seed)
-    return ParticleSet.even(pose + rng.normal(0.0, sigma, (count, 3)))
+def cloud_round(pose: np.ndarray, count: int) -> ParticleSet:
+    return ParticleSet.even(pose + np.random.default_rng(0).normal(0.0, 0.05, (count, 3)))
 
 
 def mean_occluded(cloud: ParticleSet, beams: Beams, model: LikelihoodFieldModel) -> float:

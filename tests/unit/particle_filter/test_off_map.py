@@ -90,12 +90,10 @@ def test_any_beam_counts_give_probabilities(seen: list[BeamClasses], new_view: f
         assert 0.0 <= quality.short <= 1.0
 
 
-def compared_with_decoy(
-    differences: list[float], log_here: float = -0.1
-) -> tuple[float, MapQuality]:
+def compared_with_decoy(differences: list[float]) -> tuple[float, MapQuality]:
     total, quality = 0.0, MapQuality()
     for difference in differences:
-        odds, quality = log_odds_by_decoy(quality, difference, log_here, 0.3)
+        odds, quality = log_odds_by_decoy(quality, difference, -0.1, 0.3)
         total += odds
     return total, quality
 

@@ -9,9 +9,9 @@ from tests.unit.particle_filter.naive import angle_between
 means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
 
 
-def near(a: Poses, b: Poses, slack: float = 0.0) -> bool:
+def near(a: Poses, b: Poses) -> bool:
     apart, turned = np.hypot(*(a - b)[:2]), angle_between(a[2], b[2])
-    return bool(apart <= 0.5 + slack and turned <= 0.35 + slack)
+    return bool(apart <= 0.5 and turned <= 0.35)
 
 
 def test_hundreds_of_clusters_merge_as_one_by_one() -> None:

@@ -38,8 +38,8 @@ SEEN = Observation(
 )  # its 6 m x 4 m are a part of the map
 
 
-def cell_centres(grid: Grid, value: int = 0) -> Array:
-    rows, cols = np.nonzero(grid.cells == value)
+def free_centres(grid: Grid) -> Array:
+    rows, cols = np.nonzero(grid.cells == 0)
     along, across = (cols + 0.5) * grid.cell_m, (rows + 0.5) * grid.cell_m
     return compose(grid.map_from_grid, np.column_stack([along, across, np.zeros(len(rows))]))
 
@@ -49,7 +49,7 @@ def density(x: float, y: float) -> float:
     return math.exp(LEVELS[row, col]) if 0 <= row < 2 and 0 <= col < 3 else 0.0
 
 
-AVERAGE = np.mean([density(x, y) for x, y, _ in cell_centres(GRID)])
+AVERAGE = np.mean([density(x, y) for x, y, _ in free_centres(GRID)])
 
 
 def exact_likelihoods(poses: Array) -> Array:
@@ -68,7 +68,7 @@ def ratios(poses: Array, seen: Observation = SEEN, grid: Grid = GRID) -> Array:
 def test_the_likelihood_is_relative_to_its_average_over_the_free_space() -> None:
     poses = everywhere(500, 1)
     np.testing.assert_allclose(ratios(poses), exact_likelihoods(poses), rtol=1e-9)
-    assert ratios(cell_centres(GRID)).mean() == pytest.approx(1.0, rel=1e-9)
+    assert ratios(free_centres(GRID)).mean() == pytest.approx(1.0, rel=1e-9)
     assert log_average_ratio([SEEN], LANDMARKS, GRID) == 0.0
     half = ratios(poses, replace(SEEN, share=0.5))
     np.testing.assert_allclose(half, np.sqrt(exact_likelihoods(poses)), rtol=1e-9)
@@ -103,7 +103,7 @@ def test_an_error_of_the_position_blurs_the_field() -> None:
     ],
 )  # fmt: skip
 def test_a_field_of_another_area_or_without_differences_is_no_evidence(seen: Observation) -> None:
-    np.testing.assert_allclose(ratios(cell_centres(GRID), seen), 1.0)
+    np.testing.assert_allclose(ratios(free_centres(GRID), seen), 1.0)
 
 
 def test_a_field_that_is_mostly_outside_the_free_space_is_mostly_an_outlier() -> None:
@@ -111,7 +111,7 @@ def test_a_field_that_is_mostly_outside_the_free_space_is_mostly_an_outlier() ->
     off = Observation(
         np.array([-40.0, -1.0]), CRISP, "", FALSE, field=PositionField(2.0, np.zeros((1, 21)))
     )
-    assert (ratios(cell_centres(GRID), off) >= 0.8).all()
+    assert (ratios(free_centres(GRID), off) >= 0.8).all()
 
 
 def test_the_outlier_probability_is_that_of_the_cell() -> None:
@@ -129,7 +129,7 @@ def test_allowed_poses_and_even_poses_estimate_an_average_together() -> None:
     def function(poses: Array) -> Array:
         return np.exp(np.cos(poses[:, 2] - 0.4) - 0.1 * np.hypot(poses[:, 0], poses[:, 1]))
 
-    even = np.repeat(cell_centres(GRID), 100, axis=0)
+    even = np.repeat(free_centres(GRID), 100, axis=0)
     even[:, 2] = rng.uniform(-math.pi, math.pi, len(even))
     likelihood = np.exp(LEVELS) / np.exp(LEVELS).sum()
     inside = exact_likelihoods(even) - FALSE

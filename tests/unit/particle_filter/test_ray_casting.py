@@ -25,12 +25,10 @@ relaxed = settings(deadline=None, max_examples=50)  # the first call compiles
 seeds = st.integers(0, 2**32 - 1)
 
 
-def random_poses(seed: int, count: int = 4) -> NDArray[np.float64]:
+def random_poses(seed: int) -> NDArray[np.float64]:
     """Poses in and around a grid of 9 x 13 cells; at random, none lies on a grid line."""
     rng = np.random.default_rng(seed)
-    return rng.uniform(
-        [-1.0, -1.0, -np.pi], [13 * CELL_M + 1.0, 9 * CELL_M + 1.0, np.pi], (count, 3)
-    )
+    return rng.uniform([-1.0, -1.0, -np.pi], [13 * CELL_M + 1.0, 9 * CELL_M + 1.0, np.pi], (4, 3))
 
 
 def box() -> Cells:

@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import chi2
 
 from particle_filter import uniform_poses
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Poses
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose, Poses
 from particle_filter.grid import Grid
 from particle_filter.poses import between
 from particle_filter.uniform_poses import UniformPoses
@@ -11,13 +11,13 @@ from particle_filter.uniform_poses import UniformPoses
 ORIGIN = np.zeros(3)
 
 
-def drawn(cells: Cells, count: int, seed: int = 0, cell_m: float = 0.5) -> Poses:
-    poses = UniformPoses(Grid(cells, cell_m, ORIGIN), np.random.default_rng(seed))
-    return poses.draw(count, np.random.default_rng(seed + 1))
+def drawn(cells: Cells, count: int, map_from_grid: Pose = ORIGIN) -> Poses:
+    poses = UniformPoses(Grid(cells, 0.5, map_from_grid), np.random.default_rng(0))
+    return poses.draw(count, np.random.default_rng(1))
 
 
-def cells_of(poses: Poses, cell_m: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    return (poses[:, 1] / cell_m).astype(int), (poses[:, 0] / cell_m).astype(int)
+def cells_of(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+    return (poses[:, 1] / 0.5).astype(int), (poses[:, 0] / 0.5).astype(int)
 
 
 def room() -> Cells:
@@ -50,10 +50,7 @@ def test_poses_are_uniform_within_cells_and_headings() -> None:
 
 def test_uniform_poses_are_in_the_map_frame() -> None:
     shifted = np.array([3.0, -2.0, 0.7])
-    poses = UniformPoses(Grid(room(), 0.5, shifted), np.random.default_rng(0))
-    in_map = poses.draw(500, np.random.default_rng(1))
-    in_grid = np.array([between(shifted, pose) for pose in in_map])
-    rows, cols = cells_of(in_grid)
+    rows, cols = cells_of(between(shifted, drawn(room(), 500, shifted)))
     assert np.all(room()[rows, cols] == FREE)
 
 

@@ -115,7 +115,7 @@ def test_topics_have_the_schemas_that_foxglove_knows(run: Path) -> None:
     }  # fmt: skip
 
 
-TIME, AT = {"sec", "nsec"}, {"timestamp", "frame_id"}
+AT = {"timestamp", "frame_id"}
 FIELDS = {
     "/map": AT | {"pose", "column_count", "cell_size", "row_stride", "cell_stride", "fields",
                   "data"},

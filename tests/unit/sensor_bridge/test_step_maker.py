@@ -17,8 +17,8 @@ from sensor_bridge.step_maker import MotionGate, StepMaker, steps_from
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
-def a_maker(first_step: int = 0, lockstep: bool = False, live: bool = False) -> StepMaker:
-    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, lockstep, live)
+def a_maker(lockstep: bool = False, live: bool = False) -> StepMaker:
+    return StepMaker(BridgeSettings(), "digest", "bridge", 0, lockstep, live)
 
 
 def driving(*places_m: float) -> list[LaserReading]:

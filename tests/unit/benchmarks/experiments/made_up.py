@@ -43,9 +43,9 @@ def measures(**changed: Any) -> RunMeasures:
     return msgspec.structs.replace(measures_of([]), **changed)
 
 
-def case(name: str = "made-up", **changed: Any) -> Case:
+def case(**changed: Any) -> Case:
     made = Case(
-        name=name,
+        name="made-up",
         title="Made up",
         robot=SimulatedRobot(world="rectangle"),
         updates=12,

@@ -8,7 +8,6 @@ from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRob
 from benchmarks.experiments.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from benchmarks.experiments.measures import RunMeasures
 from benchmarks.experiments.task import Task, run_task
-from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
@@ -42,11 +41,6 @@ def test_a_kidnapped_robot_is_found_again_only_with_random_particles(tmp_path: P
     assert without.right_after_kidnap is None
 
 
-def cloud(*poses: tuple[float, float, float], count: int = 2000) -> ParticleSet:
-    rows: Poses = np.repeat(np.array(poses), count // len(poses), axis=0)
-    return ParticleSet.even(rows)
-
-
 def drawn(before: ParticleSet, random_share: float) -> ParticleSet:
     """Return what resampling makes of a set once it has shrunk."""
     followed = OrdinaryMCL(ROOM, SETTINGS, AMCL_GAINS)
@@ -57,7 +51,7 @@ def drawn(before: ParticleSet, random_share: float) -> ParticleSet:
 
 
 def test_the_random_share_of_a_particle_set_is_drawn_from_the_whole_map() -> None:
-    before = cloud((1.0, 1.0, 0.5))
+    before = ParticleSet.even(np.tile((1.0, 1.0, 0.5), (2000, 1)))
     after = drawn(before, 0.25)
     moved = np.any(after.map_from_robot != before.map_from_robot, axis=1)
     # 2000 draws of probability 0.25: six standard deviations are 0.058, missed once in 5e8
