@@ -28,14 +28,6 @@ def random_poses(seed: int) -> Poses:
     return rng.uniform([-1.0, -1.0, -np.pi], [11.0, 8.0, np.pi], (6, 3))
 
 
-def random_readings(seed: int) -> NDArray[np.float64]:
-    """Readings among which some did not return, each kind of them."""
-    rng = np.random.default_rng(seed)
-    readings = rng.uniform(0.1, MAX_RANGE_M, len(ANGLES))
-    readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, 6.0, 81.9], 3)
-    return readings
-
-
 def weigh(
     poses: Poses,
     ranges: NDArray[np.float64],
@@ -49,7 +41,10 @@ def weigh(
 @relaxed
 @given(seed=seeds)
 def test_the_kernel_agrees_with_the_book_line_by_line(seed: int) -> None:
-    poses, readings = random_poses(seed), random_readings(seed)
+    poses, rng = random_poses(seed), np.random.default_rng(seed)
+    readings = rng.uniform(0.1, MAX_RANGE_M, len(ANGLES))
+    # Some did not return, each kind of them.
+    readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, 6.0, 81.9], 3)
     naive = [
         naive_rays.beam_log_likelihood(
             naive_rays.composed(pose, LASER), readings, ANGLES, HALL, CELL_M, MAX_RANGE_M, SETTINGS

@@ -1,17 +1,9 @@
-import numpy as np
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
+import math
 
-from particle_filter.arrays import Poses
+import numpy as np
+
 from particle_filter.overlaps import is_near, merge_overlapping
 from tests.unit.particle_filter.naive import angle_between
-
-means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
-
-
-def near(a: Poses, b: Poses) -> bool:
-    apart, turned = np.hypot(*(a - b)[:2]), angle_between(a[2], b[2])
-    return bool(apart <= 0.5 and turned <= 0.35)
 
 
 def test_hundreds_of_clusters_merge_as_one_by_one() -> None:
@@ -19,8 +11,12 @@ def test_hundreds_of_clusters_merge_as_one_by_one() -> None:
     many = np.column_stack((rng.uniform(0.0, 9.0, (700, 2)), rng.uniform(-4.0, 4.0, 700)))
     absorber = list[int]()
     for k, mean in enumerate(many):
-        first = (i for i in range(k) if absorber[i] == i and near(mean, many[i]))
-        absorber.append(next(first, k))
+        near = (
+            i
+            for i, other in enumerate(many[:k])
+            if math.dist(mean[:2], other[:2]) <= 0.5 and angle_between(mean[2], other[2]) <= 0.35
+        )
+        absorber.append(next((i for i in near if absorber[i] == i), k))
     assert merge_overlapping(many, 0.5, 0.35).tolist() == absorber
     assert 100 < len(set(absorber)) < 600
 

@@ -4,14 +4,13 @@ from math import hypot, pi
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
 from robot_simulator import robot
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.sensors import Lidar, LidarModel
-from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import world_from_map
@@ -20,10 +19,6 @@ HALL = world("hall")
 ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
 """From (0, 0) to (6, 4) m."""
 PERFECT = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.0, 0.0, 0.0))
-
-
-def ranges(tick: Tick) -> NDArray[np.float32]:
-    return tick.laser.ranges.array()
 
 
 def test_the_same_seed_gives_the_same_ticks() -> None:
