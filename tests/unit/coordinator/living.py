@@ -13,6 +13,7 @@ import numpy as np
 from coordinator.coordinator import Coordinator, Started
 from coordinator.events import (
     CommandArrived,
+    Event,
     HistoryArrived,
     MapArrived,
     OrderAnswered,
@@ -155,8 +156,8 @@ class Living:
             )
         )
         for worker in list(self.workers):
-            self._handle(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
-        self._handle(lambda c, now: c.handle(TimePassed(), now))
+            self._handle(WorkerJoined(worker))
+        self._handle(TimePassed())
         self.settle()
 
     @property
@@ -182,7 +183,7 @@ class Living:
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
-        self._handle(lambda c, now: c.handle(ScanArrived(scan), now))
+        self._handle(ScanArrived(scan))
         for worker in list(self.workers):
             self.deliver_to_worker(worker, worker_events.on_scan(scan))
         self.settle()
@@ -195,7 +196,7 @@ class Living:
 
     def kill_worker(self, name: str) -> None:
         del self.workers[name]
-        self._handle(lambda c, now: c.handle(WorkerLeft(name), now))
+        self._handle(WorkerLeft(name))
         self.settle()
 
     def start_worker(self, name: str) -> None:
@@ -203,29 +204,35 @@ class Living:
         self.join(name)
 
     def join(self, name: str) -> None:
-        self._handle(lambda c, now: c.handle(WorkerJoined(name), now))
+        self._handle(WorkerJoined(name))
         self.settle()
 
     def command(self, command: SetPose) -> None:
-        self._handle(lambda c, now: c.handle(CommandArrived(command), now))
+        self._handle(CommandArrived(command))
         self.settle()
 
     def wait(self, seconds: float) -> None:
         self._now_ns += int(seconds * 1e9)
-        self._handle(lambda c, now: c.handle(TimePassed(), now))
+        self._handle(TimePassed())
         self.settle()
 
     def settle(self) -> None:
         while self._queue:
             self._queue.popleft()()
 
-    def _handle(self, event: Callable[[Coordinator, int], list[Instruction]]) -> None:
-        def happen() -> None:
-            self._now_ns += EVENT_NS
-            if self.coordinator is not None:
-                self._follow(event(self.coordinator, self._now_ns))
+    def _handle(self, event: Event) -> None:
+        """Let something happen to the coordinator in its turn."""
+        self._queue.append(lambda: self._handle_now(event))
 
-        self._queue.append(happen)
+    def _handle_now(self, event: Event) -> None:
+        self._now_ns += EVENT_NS
+        if self.coordinator is not None:
+            self._follow(self.coordinator.handle(event, self._now_ns))
+
+    def _map_arrives(self) -> None:
+        """That of the digest which the coordinator knows by then."""
+        digest = self.coordinator.state.map_digest if self.coordinator else ""
+        self._handle_now(MapArrived(free_everywhere(digest)))
 
     def _follow(self, instructions: list[Instruction]) -> None:
         for instruction in instructions:
@@ -248,15 +255,13 @@ class Living:
                     self.deliver_to_worker(worker, received)
             case FetchScans(first=first, last=last):
                 found = self._history(first, last)
-                self._handle(lambda c, now: c.handle(HistoryArrived(found), now))
+                self._handle(HistoryArrived(found))
             case FetchMap():
-                self._handle(
-                    lambda c, now: c.handle(MapArrived(free_everywhere(c.state.map_digest)), now)
-                )
+                self._queue.append(self._map_arrives)
             case AskState(worker=name, question=question):
                 if name in self.workers:
                     stated = snapshot_of(decode(encode(self.state(name, question)), WorkerState))
-                    self._handle(lambda c, now: c.handle(WorkerStateArrived(name, stated), now))
+                    self._handle(WorkerStateArrived(name, stated))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), WorkOrder)
@@ -285,9 +290,10 @@ class Living:
                 if isinstance(report, TrackReport):
                     self._reports.append(report)
                 copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
-                self._handle(lambda c, now: c.handle(ReportArrived(name, copy), now))
+                self._handle(ReportArrived(name, copy))
             case worker_instructions.Answer(message=OrderAnswer() as answer):
-                self.answer_order(name, answer)
+                self._handle(OrderAnswered(name, answer))
+                self._handle(TimePassed())
             case worker_instructions.FetchMap():
                 stated = msgspec.structs.replace(MAP, digest=self.map_digest)
                 self._deliver_later(name, worker_events.on_map(stated))
@@ -303,11 +309,6 @@ class Living:
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
 
-    def answer_order(self, name: str, answer: OrderAnswer) -> None:
-        """A worker, or an impostor, answers an order."""
-        self._handle(lambda c, now: c.handle(OrderAnswered(name, answer), now))
-        self._handle(lambda c, now: c.handle(TimePassed(), now))
-
     def _deliver_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:
             if name in self.workers:
@@ -322,10 +323,6 @@ class Living:
         assert isinstance(answer, worker_instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return answer.message
-
-    def jobs(self, name: str) -> set[tuple[str, int]]:
-        """(job id, epoch) of what a worker does."""
-        return {(held.job_id, held.epoch) for held in self.state(name).holds}
 
     def particles(self) -> dict[str, bytes]:
         """The particles of each tracked cluster, as they are now."""
