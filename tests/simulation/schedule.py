@@ -1,7 +1,8 @@
 """What goes wrong in a schedule, and when: drawn from its seed before it begins."""
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from coordinator.events import CommandArrived
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
 
 Fault: TypeAlias = Callable[["Simulation"], None]
+FaultMaker: TypeAlias = Callable[[random.Random], Fault]
+Victims: TypeAlias = Callable[["Simulation"], Sequence[Node]]
 WALL_US = 1_800_000_000_000_000
 HOUR_US = 3_600_000_000
 YEAR_US = 365 * 24 * HOUR_US
@@ -44,73 +47,58 @@ class Schedule:
         return rng.choice((0.0, 1.0, 1e4)) + rng.random()
 
 
-def _fault(rng: random.Random) -> Fault:
-    kinds: list[tuple[int, Callable[[random.Random], Fault]]] = [
-        (6, _coordinator_killed),
-        (3, _coordinator_frozen),
-        (3, _both_killed),
-        (4, _worker_killed),
-        (1, _all_workers_killed),
-        (2, _worker_frozen),
-        (2, _worker_slow),
-        (4, _cut),
-        (1, _bridge_killed),
-        (2, _command),
-    ]
-    weights, makers = zip(*kinds, strict=True)
-    (maker,) = rng.choices(makers, weights)
-    return maker(rng)
+def _coordinator(_rng: random.Random) -> Victims:
+    return lambda simulation: [simulation.acting() or simulation.coordinators["c0"]]
 
 
-def _coordinator_killed(rng: random.Random) -> Fault:
-    away_s = rng.choice((0.05, 0.5, 3.0))
-
-    def fault(simulation: "Simulation") -> None:
-        _kill(simulation, _coordinator(simulation), away_s)
-
-    return fault
+def _worker(rng: random.Random) -> Victims:
+    which = rng.random()
+    return lambda simulation: [[*simulation.workers.values()][int(which * len(simulation.workers))]]
 
 
-def _coordinator_frozen(rng: random.Random) -> Fault:
-    seconds = rng.choice((0.3, 0.9, 1.5, 3.0))
-    return lambda simulation: simulation.network.freeze(_coordinator(simulation), seconds)
+def _all_workers(_rng: random.Random) -> Victims:
+    return lambda simulation: [*simulation.workers.values()]
 
 
-def _both_killed(rng: random.Random) -> Fault:
-    which, away_s = rng.random(), rng.choice((0.05, 1.0, 3.0))
-
-    def fault(simulation: "Simulation") -> None:
-        _kill(simulation, _coordinator(simulation), away_s)
-        _kill(simulation, _worker(simulation, which), away_s)
-
-    return fault
+def _bridge(_rng: random.Random) -> Victims:
+    return lambda simulation: [simulation.bridge]
 
 
-def _worker_killed(rng: random.Random) -> Fault:
-    which, away_s = rng.random(), rng.choice((0.02, 0.5, 2.0))
-    return lambda simulation: _kill(simulation, _worker(simulation, which), away_s)
+def _killed(*choices: Callable[[random.Random], Victims], away_s: Sequence[float]) -> FaultMaker:
+    """Kill them, and start each again after one of these times."""
+
+    def maker(rng: random.Random) -> Fault:
+        chosen, away = [choose(rng) for choose in choices], rng.choice(away_s)
+
+        def fault(simulation: "Simulation") -> None:
+            for victims in chosen:
+                for node in filter(lambda node: node.alive, victims(simulation)):
+                    simulation.network.kill(node)
+                    simulation.clock.after(away, partial(simulation.network.start, node))
+
+        return fault
+
+    return maker
 
 
-def _all_workers_killed(rng: random.Random) -> Fault:
-    away_s = rng.choice((0.05, 0.5))
+def _frozen(choose: Callable[[random.Random], Victims], seconds: Sequence[float]) -> FaultMaker:
+    def maker(rng: random.Random) -> Fault:
+        victims, for_s = choose(rng), rng.choice(seconds)
 
-    def fault(simulation: "Simulation") -> None:
-        for worker in simulation.workers.values():
-            _kill(simulation, worker, away_s)
+        def fault(simulation: "Simulation") -> None:
+            for node in victims(simulation):
+                simulation.network.freeze(node, for_s)
 
-    return fault
+        return fault
 
-
-def _worker_frozen(rng: random.Random) -> Fault:
-    which, seconds = rng.random(), rng.choice((0.2, 1.0, 3.0))
-    return lambda simulation: simulation.network.freeze(_worker(simulation, which), seconds)
+    return maker
 
 
 def _worker_slow(rng: random.Random) -> Fault:
-    which, late_s, seconds = rng.random(), rng.choice((0.2, 0.5)), rng.choice((1.0, 3.0))
+    victims, late_s, seconds = _worker(rng), rng.choice((0.2, 0.5)), rng.choice((1.0, 3.0))
 
     def fault(simulation: "Simulation") -> None:
-        worker = _worker(simulation, which)
+        (worker,) = victims(simulation)
         worker.slow_s = late_s
         simulation.clock.after(seconds, lambda: setattr(worker, "slow_s", 0.0))
 
@@ -130,11 +118,6 @@ def _cut(rng: random.Random) -> Fault:
     return fault
 
 
-def _bridge_killed(rng: random.Random) -> Fault:
-    away_s = rng.choice((0.1, 1.0))
-    return lambda simulation: _kill(simulation, simulation.bridge, away_s)
-
-
 def _command(rng: random.Random) -> Fault:
     command: SetPose | Relocalize
     name = f"{rng.random()}"
@@ -151,16 +134,22 @@ def _command(rng: random.Random) -> Fault:
     return fault
 
 
-def _coordinator(simulation: "Simulation") -> Node:
-    return simulation.acting() or simulation.coordinators["c0"]
+KINDS: list[tuple[int, FaultMaker]] = [
+    (6, _killed(_coordinator, away_s=(0.05, 0.5, 3.0))),
+    (3, _frozen(_coordinator, (0.3, 0.9, 1.5, 3.0))),
+    (3, _killed(_coordinator, _worker, away_s=(0.05, 1.0, 3.0))),
+    (4, _killed(_worker, away_s=(0.02, 0.5, 2.0))),
+    (1, _killed(_all_workers, away_s=(0.05, 0.5))),
+    (2, _frozen(_worker, (0.2, 1.0, 3.0))),
+    (2, _worker_slow),
+    (4, _cut),
+    (1, _killed(_bridge, away_s=(0.1, 1.0))),
+    (2, _command),
+]
+"""How often each fault comes, and what it is."""
 
 
-def _worker(simulation: "Simulation", which: float) -> Node:
-    workers = [*simulation.workers.values()]
-    return workers[int(which * len(workers))]
-
-
-def _kill(simulation: "Simulation", node: Node, away_s: float) -> None:
-    if node.alive:
-        simulation.network.kill(node)
-        simulation.clock.after(away_s, lambda: simulation.network.start(node))
+def _fault(rng: random.Random) -> Fault:
+    weights, makers = zip(*KINDS, strict=True)
+    (maker,) = rng.choices(makers, weights)
+    return maker(rng)
