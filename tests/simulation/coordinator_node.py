@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from coordinator import events
@@ -21,11 +22,12 @@ from protocol.steps import OdometryReading, Scan
 from protocol.terms import check_term
 from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 from tests.simulation.laws import Laws, Life
-from tests.simulation.network import Node
+from tests.simulation.network import Action, Node
 from tests.simulation.world import COORDINATOR, SETTINGS
 from tests.unit.coordinator.reports import free_everywhere, started
 
 if TYPE_CHECKING:
+    from tests.simulation.processes import Bridge
     from tests.simulation.simulation import Simulation
 
 TICK_S = 0.19
@@ -180,7 +182,8 @@ class CoordinatorNode(Node):
         if not self._is_running:
             return
         decided = self._replica.handle(event, self.now_ns)
-        self._carry_out(self._replica.release(decided, self.now_ns))
+        for instruction in self._replica.release(decided, self.now_ns):
+            self._carry_out(instruction)
         if self._replica.role == "deposed":
             self._step_down()
         elif self._replica.role == "leading" and self.token is None:
@@ -188,36 +191,31 @@ class CoordinatorNode(Node):
 
     # --- instructions
 
-    def _carry_out(self, instructions: list[Instruction]) -> None:
+    def _carry_out(self, instruction: Instruction) -> None:
         simulation = self._simulation
-        for instruction in instructions:
-            self.laws.carried_out(self._life, instruction)
-            match instruction:
-                case PublishBelief(belief):
-                    self.laws.believed(belief)
-                case PublishCheckpoint(checkpoint):
-                    self._keep_later(checkpoint)
-                    simulation.publish_checkpoint(self, checkpoint)
-                case SendOrder(worker, order):
-                    simulation.send_order(self, worker, order)
-                case AskState(worker, question):
-                    simulation.send_take_over(self, worker, question)
-                case FetchMap():
-                    assert self.coordinator is not None
-                    ground = free_everywhere(self.coordinator.state.map_digest)
-                    simulation.ask_bridge(
-                        self,
-                        lambda _bridge, ground=ground: (
-                            lambda: self.pass_on(events.MapArrived(ground))
-                        ),  # type: ignore[misc]
-                    )
-                case FetchScans(first, last):
-                    simulation.ask_bridge(
-                        self,
-                        lambda bridge, first=first, last=last: self._arrived(  # type: ignore[misc]
-                            bridge.history(first, last)
-                        ),
-                    )
+        self.laws.carried_out(self._life, instruction)
+        match instruction:
+            case PublishBelief(belief):
+                self.laws.believed(belief)
+            case PublishCheckpoint(checkpoint):
+                self._keep_later(checkpoint)
+                simulation.publish_checkpoint(self, checkpoint)
+            case SendOrder(worker, order):
+                simulation.send_order(self, worker, order)
+            case AskState(worker, question):
+                simulation.send_take_over(self, worker, question)
+            case FetchMap():
+                assert self.coordinator is not None
+                ground = free_everywhere(self.coordinator.state.map_digest)
+                self._ask_bridge(lambda _: events.MapArrived(ground))
+            case FetchScans(first, last):
+                self._ask_bridge(lambda bridge: events.HistoryArrived(bridge.history(first, last)))
+
+    def _ask_bridge(self, answer: Callable[["Bridge"], events.Event]) -> None:
+        def answered(bridge: "Bridge") -> Action:
+            return partial(self.pass_on, answer(bridge))
+
+        self._simulation.ask_bridge(self, answered)
 
     def _keep_later(self, checkpoint: Checkpoint) -> None:
         """Write the first state of a term at once; later ones unless the process dies before."""
@@ -231,6 +229,3 @@ class CoordinatorNode(Node):
         else:
             self._written_term = checkpoint.term
             write()
-
-    def _arrived(self, scans: tuple[Scan, ...]) -> Callable[[], None]:
-        return lambda: self.pass_on(events.HistoryArrived(scans))
