@@ -174,7 +174,6 @@ class CoordinatorNode(Node):
     def on_pose_asked(self) -> None:
         """Answer an observer; the answer is compared with the truth."""
         if self._life is not None and self._replica.may_answer(self.now_ns):
-            assert self.coordinator is not None
             self.laws.on_pose(self._life, self.coordinator.pose(self.now_ns))
 
     def pass_on(self, event: events.Event | events.TokenChanged | events.LinkChanged) -> None:
@@ -205,7 +204,6 @@ class CoordinatorNode(Node):
             case AskState(worker, question):
                 simulation.send_take_over(self, worker, question)
             case FetchMap():
-                assert self.coordinator is not None
                 ground = free_everywhere(self.coordinator.state.map_digest)
                 self._ask_bridge(lambda _: events.MapArrived(ground))
             case FetchScans(first, last):

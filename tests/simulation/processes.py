@@ -110,8 +110,6 @@ class WorkerNode(Node):
         """(job id, epoch) of what it does; nothing changes by asking."""
         no_coordinator = TakeOver(sender="nobody", term=0)
         (answer,) = self.core.on_state_query(-1, no_coordinator)
-        assert isinstance(answer, instructions.Answer)
-        assert isinstance(answer.message, WorkerState)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
 
     def _question(self, asker: Asker) -> int:

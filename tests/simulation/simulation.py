@@ -120,7 +120,6 @@ class Simulation:
         if len(acting) != 1:
             return f"{len(acting)} coordinators act"
         coordinator = acting[0].coordinator
-        assert coordinator is not None
         status = coordinator.status(acting[0].now_ns, {})
         newest = self.bridge.newest_step
         if status.step != newest:

@@ -320,7 +320,6 @@ class Living:
         """A worker's answer to a coordinator that takes over."""
         asked = worker_events.on_state_query(self._question(), take_over)
         (answer,) = asked(self.workers[name])
-        assert isinstance(answer, worker_instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return answer.message
 

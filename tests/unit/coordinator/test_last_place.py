@@ -37,7 +37,6 @@ def test_the_last_pose_is_a_hypothesis_only_for_the_same_robot_and_map(
 
 def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
     last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
-    assert last is not None
     prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
     assert prior.pose == pytest.approx((10.0, 6.0, math.pi / 2))
     assert prior.odom_from_robot == (4.0, 0.0, 0.0)
@@ -46,7 +45,6 @@ def test_odometry_since_the_last_run_moves_the_last_pose() -> None:
 
 def test_the_last_pose_stays_if_the_odometry_was_reset() -> None:
     last = LastPlace.of(state_in(checkpoint_at(EAST, x_m=3.0)))
-    assert last is not None
     assert last.as_prior_at(scan(0, x_m=0.1), 0.1).pose == pytest.approx(EAST)
 
 

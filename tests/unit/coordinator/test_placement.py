@@ -66,7 +66,6 @@ def test_another_worker_continues_the_cluster_of_a_dead_worker_from_its_last_sna
     assert name == "b"
     (assignment,) = order.begin
     assert assignment.epoch > epoch
-    assert isinstance(assignment.job, TrackJob)
     assert assignment.job.exact
     assert assignment.job.start.step == 10
 
@@ -82,7 +81,6 @@ def test_a_new_number_of_particles_reaches_the_worker_and_its_successor() -> Non
     ((name, order),) = due(made, 3)
     (given,) = order.begin
     assert name == "b"
-    assert isinstance(given.job, TrackJob)
     assert (given.job.particles, given.job.particles_from) == (500, 30)
 
 

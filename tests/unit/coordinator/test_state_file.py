@@ -86,7 +86,6 @@ def test_the_newest_state_is_in_the_file_at_the_end(tmp_path: Path) -> None:
         for serial in range(5, 25):
             keeper.offer(replace(STATE, serial=serial))
     kept = read(tmp_path, "robot")
-    assert kept is not None
     assert kept.serial == 24
 
 

@@ -1,5 +1,4 @@
 from protocol.steps import KEPT_STEPS
-from protocol.work import TrackReport
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 from worker.job_table import KEPT_SEARCH_STEPS, RecentReports
 
@@ -21,8 +20,6 @@ def test_only_the_last_report_keeps_its_particles() -> None:
     for step in (10, 20):
         recent.add(tracked("c0", step, 0.5, HERE, snapshot=cloud_at(HERE, step)))
     old, new = recent.since(0)
-    assert isinstance(old, TrackReport)
-    assert isinstance(new, TrackReport)
     assert old.snapshot is None
     assert new.snapshot is not None
     assert recent.of_step(20) == [new]

@@ -13,7 +13,6 @@ from protocol.work import (
     OrderAnswer,
     Report,
     TakeOver,
-    WorkerState,
 )
 from tests.unit.coordinator.living import MAP
 from tests.unit.coordinator.reports import checkpoint, work_order
@@ -180,7 +179,6 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
     values = {"hit_sigma_m": 0.4, "max_beams": 9}
     handled(tracking, on_scan(scan(1)))
     (build,) = handled(tracking, on_scan(live(2, **values)))
-    assert isinstance(build, BuildModel)
     assert build.settings == wide
     assert handled(tracking, on_scan(live(3, **values))) == []
     assert handled(tracking, on_scan(scan(4))) == []  # and back again
@@ -190,7 +188,6 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
     alone.advance(scan(1))
     alone.use(other, msgspec.structs.replace(SETTINGS, sensor=wide))
     assert reports(published) == [alone.advance(scan(2)), alone.advance(scan(3))]
-    assert isinstance(again, BuildModel)
     assert again.settings == SETTINGS.sensor
     alone.use(model, SETTINGS)
     assert reports(handled(tracking, on_model("map", model))) == [alone.advance(scan(4))]
@@ -219,7 +216,6 @@ def test_a_model_that_failed_is_requested_again_with_the_next_scan(
     (fetch,) = handled(tracking, on_scan(live(2, max_beams=9)))
     assert fetch == FetchMap()
     (build,) = handled(tracking, on_map(grid()))
-    assert isinstance(build, BuildModel)
     built = computed_model(model.grid, build.settings)
     assert reported(handled(tracking, on_model("map", built))) == [("c0", 1), ("c0", 2)]
 
@@ -251,8 +247,6 @@ def test_a_state_query_is_answered_while_the_map_is_fetched(fresh: Worker) -> No
     nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert handled(fresh, on_state_query(9)) == [Answer(9, nothing)]
     (answer,) = handled(fresh, on_state_query(10, TakeOver(sender="next", term=2)))
-    assert isinstance(answer, Answer)
-    assert isinstance(answer.message, WorkerState)
     assert (answer.message.term, answer.message.holds) == (2, ())
 
 
@@ -427,9 +421,7 @@ def test_a_new_coordinator_gets_jobs_terms_and_later_reports(tracking: Worker) -
     returned = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
     assert handled(tracking, on_checkpoint(checkpoint(1))) == []
     (answer,) = handled(tracking, on_state_query(9, TakeOver(sender="next", term=2, since=1)))
-    assert isinstance(answer, Answer)
     state = answer.message
-    assert isinstance(state, WorkerState)
     assert state.term == 2
     assert (state.terms, state.founded) == ((1, 2), 1)
     assert [held.job_id for held in state.holds] == ["c0"]

@@ -7,7 +7,7 @@ from coordinator.belief.bayes_update import weigh
 from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings, SensorSettings
-from protocol.work import SearchJob, SearchReport, TrackJob
+from protocol.work import SearchReport, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, place, searched, tracked
 
 SETTINGS = FilterSettings(search=SearchSettings(shards=1))
@@ -36,7 +36,6 @@ def found(decoy: Decoy, first_step: int) -> int:
 def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans(decoy: Decoy) -> None:
     begin, _ = decoy.follow(3, [], is_open=True)
     (search,) = begin.values()
-    assert isinstance(search, SearchJob)
     assert (search.mirrored, search.first_step) == (True, 4)
     assert decoy.is_awaited
     found(decoy, 4)
@@ -73,7 +72,6 @@ def test_the_best_decoy_counts(decoy: Decoy) -> None:
     fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}
     reported = {job: tracked(job, step, 1.0, (2.0, 0.0, 0.0), fit=fit) for job, fit in fits.items()}
     best = decoy.best_of(reported)
-    assert best is not None
     assert best.job_id == "d1"
     assert {one.pose for one in decoy.places} == {(2.0, 0.0, 0.0)}
     assert decoy.best_of({}) is None

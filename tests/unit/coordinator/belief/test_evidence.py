@@ -53,7 +53,6 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
         found = [(0.8, (x_m, 0.0, 0.0)), (0.2, (9.0 + x_m, 0.0, 0.0))]
         pool.add(replace(report, places=found_places(found, count)))
     pooled = pool.pooled()
-    assert pooled is not None
     assert pooled.share == pytest.approx((0.8, 0.2))
     near = pooled.place(0, 0.5)
     assert near.share == 0.5
@@ -80,7 +79,6 @@ def test_places_that_a_shard_without_weight_left_out_are_not_used(
         )
         pool.add(report)
     pooled = pool.pooled()
-    assert pooled is not None
     assert pooled.left_out_gap == gap
 
 
@@ -93,12 +91,10 @@ def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
             pool.add(searched(f"s0.{shard}", step, {NORTH: 1.0}))
     pool.add(searched("s0.0", 6, {NORTH: 1.0}))
     newest = pool.pooled()
-    assert newest is not None
     assert newest.step == 5
     assert pool.pooled() is None, "once is enough"
     pool.add(searched("s0.1", 6, {NORTH: 1.0}))
     newest = pool.pooled()
-    assert newest is not None
     assert newest.step == 6
 
 

@@ -8,7 +8,7 @@ from coordinator.belief.given_places import PriorPose, with_prior_pose
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.job_events import Began
 from protocol.message import PoseTuple
-from protocol.work import Place, TrackJob
+from protocol.work import Place
 from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, place, searched
 
 RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))
@@ -70,6 +70,5 @@ def test_a_prior_pose_enters_once_when_the_first_search_has_found_a_place() -> N
         Began("c1", "prior pose", pytest.approx(0.1)),
     )
     job = outcome.begin["c1"]
-    assert isinstance(job, TrackJob)
     assert job.start.step == 4
     assert ensemble.prior_pose is None
