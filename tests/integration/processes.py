@@ -4,20 +4,26 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from tests.integration.waiting import PATIENCE_S, wait_until
 
 
 class RunningProcess:
-    """A child process whose output goes to files, so that it never blocks and can be read."""
+    """A child process whose output goes to files, so that it never blocks and can be read.
 
-    def __init__(
-        self, command: Sequence[str], folder: Path, name: str, *, cwd: Path | None = None
-    ) -> None:
+    Args:
+        command: what it runs.
+        folder: of its output.
+        name: of the files there.
+        options: of `subprocess.Popen`.
+    """
+
+    def __init__(self, command: Sequence[str], folder: Path, name: str, **options: Any) -> None:
         self.out_file, self.err_file = folder / f"{name}.out", folder / f"{name}.err"
         with self.out_file.open("wb") as out, self.err_file.open("wb") as err:
             self._popen = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, **options
             )
 
     @property

@@ -2,13 +2,15 @@
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 
-from tests.integration.waiting import PATIENCE_S, wait_until
+from process_runtime.supervisor import python_module
+from tests.integration.processes import RunningProcess
+from tests.integration.waiting import PATIENCE_S
 
 COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 SMALL_FILTER = [
@@ -28,46 +30,29 @@ def ran(
     )  # fmt: skip
 
 
-class TypedCommand:
+class TypedCommand(RunningProcess):
     """A running command with all its child processes."""
 
     def __init__(
-        self, words: tuple[str, ...], folder: Path, environment: dict[str, str], module: str
+        self, command: Sequence[str], folder: Path, environment: dict[str, str] | None
     ) -> None:
-        self._out, self._err = folder / "out.txt", folder / "err.txt"
-        with self._out.open("wb") as out, self._err.open("wb") as err:
-            self.popen = subprocess.Popen(
-                [sys.executable, "-I", "-m", module, *words],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=err,
-                env=environment,
-                start_new_session=True,
-            )
+        super().__init__(command, folder, "typed", env=environment, start_new_session=True)
         self.family: set[psutil.Process] = set()
-
-    @property
-    def out(self) -> str:
-        return self._out.read_text()
-
-    @property
-    def err(self) -> str:
-        return self._err.read_text()
 
     def meet_family(self) -> list[psutil.Process]:
         """The direct children; all descendants are remembered."""
-        parent = psutil.Process(self.popen.pid)
+        parent = psutil.Process(self.pid)
         self.family.update(parent.children(recursive=True))
         return parent.children()
 
     def wait_for(self, text: str, deadline_s: float = PATIENCE_S) -> None:
-        wait_until(lambda: text in self.out or text in self.err, deadline_s)
+        super().wait_for(text, deadline_s)
         self.meet_family()
 
     def end(self, number: int) -> int:
         self.meet_family()
-        self.popen.send_signal(number)
-        return self.popen.wait(PATIENCE_S)
+        self.send_signal(number)
+        return self.wait()
 
     def assert_nothing_runs(self) -> None:
         assert self.family, "there were processes to look for"
@@ -77,15 +62,17 @@ class TypedCommand:
 
 @contextmanager
 def typed(
-    *words: str, folder: Path, environment: dict[str, str], module: str = "clustermcl"
+    *words: str,
+    folder: Path,
+    environment: dict[str, str] | None = None,
+    module: str = "clustermcl",
 ) -> Iterator[TypedCommand]:
     """Start a command; whatever of it still runs at the end is killed."""
-    command = TypedCommand(words, folder, environment, module)
+    command = TypedCommand(python_module(module, *words), folder, environment)
     try:
         yield command
     finally:
-        command.popen.kill()
-        command.popen.wait()
+        command.kill()
         for process in command.family:
             if process.is_running():
                 process.kill()
