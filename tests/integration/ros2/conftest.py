@@ -13,6 +13,7 @@ from process_runtime.settings import CoordinatorSettings, RobotSettings, Setting
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
+from recordings.rigid import IDENTITY
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.ros2.robot import RosRobot
@@ -24,6 +25,7 @@ StartBridge = Callable[..., RunningProcess]
 OpenRobot = Callable[..., RosRobot]
 OpenSystem = Callable[..., SystemDouble]
 OpenSession = Callable[[], zenoh.Session]
+Active = tuple[RosRobot, SystemDouble]
 ACTIVE = Ros2Settings(autostart=True)
 
 
@@ -89,3 +91,18 @@ def start_bridge(
         return process
 
     return start
+
+
+@pytest.fixture
+def active(
+    router: ZenohSettings,
+    open_robot: OpenRobot,
+    open_system: OpenSystem,
+    start_bridge: StartBridge,
+) -> Active:
+    """A robot with a laser and our system, and between them a bridge that is active."""
+    del router
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", IDENTITY))
+    start_bridge(ACTIVE)
+    return robot, system

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import OCCUPIED
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
@@ -19,7 +21,7 @@ from protocol.steps import LaserReading
 from recordings.rigid import IDENTITY, Rigid
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import decode, encode, new, request_of, response_of, type_hash
-from ros2_bridge.messages_out import header, pose_stamped, transform
+from ros2_bridge.messages_out import header, pose, pose_stamped, transform
 from ros2_bridge.node import FromRos, RosNode, RosPublisher
 from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
 from ros2_bridge.wire import NodeName, attachment, data_key
@@ -115,6 +117,19 @@ class RosRobot:
         return decode(answers[0].payload.to_bytes(), response_of(ros_type))
 
     # --- what a robot says
+
+    def put_map(self, grid_map: GridMap) -> None:
+        rows, cols = grid_map.cells.shape
+        info = new(
+            "nav_msgs/msg/MapMetaData",
+            resolution=grid_map.cell_m,
+            width=cols,
+            height=rows,
+            origin=pose(grid_map.map_from_grid),
+        )
+        cells = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells).ravel()
+        message = new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells)
+        self.put(self.topics.map, message)
 
     def put_odometry(self, stamp_ns: int, pose: PoseTuple) -> None:
         self.put(self.topics.tf, transform(pose, stamp_ns, "odom", "base_footprint"))

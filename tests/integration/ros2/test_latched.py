@@ -1,41 +1,27 @@
 import numpy as np
 import pytest
 
-from recordings.rigid import IDENTITY, flat
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new
-from ros2_bridge.messages_out import header
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import OCCUPIED
+from recordings.rigid import flat
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION, PARTICLE_CLOUD, STATE
-from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
-from tests.integration.ros2.robot import RosRobot
+from tests.integration.ros2.conftest import ACTIVE, Active, OpenRobot, OpenSystem, StartBridge
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")
 
 
-def put_map(robot: RosRobot, *, width: int = 400, x_m: float = 0.0) -> None:
-    """A room with a wall around it."""
+def room(width: int = 400, x_m: float = 0.0) -> GridMap:
     cells = np.zeros((300, width), np.int8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    position = new("geometry_msgs/msg/Point", x=x_m)
-    info = new(
-        "nav_msgs/msg/MapMetaData",
-        resolution=0.05,
-        width=width,
-        height=300,
-        origin=new("geometry_msgs/msg/Pose", position=position),
-    )
-    robot.put(
-        robot.topics.map,
-        new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells.ravel()),
-    )
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return GridMap(cells, 0.05, (x_m, 0.0, 0.0))
 
 
 def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    put_map(robot)
+    robot.put_map(room())
     start_bridge()
     wait_until(lambda: system.maps)
     cells, cell_m, _ = system.maps[0]
@@ -43,8 +29,8 @@ def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     assert np.count_nonzero(cells == 100) == np.count_nonzero(cells) == 2 * 400 + 2 * 298
     assert cell_m == 0.05
     assert system.ask_for_map() == system.maps[0][2]  # also a later subscriber
-    put_map(robot)  # the same: nothing happens
-    put_map(robot, width=200, x_m=1.0)
+    robot.put_map(room())  # the same: nothing happens
+    robot.put_map(room(width=200, x_m=1.0))
     wait_until(lambda: len(system.maps) >= 2)
     assert system.maps[-1][2] == (1.0, 0.0, 0.0)
     assert len(system.maps) == 2
@@ -69,11 +55,9 @@ def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(
 
 
 def test_a_late_subscriber_gets_the_last_pose_and_places_but_no_old_particles(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+    active: Active, open_robot: OpenRobot
 ) -> None:
-    robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", IDENTITY))
-    start_bridge(ACTIVE)
+    robot, system = active
     robot.stand_until(lambda: system.lasers)
     states = robot.listen(STATE)
     system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")

@@ -15,7 +15,7 @@ from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
-from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, Active, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.waiting import stretched_s, wait_until
 
@@ -109,10 +109,8 @@ def test_the_lifecycle_manager_starts_pauses_resumes_and_resets_the_node(
     assert manager.events[1].goal_state.label == "inactive"
 
 
-def test_the_transition_graph_is_served(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
-    robot = open_robot()
-    robot.put_mounts()
-    start_bridge(ACTIVE)
+def test_the_transition_graph_is_served(active: Active) -> None:
+    robot, _ = active
     states = robot.call("/amcl/get_available_states", types.GET_AVAILABLE_STATES)
     assert [one.id for one in states.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
     kind = types.GET_AVAILABLE_TRANSITIONS

@@ -1,3 +1,4 @@
+import time
 from typing import Any
 
 import numpy as np
@@ -7,10 +8,18 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.advice import Advice, Way
 from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new, request_of
+from ros2_bridge.message_types import new, request_of, type_hash
 from ros2_bridge.messages_out import pose_stamped
 from ros2_bridge.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
-from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
+from ros2_bridge.wire import attachment, data_key
+from tests.integration.ros2.conftest import (
+    ACTIVE,
+    Active,
+    OpenRobot,
+    OpenSession,
+    OpenSystem,
+    StartBridge,
+)
 from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.usefixtures("router")
@@ -18,12 +27,8 @@ pytestmark = pytest.mark.usefixtures("router")
 COVARIANCE = (0.25, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.07)
 
 
-def test_commands_of_ros_reach_the_system(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
-) -> None:
-    robot, system = open_robot(), open_system()
-    robot.put_mounts()
-    start_bridge(ACTIVE)
+def test_commands_of_ros_reach_the_system(active: Active) -> None:
+    robot, system = active
     robot.call("reinitialize_global_localization", types.EMPTY)
     robot.call("request_nomotion_update", types.EMPTY)
     reported = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map")
@@ -39,12 +44,8 @@ def test_commands_of_ros_reach_the_system(
     wait_until(lambda: len(system.commands) == 4)
 
 
-def test_advice_is_published_as_a_path_in_the_odometry_frame(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
-) -> None:
-    robot, system = open_robot(), open_system()
-    robot.put_mounts()
-    start_bridge(ACTIVE)
+def test_advice_is_published_as_a_path_in_the_odometry_frame(active: Active) -> None:
+    robot, system = active
     paths = robot.listen(ADVICE)
     robot.call("/amcl/advise", types.EMPTY)
     wait_until(lambda: paths)
@@ -65,12 +66,8 @@ def test_advice_is_published_as_a_path_in_the_odometry_frame(
     assert (end.x, end.y) == pytest.approx((1.5, 4.0))
 
 
-def test_the_service_is_localized_answers_the_state(
-    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
-) -> None:
-    robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", IDENTITY))
-    start_bridge(ACTIVE)
+def test_the_service_is_localized_answers_the_state(active: Active) -> None:
+    robot, system = active
 
     def answer() -> Any:
         return robot.call("/amcl/is_localized", types.TRIGGER)
@@ -147,3 +144,16 @@ def test_parameters_can_be_read_and_set(open_robot: OpenRobot, start_bridge: Sta
     assert events[0].node == "/amcl"
     listed = robot.call("/amcl/list_parameters", types.LIST_PARAMETERS).result
     assert {"alpha1", "initial_pose.x", "transform_tolerance"} <= set(listed.names)
+
+
+def test_a_malformed_service_call_gets_no_answer_and_the_next_one_does(
+    active: Active, open_robot_session: OpenSession
+) -> None:
+    (robot, _), foreign = active, open_robot_session()
+    kind = types.SET_PARAMETERS
+    key = data_key(0, "/amcl/set_parameters", kind, type_hash(kind, humble=False))
+    good = attachment(1, time.time_ns(), bytes(16))
+    for payload, attached in ((b"\xff" * 9, good), (b"", good), (b"\0\1\0\0\0\0\0\0", b"short")):
+        replies = foreign.get(key, payload=payload, attachment=attached, timeout=1.0)
+        assert [reply.ok for reply in replies] == []
+    assert robot.call("/amcl/set_parameters", kind).results == []

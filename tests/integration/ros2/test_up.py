@@ -1,4 +1,3 @@
-import os
 import signal
 from contextlib import suppress
 from pathlib import Path
@@ -12,7 +11,6 @@ from recordings.rigid import IDENTITY
 from robot_simulator.worlds.catalogue import world
 from tests.integration.ros2.conftest import OpenRobot, OpenSession
 from tests.integration.ros2.test_graph import ENDPOINTS, Graph
-from tests.integration.ros2.test_whole_way import put_map
 from tests.integration.system.commands import SMALL_FILTER, ran, typed
 from tests.integration.waiting import wait_until
 
@@ -24,7 +22,7 @@ def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
     zenoh_settings: ZenohSettings,
     open_robot: OpenRobot,
     open_robot_session: OpenSession,
-    short_folder: str,
+    environment: dict[str, str],
     tmp_path: Path,
 ) -> None:
     graph, robot = Graph(open_robot_session()), open_robot()
@@ -36,17 +34,13 @@ def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
         "--set", "zenoh.start_router=false", "--set", "worker.count=1",
         *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {
-        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path),
-    }  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as up:
         wait_until(lambda: graph.endpoints() == ENDPOINTS)
         modules = {word for process in up.meet_family() for word in process.cmdline()}
         assert "ros2_bridge" in modules
         assert "zenoh_link.router" not in modules
         in_map = world("cross").map
-        put_map(robot, in_map)
+        robot.put_map(in_map)
 
         def is_in_that_map() -> bool:
             with suppress(ClusterMclError):  # nothing answers yet
@@ -77,7 +71,6 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
 @pytest.mark.parametrize(
     ("words", "problem"),
     [
-        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: no such file"),
         (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS expects letters"),
         (
             ["ros2", "--set", "ros2.scan_topic=a//b"],

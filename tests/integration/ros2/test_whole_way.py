@@ -18,7 +18,6 @@ import pytest
 import zenoh
 
 from clustermcl.stack import COORDINATOR
-from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, wrap_angle
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
@@ -31,9 +30,6 @@ from protocol.steps import LaserReading, OdometryReading, Scan
 from recordings.rigid import flat
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new
-from ros2_bridge.messages_out import header, pose
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
 from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.integration.alone import assert_same, outcomes_of_scans
@@ -67,26 +63,11 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
             open_session(tested.settings.zenoh, None, StopFlag(), wait_s=PATIENCE_S, peer=True)
         )
         robot = RosRobot(session, ROS2)
-        put_map(robot, world(WORLD).map)
+        robot.put_map(world(WORLD).map)
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
         wait_until(lambda: "is running in ROS domain" in tested.log("ros2_bridge"))
         wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0))
         yield tested, robot
-
-
-def put_map(robot: RosRobot, grid_map: GridMap) -> None:
-    rows, cols = grid_map.cells.shape
-    info = new(
-        "nav_msgs/msg/MapMetaData",
-        resolution=grid_map.cell_m,
-        width=cols,
-        height=rows,
-        origin=pose(grid_map.map_from_grid),
-    )
-    cells = np.where(grid_map.cells == 1, np.int8(100), grid_map.cells).ravel()
-    robot.put(
-        robot.topics.map, new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells)
-    )
 
 
 class Drive:
@@ -243,7 +224,7 @@ def test_a_new_map_of_ros_under_way_ends_at_the_right_place_in_it() -> None:
 
         with drive.driving():
             wait_until(lambda: is_at((0.0, 0.0)), 150.0)
-            put_map(robot, after)
+            robot.put_map(after)
             wait_until(lambda: client.status().map_digest == after.digest)
             wait_until(lambda: is_at((10.0, -5.0)), 150.0)
         assert client.status().counters["map changed"] == 1
