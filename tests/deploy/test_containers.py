@@ -97,19 +97,18 @@ def test_without_certificates_nothing_is_open_to_other_machines() -> None:
             assert port.startswith("127.0.0.1:")
 
 
+def secrets_of(name: str) -> set[str]:
+    secrets = services(SECURE)[name]["secrets"]
+    return {secret if isinstance(secret, str) else secret["source"] for secret in secrets}
+
+
 def test_every_container_has_its_own_key_and_no_other() -> None:
     roles = {"router": "router", "bridge": "bridge", "worker": "worker-1"}
-    for name, service in services(SECURE).items():
-        sources = [s if isinstance(s, str) else s["source"] for s in service["secrets"]]
-        keys = [source for source in sources if source.endswith(".key")]
+    for name in services(SECURE):
+        keys = [secret for secret in secrets_of(name) if secret.endswith(".key")]
         assert keys == [f"{roles.get(name, 'coordinator')}.key"]
     secrets = yaml.load(SECURE.read_text(), Loader=_Compose)["secrets"]
-    asked = {
-        s if isinstance(s, str) else s["source"]
-        for service in services(SECURE).values()
-        for s in service["secrets"]
-    }
-    assert asked == set(secrets)
+    assert set().union(*map(secrets_of, services(SECURE))) == set(secrets)
 
 
 def test_keys_never_get_into_the_image_or_into_git() -> None:
@@ -137,11 +136,6 @@ def user_of(name: str) -> str:
     assert image is not None
     given = services(SECURE)[name].get("user", services(PLAIN)[name].get("user"))
     return str(given or ("0:0" if name == "router" else image[1]))  # the official image's is root
-
-
-def secrets_of(name: str) -> set[str]:
-    secrets = services(SECURE)[name]["secrets"]
-    return {secret if isinstance(secret, str) else secret["source"] for secret in secrets}
 
 
 @pytest.mark.parametrize("name", list(services(SECURE)))

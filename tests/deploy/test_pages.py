@@ -2,7 +2,6 @@
 
 import ast
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -16,7 +15,6 @@ import pytest
 from process_runtime.settings_table import TABLE
 from protocol.answers import Freshness, State, Status
 from protocol.health import Health
-from tests.integration.security.certificates import require_openssl
 from zenoh_link.access_control import ROLES, rights_of
 
 REPOSITORY = Path(__file__).parents[2]
@@ -201,29 +199,6 @@ def test_the_gates_name_the_commands_of_the_readme() -> None:
     assert len(commands) == 2
     for command in commands:
         assert f" {command}\n" in head, command
-
-
-def blocks(page: str) -> list[str]:
-    return re.findall(r"<!-- runs -->\n```bash\n(.*?)```", page, re.DOTALL)
-
-
-def test_the_commands_that_set_security_up_run_as_they_are_printed(tmp_path: Path) -> None:
-    require_openssl()
-    shutil.copytree(REPOSITORY / "deploy", tmp_path / "deploy")
-    (tmp_path / "bin").mkdir()
-    script = tmp_path / "bin" / "python"
-    script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-    script.chmod(0o755)
-    (block,) = blocks(SECURITY)
-    ran = subprocess.run(
-        ["bash", "-e", "-c", block],
-        cwd=tmp_path,
-        env={"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert (ran.returncode, ran.stderr) == (0, "")
-    assert (tmp_path / "certificates" / "worker-2.key").is_file()
-    assert '"worker-2 publishes: ingress"' in (tmp_path / "router-secure.json5").read_text()
 
 
 def secrets(role: str) -> list[str]:

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.timeout(300)  # a block is several commands
 
 REPOSITORY = Path(__file__).parents[3]
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
-ELSEWHERE = {"test command", "runs", "driver", "robot example"}
+ELSEWHERE = {"test command", "driver", "robot example"}
 """Marks of blocks that .ci/run and other tests run: test_pages.py, test_live_robot.py, ..."""
 
 
@@ -180,4 +180,9 @@ def test_a_block_of_commands_for_certificates_runs(block: Block, tmp_path: Path)
     require_openssl()
     shutil.copytree(REPOSITORY / "deploy", tmp_path / "deploy")
     run(block, tmp_path, "")
-    assert (tmp_path / "certificates" / "worker-1.toml").is_file()
+    workers = set(re.findall(r"worker-\d", block.text))
+    assert workers
+    for worker in workers:
+        assert (tmp_path / "certificates" / f"{worker}.toml").is_file()
+        assert (tmp_path / "certificates" / f"{worker}.key").is_file()
+        assert f'"{worker} publishes: ingress"' in (tmp_path / "router-secure.json5").read_text()

@@ -235,6 +235,17 @@ def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any
     return parameters.set(request)[0].results[0]
 
 
+def node(settings: Settings | None = None) -> Services:
+    settings = settings or Settings()
+    return Services(Amcl(settings.ros2), settings, lambda: 0, "/amcl")
+
+
+def value_of(services: Services, name: str) -> Any:
+    request = new(request_of(types.GET_PARAMETERS), names=[name])
+    response, _ = services.call("~/get_parameters", request)
+    return response.values[0]
+
+
 def test_parameter_values_are_returned_with_their_types() -> None:
     names = ("tf_broadcast", "max_beams", "alpha1", "odom_frame_id", "what")
     values = get(Parameters(Settings()), *names)
@@ -296,9 +307,7 @@ def test_set_parameters_atomically_sets_all_or_none() -> None:
     result, outputs = set_at_once(best, wrong)
     assert (result.successful, outputs) == (False, [])
     assert "ros2.transform_tolerance_s" in result.reason
-    names = new(request_of(types.GET_PARAMETERS), names=["publish"])
-    response, _ = services.call("~/get_parameters", names)
-    assert response.values[0].string_value == "held"
+    assert value_of(services, "publish").string_value == "held"
     result, (reported,) = set_at_once(best, tolerance)
     assert result.successful
     assert reported.topic == PARAMETER_EVENTS
@@ -308,8 +317,7 @@ def test_set_parameters_atomically_sets_all_or_none() -> None:
         5,
     )
     assert reported.message.changed_parameters == [best, tolerance]
-    response, _ = services.call("~/get_parameters", names)
-    assert response.values[0].string_value == "best"
+    assert value_of(services, "publish").string_value == "best"
 
 
 def test_only_accepted_parameters_are_published_as_changed() -> None:
@@ -375,9 +383,7 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     ]
     services.change(CONFIGURE)
     assert given(services.change(ACTIVATE)) == [(5.0, -3.0, 0.5)]
-    names = new(request_of(types.GET_PARAMETERS), names=["initial_pose.x"])
-    response, _ = services.call("~/get_parameters", names)
-    assert response.values[0].double_value == 5.0
+    assert value_of(services, "initial_pose.x").double_value == 5.0
 
 
 def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> None:
@@ -409,15 +415,13 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 
 @pytest.mark.parametrize("name", NAV2_LIVE)
 def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
-    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    services = node()
     value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
     reported = set_live(
         services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value)
     )
-    names = new(request_of(types.GET_PARAMETERS), names=[name])
-    response, _ = services.call("~/get_parameters", names)
-    (found,) = value.values()
-    assert found == pytest.approx(getattr(response.values[0], next(iter(value))))
+    ((field, found),) = value.items()
+    assert getattr(value_of(services, name), field) == pytest.approx(found)
     if not PARAMETERS[name].setting.startswith("ros2."):
         (reconfigured,) = reported
         setting = PARAMETERS[name].setting.rpartition(".")[2]
@@ -426,7 +430,7 @@ def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> Non
 
 
 def test_all_live_settings_are_sent_together() -> None:
-    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    services = node()
     set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
     (reported,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
     assert reported.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
@@ -434,12 +438,10 @@ def test_all_live_settings_are_sent_together() -> None:
 
 
 def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
-    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    services = node()
     before = LiveSettings(max_beams=31)
     assert services.on_live_settings(before) == []
-    names = new(request_of(types.GET_PARAMETERS), names=["max_beams"])
-    response, _ = services.call("~/get_parameters", names)
-    assert response.values[0].integer_value == 31
+    assert value_of(services, "max_beams").integer_value == 31
     (reported,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
     assert reported.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
     assert services.on_live_settings(reported.settings) == []
