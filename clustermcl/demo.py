@@ -273,9 +273,6 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
     if page is not None and not (page.is_loopback and page.port):
         problem = "--listen: a demo needs a loopback address and a port"
         raise SettingsError(key="--listen", problem=problem)
-    if page is None and options.by_hand:
-        problem = "--drive needs --view: the robot is driven on the page"
-        raise SettingsError(key="--drive", problem=problem)
     source = options.recording or _WORLD
     if options.map_file and not options.recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(options.map_file).absolute()}"

@@ -1,5 +1,8 @@
 """Property tests check what is computed, not how fast a shared machine computes it."""
 
+import tempfile
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -10,6 +13,13 @@ settings.register_profile(
     "shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("shared machine")
+
+
+@pytest.fixture
+def short_folder() -> Iterator[str]:
+    """For sockets: their paths have at most 107 bytes, and pytest's folders are deep."""
+    with tempfile.TemporaryDirectory(prefix="mcl-") as folder:
+        yield folder
 
 
 def pytest_configure(config: pytest.Config) -> None:

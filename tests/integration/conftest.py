@@ -1,6 +1,6 @@
 """Fixtures of real Zenoh sessions over a Unix socket in a folder of each test."""
 
-import tempfile
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,10 +29,11 @@ def state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture
-def short_folder() -> Iterator[str]:
-    """For sockets: their paths have at most 107 bytes, and pytest's folders are deep."""
-    with tempfile.TemporaryDirectory(prefix="mcl-") as folder:
-        yield folder
+def environment(short_folder: str, tmp_path: Path) -> dict[str, str]:
+    """Commands write into folders of this test; that of temporary files fits a socket's path."""
+    kept = str(tmp_path)
+    own = {"TMPDIR": short_folder, "XDG_CACHE_HOME": kept, "XDG_STATE_HOME": kept}
+    return {**os.environ, **own}
 
 
 @pytest.fixture

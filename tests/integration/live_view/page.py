@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from websockets.sync.client import ClientConnection, connect
 
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 
 
 def opened(link: str, path: str = "live", **options: Any) -> ClientConnection:
@@ -29,6 +29,20 @@ def opened(link: str, path: str = "live", **options: Any) -> ClientConnection:
     """
     origin: Any = options.pop("origin", link.rstrip("/"))
     return connect(f"ws{link[4:]}{path}", origin=origin, proxy=None, **options)
+
+
+def frames(page: ClientConnection) -> Iterator[dict[str, Any]]:
+    """Yield frames as they arrive; each is acknowledged, as a browser does."""
+    while True:
+        received = page.recv(PATIENCE_S)
+        page.send('{"type": "drawn"}')
+        yield json.loads(received)
+
+
+def frame_of(page: ClientConnection, topic: str) -> dict[str, Any]:
+    """Wait for a topic's next frame."""
+    found: dict[str, Any] = next(each[topic] for each in frames(page) if topic in each)
+    return found
 
 
 SNAPSHOT = """

@@ -12,6 +12,7 @@ from websockets.sync.client import ClientConnection
 from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.free_port import free_port
+from tests.integration.live_view.page import frame_of
 from tests.integration.live_view.page import opened as open_page
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S
@@ -87,9 +88,7 @@ def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -
 def done(page: ClientConnection) -> str:
     """Send a command; return the reason why it is refused."""
     page.send('{"type": "relocalize"}')
-    while "done" not in (answered := json.loads(page.recv(PATIENCE_S))):  # pictures are under way
-        page.send('{"type": "drawn"}')
-    return str(answered["done"]["problem"])
+    return str(frame_of(page, "done")["problem"])
 
 
 def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:

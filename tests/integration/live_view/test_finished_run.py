@@ -2,7 +2,6 @@
 
 import base64
 import json
-import os
 import re
 import signal
 import urllib.request
@@ -10,11 +9,9 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from websockets.sync.client import ClientConnection
-
 from robot_simulator.worlds.catalogue import world
 from tests.integration.free_port import free_port
-from tests.integration.live_view.page import opened
+from tests.integration.live_view.page import frame_of, frames, opened
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import PATIENCE_S
 
@@ -25,16 +22,20 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
     file, port = tmp_path / "<run>.mcap", free_port()
     robot = ("demo", "--recording", "sim:cross", "--steps", str(STEPS), "--workers", "1")
     words = (*robot, "--record", str(file), *SMALL_FILTER)
-    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
-        assert recording.popen.wait(2 * PATIENCE_S) == 0, recording.err
+    with typed(*words, folder=tmp_path) as recording:
+        assert recording.wait(2 * PATIENCE_S) == 0, recording.err
     words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
-    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as viewer:
+    with typed(*words, folder=tmp_path) as viewer:
         viewer.wait_for("look at")
         link = f"http://127.0.0.1:{port}"
         with opened(f"{link}/") as page:
-            shown = finished(page)
+            shown: dict[str, Any] = {}
+            for each in frames(page):
+                shown |= each
+                if shown["system"]["link"] == "finished":
+                    break
             page.send('{"type": "past", "step": 10}')
-            past = answer_of(page, "past")
+            past = frame_of(page, "past")
         ground = world("cross").map
         with urllib.request.urlopen(
             f"{link}/map/{shown['map']['digest']}", timeout=PATIENCE_S
@@ -42,10 +43,8 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
             cells = zlib.decompress(answer.read())
         assert viewer.end(signal.SIGINT) == 0, viewer.err
     saved = tmp_path / "run.html"
-    with typed(
-        "view", str(file), "--save", str(saved), folder=tmp_path, environment=dict(os.environ)
-    ) as saving:
-        assert saving.popen.wait(PATIENCE_S) == 0, saving.err
+    with typed("view", str(file), "--save", str(saved), folder=tmp_path) as saving:
+        assert saving.wait() == 0, saving.err
     assert "<run>" not in saved.read_text()  # it would end the data, were it a tag of HTML
     assert steps_in(saved.read_text()) == list(range(STEPS))
     assert cells == ground.cells.tobytes()
@@ -63,26 +62,3 @@ def steps_in(page: str) -> list[int]:
     past = json.loads(zlib.decompress(base64.b64decode(saved["past"])))
     assert saved["map"]["packed"]
     return [step for step, topic, _ in past if topic == "step"]
-
-
-def reported(page: ClientConnection) -> dict[str, Any]:
-    """The next message, drawn at once."""
-    message: dict[str, Any] = json.loads(page.recv(PATIENCE_S))
-    page.send('{"type": "drawn"}')
-    return message
-
-
-def answer_of(page: ClientConnection, topic: str) -> dict[str, Any]:
-    """The requested topic; other messages that arrive meanwhile are unchanged."""
-    while topic not in (message := reported(page)):
-        pass
-    answer: dict[str, Any] = message[topic]
-    return answer
-
-
-def finished(page: ClientConnection) -> dict[str, Any]:
-    """All topics once the recording has been read to its end."""
-    shown = reported(page)
-    while shown["system"]["link"] != "finished":
-        shown |= reported(page)
-    return shown

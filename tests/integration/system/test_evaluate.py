@@ -1,5 +1,4 @@
 import json
-import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,6 @@ from tests.integration.system.commands import SMALL_FILTER, ran, typed
 from tests.integration.waiting import PATIENCE_S, wait_until
 
 ROBOT = ["evaluate", "sim:cross_feature", *SMALL_FILTER]
-
-
-@pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
-    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
 
 
 def results(*words: str, environment: dict[str, str]) -> dict[str, Any]:
@@ -78,5 +72,5 @@ def test_the_name_of_a_world_is_printed_unchanged(
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""
     words = ("evaluate", "sim:office", "--steps", "1", *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=environment) as command:
-        assert command.popen.wait(2 * PATIENCE_S) == 0, command.err
+        assert command.wait(2 * PATIENCE_S) == 0, command.err
         assert "sim:office: localized in 0 of 1" in command.out

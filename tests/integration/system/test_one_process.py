@@ -1,4 +1,3 @@
-import os
 import signal
 from collections.abc import Iterator
 from itertools import takewhile
@@ -36,7 +35,7 @@ def words(settings: Settings, tmp_path: Path) -> list[str]:
 
 @pytest.fixture
 def up(words: list[str], tmp_path: Path) -> Iterator[TypedCommand]:
-    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as command:
+    with typed(*words, folder=tmp_path) as command:
         yield command
 
 
@@ -48,7 +47,7 @@ def test_one_process_has_the_same_beliefs_as_several(up: TypedCommand, settings:
         )
     assert len(received) > STEPS // 4
     assert_same(received, outcomes_of(settings, steps=STEPS))
-    assert not psutil.Process(up.popen.pid).children()
+    assert not psutil.Process(up.pid).children()
 
 
 def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
@@ -62,11 +61,10 @@ def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
     second = ran(*words)
     assert second.returncode == 2
     assert "is in use" in second.stderr
-    up.popen.kill()
-    up.popen.wait()
+    up.kill()
     folder = tmp_path / "again"
     folder.mkdir()
-    with typed(*words, folder=folder, environment=dict(os.environ)) as again:
+    with typed(*words, folder=folder) as again:
         with Client(settings) as client:
             wait_until(lambda: client.status().step > status.step, deadline_s=60.0)
             wait_until(lambda: bool(client.hypotheses().hypotheses), deadline_s=60.0)

@@ -1,6 +1,5 @@
 import json
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -183,7 +182,7 @@ def test_events_show_how_every_place_began_and_why_others_ended(system: Settings
 def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Path) -> None:
     endpoint = f"zenoh.router={system.zenoh.router}"
     words = ("events", "--follow", "--set", endpoint)
-    with started(*words, folder=tmp_path, environment=dict(os.environ)) as following:
+    with started(*words, folder=tmp_path) as following:
         wait_until(lambda: "was found by the first search" in following.out)
         before = following.out.count("\n")
         with Client(system) as client:

@@ -1,4 +1,3 @@
-import os
 import signal
 from collections import Counter
 from pathlib import Path
@@ -28,8 +27,8 @@ def steps_in(file: Path) -> int:
 def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> None:
     file = tmp_path / "demo.mcap"
     words = ("--steps", "25", "--workers", "2", "--record", str(file), *SMALL_FILTER)
-    with typed("demo", *words, folder=tmp_path, environment=dict(os.environ)) as demo:
-        assert demo.popen.wait(2 * PATIENCE_S) == 0, demo.err
+    with typed("demo", *words, folder=tmp_path) as demo:
+        assert demo.wait(2 * PATIENCE_S) == 0, demo.err
     counts = counts_in(file)
     assert (counts["/map"], counts["/scan"]) == (1, 25)
     assert counts["/places"] >= 24, "the last belief ends the demo"
@@ -42,7 +41,7 @@ def test_a_running_system_is_recorded_until_ctrl_c(tmp_path: Path) -> None:
         tested.wait_for_steps(3)
         endpoint = f"zenoh.router={tested.settings.zenoh.router}"
         words = ("record", str(file), "--set", endpoint)
-        with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
+        with typed(*words, folder=tmp_path) as recording:
             wait_until(file.exists)
             wait_until(lambda: file.stat().st_size > 0)
             tested.wait_for_steps(10 + IN_FLIGHT)

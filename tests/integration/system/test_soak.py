@@ -36,7 +36,7 @@ def test_half_a_minute_of_faults_breaks_no_promise_that_holds_on_a_busy_machine(
     environment = {**os.environ, "TMPDIR": short_folder}
     with typed(*words, folder=tmp_path, environment=environment, module="tests.soak") as soak:
         soak.wait_for(f"0.0 of {MINUTES:g} min")
-        code = soak.popen.wait(MINUTES * 60.0 + 2 * PATIENCE_S)
+        code = soak.wait(MINUTES * 60.0 + 2 * PATIENCE_S)
         soak.assert_nothing_runs()
     result = json.loads(file.read_text())
     assert code == (0 if result["kept"] else 1), soak.err

@@ -24,15 +24,11 @@ def settings(zenoh_settings: ZenohSettings) -> Settings:
 
 
 @pytest.fixture
-def up(settings: Settings, short_folder: str, tmp_path: Path) -> Iterator[TypedCommand]:
+def up(settings: Settings, environment: dict[str, str], tmp_path: Path) -> Iterator[TypedCommand]:
     words = [
         "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {
-        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path),
-    }  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as command:
         yield command
 
@@ -91,12 +87,12 @@ def test_a_second_system_at_the_same_router_address_is_refused(
         "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross",
     ]  # fmt: skip
-    with typed(*words, folder=folder, environment=dict(os.environ)) as second:
-        assert second.popen.wait(30.0) == 2
+    with typed(*words, folder=folder) as second:
+        assert second.wait(30.0) == 2
         assert "is in use" in second.err
         assert "clustermcl up --robot NAME --set zenoh.start_router=false" in second.err
         assert "Traceback" not in second.err
-    assert up.popen.poll() is None, "the first goes on"
+    assert up.is_running(), "the first goes on"
 
 
 def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
@@ -104,7 +100,7 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
     settings: Settings,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    short_folder: str,
+    environment: dict[str, str],
 ) -> None:
     up.wait_for("router listens")
     folder, router = tmp_path / "second", settings.zenoh.router
@@ -114,10 +110,6 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
         "--set", "worker.count=2", "--set", "bridge.source=sim:hall", "--set", "bridge.rate=4",
         *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {
-        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
-        "XDG_STATE_HOME": str(tmp_path),
-    }  # fmt: skip
     with typed(*words, folder=folder, environment=environment) as second:
         second.wait_for(f"query it with: clustermcl pose --robot r1 --router {router}")
         monkeypatch.setenv("CLUSTERMCL_ROBOT", "r1")

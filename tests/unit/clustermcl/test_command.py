@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from clustermcl.command import COMMANDS, app
 from process_runtime.settings import Settings
-from protocol.errors import SettingsError
+from protocol.errors import ClusterMclError, SettingsError
 
 NAMES = [name for group in COMMANDS.values() for name in group]
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
@@ -89,12 +89,24 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["evaluate", "sim:cross", "--odom-topic", "/odom"], "without a ROS bag"),
         (["check", "m.yaml", "--base-frame", "base"], "without a ROS bag"),
         (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
+        (["demo", "--advised", "--view", "--drive"], "leave out --drive"),
+        (["demo", "--advised", "--recording", "robot.log"], "can follow advice"),
+        (["demo", "--view", "--drive", "--recording", "robot.log"], "only a simulated robot"),
+        (["demo", "--view", "--listen", "0.0.0.0:8350"], "a loopback address and a port"),
+        (["demo", "--view", "--listen", "127.0.0.1:0"], "a loopback address and a port"),
+        (["demo", "--recording", "sim:atlantis"], "'atlantis'; the worlds are cross"),
+        (["demo", "--recording", "zenoh"], "--recording: a live robot has no end"),
+        (["settings", "--set", "cluster.particels=5"], "did you mean cluster.particles?"),
+        (["settings", "--set", "cluster.particles=many"], "cluster.particles = 'many'"),
+        (["warm-up", "--set", "bridge.map=missing.yaml"], "missing.yaml: no such file"),
+        (["warm-up", "--set", "sensor.hit_sigma_m=-1"], "sensor.hit_sigma_m = -1"),
+        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: no such file"),
     ],
     ids=" ".join,
 )
-def test_an_option_without_effect_is_refused(words: list[str], message: str) -> None:
+def test_a_mistake_of_the_command_line_is_refused_in_words(words: list[str], message: str) -> None:
     result = CliRunner().invoke(app, words)
-    assert isinstance(result.exception, SettingsError), result.output
+    assert isinstance(result.exception, ClusterMclError), result.output
     assert message in str(result.exception)
 
 

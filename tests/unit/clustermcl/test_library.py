@@ -23,18 +23,15 @@ from clustermcl import (
     load_map,
     read_recording,
 )
-from coordinator.belief.outcome import Outcome
-from evaluation.in_process import outcomes
 from process_runtime.settings import BridgeSettings
 from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.recorded import steps_of
+from tests.integration.alone import outcomes_of, outcomes_of_scans
 from tests.integration.system.conftest import SMALL
 from tests.maps import write_map
 from tests.unit.recordings import bags, logs
-from worker.map_model import sensor_model
 
 STEPS = 30
 
@@ -58,18 +55,9 @@ def believed(mcl: ClusterMCL, readings: list[Reading]) -> list[Belief]:
     return [belief for reading in readings if (belief := mcl.update(reading)) is not None]
 
 
-def evaluated() -> list[Outcome]:
-    """What `evaluate` makes of the same robot."""
-    cross = world("cross_feature")
-    source = SimulatedSource(Simulation(cross, 3), steps=STEPS)
-    scans = (scan for scan, _ in simulated_steps(source, SMALL.bridge, cross.map.digest))
-    model = sensor_model(cross.map, SMALL.sensor, cache_folder=None)
-    return [outcome for _, outcome in outcomes(scans, model, SMALL)]
-
-
 def test_beliefs_equal_those_of_evaluate_bit_for_bit(readings: list[Reading]) -> None:
     mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
-    beliefs, expected = believed(mcl, readings)[:STEPS], evaluated()
+    beliefs, expected = believed(mcl, readings)[:STEPS], outcomes_of(SMALL, steps=STEPS)
     assert len(beliefs) == STEPS
     for belief, outcome in zip(beliefs, expected, strict=True):
         assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
@@ -89,8 +77,7 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
     grid_map = load_map(map_file)
     bridge = BridgeSettings()
     steps = steps_of(open_recording(log, bridge), bridge, grid_map.digest)
-    model = sensor_model(grid_map, SMALL.sensor, cache_folder=None)
-    expected = [outcome.hypotheses for _, outcome in outcomes(steps, model, SMALL)]
+    expected = [outcome.hypotheses for outcome in outcomes_of_scans(steps, grid_map, SMALL)]
     mcl = ClusterMCL(grid_map, settings=SMALL)
     beliefs = [*believed(mcl, list(read_recording(log))), *mcl.finish()]
     assert len(expected) > 5
@@ -323,14 +310,13 @@ def test_every_public_name_is_there() -> None:
 
 def test_importing_the_library_imports_no_heavy_modules() -> None:
     """0.25 s are asked; without Zenoh, numba and numpy it is a few milliseconds."""
-    code = "import sys, clustermcl; print(*sys.modules)"
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True
-    )
     heavy = {"zenoh", "numba", "numpy", "scipy", "msgspec", "typer"}
-    assert heavy & set(ran.stdout.split()) == set()
-    code = "import sys; from clustermcl import ClusterMCL; print(*sys.modules)"
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True
-    )
-    assert "zenoh" not in ran.stdout.split()
+    assert heavy & modules_after("import clustermcl") == set()
+    assert "zenoh" not in modules_after("from clustermcl import ClusterMCL")
+
+
+def modules_after(line: str) -> set[str]:
+    code = f"import sys; {line}; print(*sys.modules)"
+    command = [sys.executable, "-I", "-c", code]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    return set(ran.stdout.split())

@@ -1,6 +1,4 @@
 import os
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,13 +7,6 @@ from clustermcl.stack import ProcessEndedError, meeting_in, temporary_folder
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.supervisor import ChildExit
 from zenoh_link.configuration import check_endpoint
-
-
-@pytest.fixture
-def short_base() -> Iterator[Path]:
-    """A temporary folder whose path leaves room for a socket's."""
-    with tempfile.TemporaryDirectory(prefix="mcl-") as path:
-        yield Path(path)
 
 
 def test_a_startup_error_quotes_the_message_of_its_process() -> None:

@@ -1,9 +1,7 @@
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
 from live_view.admission import parsed_address
 from live_view.recorded_run import view_recording
@@ -11,24 +9,6 @@ from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError, SettingsError
 from tests.unit.recordings.bags import scan, written
-
-DRIVEN = {"by_hand": True, "recording": "robot.log", "view_at": "127.0.0.1:8350"}
-
-
-@pytest.mark.parametrize(
-    ("options", "problem"),
-    [
-        ({"view_at": "0.0.0.0:8350"}, "a loopback address and a port"),
-        ({"view_at": "127.0.0.1:0"}, "a loopback address and a port"),
-        ({"by_hand": True}, "needs --view"),
-        (DRIVEN, "only a simulated robot"),
-    ],
-)
-def test_options_of_a_demo_that_cannot_be_followed_are_refused(
-    options: dict[str, Any], problem: str
-) -> None:
-    with pytest.raises(SettingsError, match=problem):
-        run_demo(DemoOptions(**options), Settings())
 
 
 @pytest.mark.parametrize("name", ["none", "robot.mcap", "."])
