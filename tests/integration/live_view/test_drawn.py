@@ -40,11 +40,17 @@ def stage() -> Iterator[Stage]:
 @pytest.fixture
 def drawn(stage: Stage, driver: Any) -> Iterator[Page]:
     """The page of the stage; nothing is said on the browser's console."""
-    page = Page(driver, stage.server.link)
-    shows(stage, lambda: page.run("return liveView.view.map !== null"))
+    page = page_of(stage, driver)
     yield page
     driver.get("about:blank")
     assert page.console() == []
+
+
+def page_of(stage: Stage, driver: Any) -> Page:
+    """The stage's page, once it has the map."""
+    page = Page(driver, stage.server.link)
+    shows(stage, lambda: page.run("return liveView.view.map !== null"))
+    return page
 
 
 def shows(stage: Stage, condition: Callable[[], object]) -> None:
@@ -76,9 +82,14 @@ def shown_step(page: Page) -> int | None:
     return step
 
 
+def believe(stage: Stage, page: Page, what: Belief) -> None:
+    """Publish a belief, and wait until the page shows its step."""
+    stage.picture.on_belief(what)
+    shows(stage, lambda: shown_step(page) == what.step)
+
+
 def test_particles_are_drawn_in_their_clusters_colour(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_belief(belief(5, 4))  # its place is (4, 2)
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, belief(5, 4))  # its place is (4, 2)
     x, y = 4.0, 4.5
     assert drawn.snapshot().pixel_at(x, y) == (255, 255, 255)
     stage.picture.on_report(with_particles_at(x, y))
@@ -105,8 +116,7 @@ def test_particles_are_carried_forward_by_odometry(drawn: Page) -> None:
 
 def test_the_scan_is_drawn_at_the_cluster_under_the_pointer(stage: Stage, drawn: Page) -> None:
     stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))  # 2.5 m before the robot
-    stage.picture.on_belief(belief(5, 1, 5))
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, belief(5, 1, 5))
     best, other = (place["pose"] for place in drawn.snapshot().step["places"])
     at_best, at_other = ((p[0] + 2.5 * 0.8776, p[1] + 2.5 * 0.4794) for p in (best, other))
     assert is_scan(drawn, at_best)
@@ -131,8 +141,7 @@ def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
     seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
                 share=1.0)  # fmt: skip
     stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
-    stage.picture.on_belief(belief(5, 1))
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, belief(5, 1))
     half_way = (1.0 + 0.8776, 2.0 + 0.4794)
     assert is_scan(drawn, half_way)
     assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
@@ -217,8 +226,7 @@ def driven(speed_m_s: float = 0.0, *, by_hand: bool = True) -> Drive:
 
 
 def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_belief(belief(0, 1))
-    shows(stage, lambda: shown_step(drawn) == 0)
+    believe(stage, drawn, belief(0, 1))
     assert not drawn.is_visible("kidnap")  # a real robot is not lifted
     play(stage, range(1, 4))
     shows(stage, lambda: shown_step(drawn) == 3)
@@ -348,8 +356,7 @@ def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None
 def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
     stage: Stage, drawn: Page
 ) -> None:
-    stage.picture.on_belief(belief(1, 4))
-    shows(stage, lambda: shown_step(drawn) == 1)
+    believe(stage, drawn, belief(1, 4))
     drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: null}})")
     shows(stage, lambda: "elsewhere" not in drawn.text("clusters"))
     drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: 0.25}})")
@@ -416,8 +423,7 @@ def test_a_recorded_run_is_marked_as_recorded(stage: Stage, drawn: Page) -> None
 
 def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
     stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))
-    stage.picture.on_belief(belief(5, 1))
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, belief(5, 1))
     end = (1.0 + 2.5 * 0.8776, 2.0 + 2.5 * 0.4794)
     wall = (5.0, 0.02)
     assert is_scan(drawn, end)
@@ -437,8 +443,7 @@ def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page
     beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
     seen = msgspec.structs.replace(scan(5, beams), range_max_m=30.0)
     stage.picture.on_scan(seen)
-    stage.picture.on_belief(msgspec.structs.replace(belief(5, 1), hypotheses=(straight,)))
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, msgspec.structs.replace(belief(5, 1), hypotheses=(straight,)))
     assert not drawn.is_visible("beams")
     x, y = drawn.snapshot().screen_of(1.0, 2.0)
     drawn.drag_on_map((x, y), (x, y))
@@ -452,8 +457,7 @@ def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page
 
 
 def test_the_footprint_is_drawn_in_its_true_size(stage: Stage, drawn: Page) -> None:
-    stage.picture.on_belief(belief(1, 4))  # at (4, 2)
-    shows(stage, lambda: shown_step(drawn) == 1)
+    believe(stage, drawn, belief(1, 4))  # at (4, 2)
     drawn.run("liveView.view.toggle('ellipses')")
     assert drawn.snapshot().pixel_at(4.0, 2.8) == (255, 255, 255)
     drawn.run("liveView.take({system: {robot: 'r', link: 'running', radius_m: 0.8}})")
@@ -491,8 +495,7 @@ def test_help_lists_all_keys(drawn: Page) -> None:
 
 
 def test_a_picture_is_saved(stage: Stage, drawn: Page, tmp_path: Path) -> None:
-    stage.picture.on_belief(belief(5, 1))
-    shows(stage, lambda: shown_step(drawn) == 5)
+    believe(stage, drawn, belief(5, 1))
     drawn.driver.execute_cdp_cmd(
         "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)}
     )
@@ -589,8 +592,7 @@ def test_axe_finds_nothing_serious(
 
 
 def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) -> None:
-    stage.picture.on_belief(belief(1, 1, 2))
-    shows(stage, lambda: shown_step(drawn) == 1)
+    believe(stage, drawn, belief(1, 1, 2))
     assert not drawn.is_visible("caption")  # only of a demo
     drawn.run(
         "liveView.take({system: {robot: 'r', link: 'running', commands: true, story: 'sim'}})"
@@ -619,8 +621,7 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
 def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictures: Path) -> None:
     with Stage("r2", "r3") as stage:
         stage.show_map(120, 200)
-        page = Page(driver, stage.server.link)
-        shows(stage, lambda: page.run("return liveView.view.map !== null"))
+        page = page_of(stage, driver)
         assert stage.map is not None
         stage.picture.on_belief(belief(1, 1))
         stage.others["r2"].picture.on_map(stage.map)

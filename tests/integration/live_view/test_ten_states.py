@@ -20,9 +20,8 @@ from protocol.steps import Scan, TruePose
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
-from tests.integration.live_view.page import Page
 from tests.integration.live_view.stage import Stage
-from tests.integration.live_view.test_drawn import many_places, shows
+from tests.integration.live_view.test_drawn import many_places, page_of, shows
 from tests.unit.live_view.messages import events, pose, simulator, status
 from worker.map_model import sensor_model
 
@@ -125,8 +124,7 @@ def test_state_places_probability_and_freshness_are_visible_without_scrolling(
     stage: Stage, steps: list[Step], driver: Any, pictures: Path, state: str, last: int | None,
     believed: dict[str, Any], answered: dict[str, Any], facts: dict[str, str],
 ) -> None:  # fmt: skip
-    page = Page(driver, stage.server.link)
-    shows(stage, lambda: page.run("return liveView.view.map !== null"))
+    page = page_of(stage, driver)
     answer = None
     if last is None:
         stage.picture.on_link("no system")

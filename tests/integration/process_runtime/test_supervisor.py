@@ -23,12 +23,11 @@ if sys.platform != "linux":
 
 
 @pytest.fixture
-def supervisors() -> Iterator[list[Supervisor]]:
-    """Those put here are stopped when the test ends."""
-    started: list[Supervisor] = []
-    yield started
-    for supervisor in started:
-        supervisor.stop()
+def supervisor() -> Iterator[Supervisor]:
+    """Stopped when the test ends; no child of it hangs."""
+    made = Supervisor(hung_after_s=1e6)
+    yield made
+    made.stop()
 
 
 def router_command(folder: str) -> list[str]:
@@ -64,10 +63,8 @@ def gone(pids: Sequence[int]) -> bool:
 
 @pytest.mark.parametrize(("program", "code"), [("import os; os.kill(os.getpid(), 9)", -9), ("", 0)])
 def test_a_child_that_ends_is_started_again(
-    program: str, code: int, supervisors: list[Supervisor]
+    program: str, code: int, supervisor: Supervisor
 ) -> None:
-    supervisor = Supervisor()
-    supervisors.append(supervisor)
     supervisor.add(ChildSpec("quick", python(program)))
     first = supervisor.pids()["quick"]
     ended = poll_until_exit(supervisor)
@@ -77,12 +74,8 @@ def test_a_child_that_ends_is_started_again(
     assert supervisor.pids()["quick"] != first
 
 
-def test_a_wait_ends_with_a_child(
-    supervisors: list[Supervisor], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_wait_ends_with_a_child(supervisor: Supervisor, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervisor_module, "_LONGEST_POLL_S", 1e4)
-    supervisor = Supervisor(hung_after_s=1e6)
-    supervisors.append(supervisor)
     supervisor.add(ChildSpec("quick", python("import time; time.sleep(1e4)")))
     os.kill(supervisor.pids()["quick"], signal.SIGKILL)
     assert not supervisor.wait(StopFlag())
@@ -104,10 +97,9 @@ while True:
 
 
 def test_signs_of_a_child_that_must_leave_do_not_keep_the_supervisor_busy(
-    supervisors: list[Supervisor],
+    supervisor: Supervisor,
 ) -> None:
-    supervisor, waits = Supervisor(), 0
-    supervisors.append(supervisor)
+    waits = 0
     supervisor.add(ChildSpec("stays", python(GIVES_SIGNS_AND_STAYS)))
     assert not supervisor.wait(StopFlag()), "a sign, or a second without one"
     supervisor.remove("stays")
@@ -119,11 +111,9 @@ def test_signs_of_a_child_that_must_leave_do_not_keep_the_supervisor_busy(
 
 
 def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
-    tmp_path: Path, supervisors: list[Supervisor]
+    tmp_path: Path, supervisor: Supervisor
 ) -> None:
     command = python_module("zenoh_link.router", "--set", "seed=none")
-    supervisor = Supervisor()
-    supervisors.append(supervisor)
     supervisor.add(ChildSpec("router", command, log=tmp_path / "router.log"))
     words = "router: --set: seed = 'none': expected a whole number >= 0"
     assert poll_until_exit(supervisor) == ChildExit("router", 2, None, words)
@@ -132,15 +122,13 @@ def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
 
 
 def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals(
-    tmp_path: Path, short_folder: str, supervisors: list[Supervisor]
+    tmp_path: Path, short_folder: str, supervisor: Supervisor
 ) -> None:
     log = tmp_path / "stubborn.log"
     children = [
         ChildSpec("router", router_command(short_folder), log=tmp_path / "router.log"),
         ChildSpec("stubborn", python_script(PROGRAMS / "stubborn.py"), log=log),
     ]
-    supervisor = Supervisor()
-    supervisors.append(supervisor)
     for child in children:
         supervisor.add(child)
     pids = list(supervisor.pids().values())
@@ -152,9 +140,7 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
     assert supervisor.poll(time.monotonic() + 1000.0) == []
 
 
-def test_two_children_of_the_same_name_are_refused(supervisors: list[Supervisor]) -> None:
-    supervisor = Supervisor()
-    supervisors.append(supervisor)
+def test_two_children_of_the_same_name_are_refused(supervisor: Supervisor) -> None:
     supervisor.add(ChildSpec("a", python("")))
     with pytest.raises(ValueError, match="'a' already"):
         supervisor.add(ChildSpec("a", python("")))

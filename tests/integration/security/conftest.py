@@ -1,7 +1,7 @@
 """A router as it is deployed: mutual TLS, access control, a certificate a role."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -31,13 +31,20 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def secure_endpoint(certificates: Path) -> Iterator[str]:
-    """Where a router listens that has the certificates and the access control."""
+@contextmanager
+def secure_router(certificates: Path) -> Iterator[str]:
+    """A router with the certificates and the access control; where it listens."""
     endpoint = f"tls/localhost:{free_port()}"
     workers = [name for name in NAMES if name.startswith("worker")]
     configuration = secure_router_configuration(endpoint, str(certificates), [], workers)
     with zenoh.open(as_zenoh(configuration)):
+        yield endpoint
+
+
+@pytest.fixture(scope="module")
+def secure_endpoint(certificates: Path) -> Iterator[str]:
+    """Where such a router listens."""
+    with secure_router(certificates) as endpoint:
         yield endpoint
 
 

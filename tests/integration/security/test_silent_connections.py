@@ -6,15 +6,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
-from tests.integration.free_port import free_port
 from tests.integration.security.certificates import client_with, require_openssl
+from tests.integration.security.conftest import secure_router
 from tests.integration.waiting import stretched_s, wait_until
-from zenoh_link.configuration import as_zenoh
-from zenoh_link.secure_router import secure_router_configuration
 from zenoh_link.session import open_session
 
 require_openssl()
@@ -27,9 +24,7 @@ ZENOHS_PATIENCE_S = 10.0
 @pytest.fixture
 def endpoint(certificates: Path) -> Iterator[str]:
     """A router of a test's own: when silent connections end, it is slow for some seconds."""
-    endpoint = f"tls/localhost:{free_port()}"
-    configuration = secure_router_configuration(endpoint, str(certificates), [], ["worker"])
-    with zenoh.open(as_zenoh(configuration)):
+    with secure_router(certificates) as endpoint:
         yield endpoint
 
 

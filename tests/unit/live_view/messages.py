@@ -2,8 +2,8 @@
 
 from typing import Any
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.arrays import ArrayBlob
@@ -85,49 +85,47 @@ def events(*numbers: int, term: int = 1) -> JobEvents:
     return JobEvents(sender="coordinator", events=numbered, term=term)
 
 
-def pose(step: int, *, term: int = 1, **changed: Any) -> PoseAnswer:
-    return msgspec.structs.replace(_pose(step, term), **changed)
+POSE = PoseAnswer(
+    sender="coordinator",
+    state="ambiguous",
+    freshness="fresh",
+    stamp_ns=0,
+    age_s=0.1,
+    step=0,
+    probability=0.5,
+    pose=(1.0, 2.0, 0.5),
+    covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01),
+    workers=2,
+    term=1,
+    elsewhere_probability=0.1,
+)
 
 
-def _pose(step: int, term: int) -> PoseAnswer:
-    return PoseAnswer(
-        sender="coordinator",
-        state="ambiguous",
-        freshness="fresh",
-        stamp_ns=step,
-        age_s=0.1,
-        step=step,
-        probability=0.5,
-        pose=(1.0, 2.0, 0.5),
-        covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01),
-        workers=2,
-        term=term,
-        elsewhere_probability=0.1,
-    )
+def pose(step: int, **changed: Any) -> PoseAnswer:
+    return replace(POSE, **{"step": step, "stamp_ns": step, **changed})
+
+
+STATUS = Status(
+    sender="coordinator",
+    version="1",
+    state="ambiguous",
+    freshness="fresh",
+    age_s=0.1,
+    step=5,
+    steps_applied=6,
+    steps_lost=0,
+    reports_missing=0,
+    map_digest="d1",
+    clusters=2,
+    searching=False,
+    workers={"w-0": ("c1", "c2"), "w-1": ()},
+    counters={"late": 2, "never": 0},
+    uptime_s=9.0,
+)
 
 
 def status(*, digest: str = "d1", **changed: Any) -> Status:
-    return msgspec.structs.replace(_status(digest), **changed)
-
-
-def _status(digest: str) -> Status:
-    return Status(
-        sender="coordinator",
-        version="1",
-        state="ambiguous",
-        freshness="fresh",
-        age_s=0.1,
-        step=5,
-        steps_applied=6,
-        steps_lost=0,
-        reports_missing=0,
-        map_digest=digest,
-        clusters=2,
-        searching=False,
-        workers={"w-0": ("c1", "c2"), "w-1": ()},
-        counters={"late": 2, "never": 0},
-        uptime_s=9.0,
-    )
+    return replace(STATUS, map_digest=digest, **changed)
 
 
 EYE = SourceHealth(name="eye exit", recent_nat=9.44, outlier_rate=0.7, broken_probability=0.8)

@@ -42,9 +42,10 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
 def live(step: int) -> Picture:
     """What the page of the running system showed."""
     picture = Picture({})
-    picture.on_scan(step_scan(step))
-    reported = belief(step, 4, 7)
-    picture.on_belief(msgspec.structs.replace(reported, stamp_ns=step * 10**8))
+    seen = step_scan(step)
+    picture.on_scan(seen)
+    at = {"stamp_ns": seen.stamp_ns, "odom_from_robot": seen.odom_from_robot}
+    picture.on_belief(msgspec.structs.replace(belief(step, 4, 7), **at))
     return picture
 
 

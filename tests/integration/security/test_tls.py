@@ -1,4 +1,3 @@
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,10 +7,10 @@ import pytest
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import SettingsError, UnreachableError
+from tests.integration.free_port import free_port
 from tests.integration.routers import open_router
 from tests.integration.security.certificates import (
     client_with,
-    make_certificates,
     require_openssl,
     without_certificate,
 )
@@ -22,26 +21,16 @@ from zenoh_link.session import open_session
 require_openssl()
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Certificates of a router and of two clients."""
-    made = tmp_path_factory.mktemp("certificates")
-    assert make_certificates(made, "router", "viewer", "operator").returncode == 0
-    return made
-
-
 @pytest.fixture
-def viewer(folder: Path) -> ZenohSettings:
+def viewer(certificates: Path) -> ZenohSettings:
     """Settings of a client of a router that does not run."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-    return client_with(folder, "viewer", f"tls/localhost:{port}")
+    return client_with(certificates, "viewer", f"tls/localhost:{free_port()}")
 
 
 def test_a_router_with_certificates_in_its_settings_requires_client_certificates(
-    viewer: ZenohSettings, folder: Path
+    viewer: ZenohSettings, certificates: Path
 ) -> None:
-    with open_router(client_with(folder, "router", viewer.router)):
+    with open_router(client_with(certificates, "router", viewer.router)):
         with open_session(viewer, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
             wait_until(session.info.routers_zid)
         with (
@@ -100,9 +89,12 @@ def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_its_setting(
-    viewer: ZenohSettings, folder: Path, wrong: Callable[[Path], dict[str, str]], expected: str
+    viewer: ZenohSettings,
+    certificates: Path,
+    wrong: Callable[[Path], dict[str, str]],
+    expected: str,
 ) -> None:
-    settings = msgspec.structs.replace(viewer, **wrong(folder))
+    settings = msgspec.structs.replace(viewer, **wrong(certificates))
     with pytest.raises(SettingsError, match=expected):
         client_configuration(settings, RobotSettings())
 
