@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+from particle_filter.poses import compose, inverse
 from protocol.message import PoseTuple
 from recordings.rigid import IDENTITY, Rigid, flat
 from recordings.transforms import (
@@ -162,3 +163,13 @@ def test_interpolation_agrees_with_scipys_slerp(start: Rigid, end: Rigid, share:
         return
     between = Rotation.from_quat(start.towards(end, share)[3:])
     assert (Slerp([0.0, 1.0], ends)(share).inv() * between).magnitude() < 1e-6
+
+
+@given(outer=poses, inner=poses)
+def test_planar_transforms_compose_like_poses_of_the_filter(
+    outer: PoseTuple, inner: PoseTuple
+) -> None:
+    expected = compose(np.array(outer), np.array(inner))
+    np.testing.assert_allclose(flat(outer).of(flat(inner)).planar(), expected, atol=1e-9)
+    back = inverse(np.array(outer))
+    np.testing.assert_allclose(flat(outer).inverse().planar(), back, atol=1e-9)
