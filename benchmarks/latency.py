@@ -239,7 +239,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--particles", type=int, default=1_000)
     parser.add_argument("--clusters", type=int, default=10)
-    parser.add_argument("--workers", type=int, default=12)
+    parser.add_argument("--workers", type=int, default=0, help="0: by need")
     parser.add_argument("--far", type=int, default=0, help="more workers, in a network namespace")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--watched", type=float, default=20.0, help="CPU time of the last seconds")
