@@ -10,9 +10,15 @@ from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from tests.integration.processes import RunningProcess
-from tests.integration.waiting import PATIENCE_S
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
+
+NOT_READ = (
+    "reading before the map",
+    "malformed LaserReading: field",
+    "malformed OdometryReading: field",
+)
 
 
 @contextmanager
@@ -32,22 +38,35 @@ class Robot:
     """Publishes readings, and asks what the bridge makes of them."""
 
     def __init__(self, session: zenoh.Session, bridge: RunningProcess | None = None) -> None:
-        self._session, self.bridge = session, bridge
+        self._session, self.bridge, self._readings = session, bridge, 0
         self._inbox: Events = Inbox({"health": 10})
         self._health: Health | None = None
         subscribe(session, keys.BRIDGE_HEALTH, Health, self._inbox, "health")
 
     def publish(self, reading: Reading) -> None:
-        is_laser = isinstance(reading, LaserReading)
-        key = keys.LASER_READING if is_laser else keys.ODOMETRY_READING
-        self.put(key, encode(reading))
+        self.put(_key_of(reading), encode(reading))
+
+    def wait_until_taken(self) -> None:
+        """Wait until the bridge says that it has taken all readings, as it does once a second.
+
+        An answer does not show it: each key has a thread of its own in the bridge.
+        """
+
+        def is_taken() -> bool:
+            dropped = self.dropped() or {}
+            done = self._health.done if self._health else {}
+            taken = done.get("scans", 0) + done.get("odometry", 0)
+            return taken + sum(dropped.get(cause, 0) for cause in NOT_READ) >= self._readings
+
+        wait_until(is_taken)
 
     def steps(self) -> list[Scan]:
-        """The bridge's steps up to now; its loop answers after the earlier messages."""
+        """The bridge's steps up to now."""
         history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S)
         return list(history.scans)
 
     def put(self, key: str, data: bytes) -> None:
+        self._readings += key in (keys.LASER_READING, keys.ODOMETRY_READING)
         self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def dropped(self) -> dict[str, int] | None:
@@ -56,3 +75,7 @@ class Robot:
             assert isinstance(event, Received)
             self._health = decode(event.payload, Health)
         return self._health.dropped if self._health else None
+
+
+def _key_of(reading: Reading) -> str:
+    return keys.LASER_READING if isinstance(reading, LaserReading) else keys.ODOMETRY_READING

@@ -24,7 +24,7 @@ class Standing:
             laser_reading(self._tick / 10 + 0.01, pose),
         ):
             self._robot.publish(reading)
-            self._robot.steps()  # it has been taken
+        self._robot.wait_until_taken()
         self._tick += 1
 
 
