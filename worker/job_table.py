@@ -52,10 +52,6 @@ class RecentReports:
         """Forget the reports of other jobs."""
         self._of = {job_id: self._of[job_id] for job_id in job_ids if job_id in self._of}
 
-    def of_step(self, step: int) -> list[Report]:
-        """Return the reports of a step by the jobs that have done no later step."""
-        return [kept[-1] for kept in self._of.values() if kept[-1].step == step]
-
     def since(self, step: int) -> list[Report]:
         """Return the reports of later steps, and all kept reports of searches, by step."""
         return sorted(
@@ -185,10 +181,11 @@ class JobTable:
         """Return the scan of a step; None: it is no longer stored, or never arrived."""
         return next((scan for scan in self._recent if scan.step == step), None)
 
-    def last_reports(self) -> list[Report]:
-        """Return the reports of the newest step."""
+    def reports_after(self, step: int) -> list[Report]:
+        """Return the reports of all later steps; of the newest step even if it is not later."""
         newest = self._recent[-1].step if self._recent else -1
-        return self.reports.of_step(newest)
+        after = min(step, newest - 1)
+        return [report for report in self.reports.since(after) if report.step > after]
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
         """Advance all jobs that do not wait to the newest scan; return their reports."""
@@ -211,7 +208,7 @@ class JobTable:
         if newest is None or scan.step > newest.step:
             self._keep(scan)
             return self._advance(scan)
-        return self.last_reports() + self._advance(scan)
+        return self.reports_after(scan.step) + self._advance(scan)
 
     def _keep(self, scan: Scan) -> None:
         self._recent.append(scan)

@@ -177,6 +177,8 @@ class Worker:
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
+        self._decided = -1
+        """The last step that a coordinator is known to have decided."""
 
     @property
     def jobs(self) -> int:
@@ -196,6 +198,7 @@ class Worker:
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
         """Process a coordinator's published state."""
         self._fence.on_checkpoint(checkpoint)
+        self._decided = checkpoint.step
         return []
 
     def search(self) -> list[Instruction]:
@@ -375,7 +378,8 @@ class Worker:
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
         self._waiting = None
         order = waiting.order
-        again = [] if self._table.has_changes(order) else self._table.last_reports()
+        repeated = not self._table.has_changes(order)  # after an outage, which cost reports
+        again = self._table.reports_after(self._decided) if repeated else []
         try:
             if not self._fence.check(order):  # checked again, as the order may have waited
                 return self._overtaken(waiting.question, order)

@@ -340,6 +340,17 @@ def test_an_order_that_changes_nothing_repeats_the_last_reports(tracking: Worker
     assert handled(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
 
 
+def test_an_order_after_an_outage_repeats_the_reports_of_all_undecided_steps(
+    tracking: Worker,
+) -> None:
+    """The reports of step 2 went into the dead link, and step 3 came before the order."""
+    for step in (1, 2, 3):
+        handled(tracking, on_scan(scan(step)))
+    handled(tracking, on_checkpoint(checkpoint(1, step=1)))
+    again = handled(tracking, asked(2, keep=(("c0", 1),)))
+    assert reported(again[1:]) == [("c0", 2), ("c0", 3)]
+
+
 def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -> None:
     refused = handled(tracking, asked(900, sensor={"no_such": 1}))
     assert causes(refused) == ["order refused"]
