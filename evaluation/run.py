@@ -110,10 +110,9 @@ def in_parallel(
     except BrokenProcessPool as error:
         raise RunError("a process ended in the middle of a run: is memory short?") from error
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
         for child in multiprocessing.active_children():
             child.kill()
-            child.join()
+        pool.shutdown(cancel_futures=True)  # its thread has ended: at exit it would still write
 
 
 def _attempt(work: Callable[[T], R], piece: T) -> R:
