@@ -13,7 +13,7 @@ from process_runtime.settings_table import settings_as_toml
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.system.commands import TypedCommand, ran, typed
 from tests.integration.system.conftest import SMALL
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 
 STEPS = 120
 
@@ -43,7 +43,7 @@ def test_one_process_has_the_same_beliefs_as_several(up: TypedCommand, settings:
     """Many believe what a run without Zenoh believes; see `test_same_beliefs`."""
     with Client(settings) as client:
         received = list(
-            takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=60.0))
+            takewhile(lambda belief: belief.step < STEPS, client.beliefs(timeout_s=PATIENCE_S))
         )
     assert len(received) > STEPS // 4
     assert_same(received, outcomes_of(settings, steps=STEPS))
@@ -54,7 +54,7 @@ def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
     up: TypedCommand, words: list[str], settings: Settings, tmp_path: Path
 ) -> None:
     with Client(settings) as client:
-        wait_until(lambda: bool(client.hypotheses().hypotheses), deadline_s=60.0)
+        wait_until(lambda: bool(client.hypotheses().hypotheses))
         status = client.status()
     assert {process.sender for process in status.processes} == {"one-process"}
     assert status.workers.keys() == {"one-process"}
@@ -66,8 +66,8 @@ def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
     folder.mkdir()
     with typed(*words, folder=folder) as again:
         with Client(settings) as client:
-            wait_until(lambda: client.status().step > status.step, deadline_s=60.0)
-            wait_until(lambda: bool(client.hypotheses().hypotheses), deadline_s=60.0)
+            wait_until(lambda: client.status().step > status.step)
+            wait_until(lambda: bool(client.hypotheses().hypotheses))
         assert again.end(signal.SIGINT) == 0
         assert "Traceback" not in again.err
 
