@@ -167,6 +167,10 @@ class Coordinator(Part):
                 self.linked = up
                 if up:
                     self.state.collector.restart_deadlines(now_ns)
+                    for (
+                        worker
+                    ) in self.state.placement.live:  # it repeats the reports that were lost
+                        self.state.placement.repeat_order(worker)
             case events.TimePassed():
                 pass
             case _:

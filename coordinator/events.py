@@ -113,7 +113,11 @@ class TokenChanged(_Fact, frozen=True):
 
 
 class LinkChanged(_Fact, frozen=True):
-    """This process's link to the router was lost or restored; without it, nothing is decided."""
+    """This process's link to the router was lost or restored.
+
+    The coordinator gets `up=False` also after a pause, until it is certain that it still leads.
+    Between, it decides nothing.
+    """
 
     up: bool
 

@@ -77,6 +77,7 @@ class Replica:
         self.coordinator, self._decide = coordinator, handle or coordinator.handle
         self.newest = NewestState()
         self._membership, self._fencing = Membership(), SelfFencing(now_ns)
+        self._may_decide = True
 
     def handle(self, event: Event | TokenChanged, now_ns: int) -> list[Instruction]:
         """Process an event, after `release`; return instructions to carry out."""
@@ -84,7 +85,8 @@ class Replica:
             is_newest = self.newest.on_state(event.checkpoint, now_ns)
         if self.coordinator is not None:
             self._fencing.turn(now_ns)
-            events = [*self._meaning_of(event, now_ns)]
+            meant = self._meaning_of(event, now_ns)
+            events = [*self._permission(now_ns), *meant]
             instructions = [do for one in events for do in self._decide(one, now_ns)]
             left = self._membership.left(now_ns)
             return instructions + [do for one in left for do in self._decide(one, now_ns)]
@@ -122,14 +124,24 @@ class Replica:
                 # Coordinators' tokens matter to followers only.
                 return [*self._membership.token(worker, alive, now_ns)] if worker else []
             case LinkChanged(up=up):
-                if up == self._membership.linked:
-                    return []
-                self._membership.link(up, now_ns)
-                if up:
+                if up and not self._membership.linked:
                     self._fencing.listen(now_ns)
-                return [event]
+                self._membership.link(up, now_ns)
+                return []
             case _:
                 return [event]
+
+    def _permission(self, now_ns: int) -> list[Event]:
+        """Return `LinkChanged` if the coordinator may decide again, or may no longer.
+
+        Reports are lost with the link. Workers repeat them once orders can be sent again, so steps
+        have to wait for that.
+        """
+        may_decide = self._membership.linked and not self._fencing.is_listening(now_ns)
+        if may_decide == self._may_decide:
+            return []
+        self._may_decide = may_decide
+        return [LinkChanged(up=may_decide)]
 
 
 class NewestState:

@@ -2,8 +2,11 @@
 
 from zenoh_link.wire import Link, Token
 
-STALE_NS = 10_000_000_000
-"""A session with peers receives something within this time [ns]."""
+STALE_NS = 3_000_000_000
+"""Time within which a session with peers receives something [ns].
+
+Longer than the silence of a coordinator whose link returned.
+"""
 STALE = "nothing has arrived since the link returned: opening a new session"
 
 

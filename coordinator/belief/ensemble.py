@@ -6,7 +6,7 @@ step number, so it does not depend on when a message arrives.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -135,6 +135,7 @@ class Ensemble(Part, kw_only=True):
         of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
         elsewhere = next(of_elsewhere, None)
         observed = elsewhere.places if elsewhere else None
+        is_weighed = self._is_weighed_by(tracks)
         new_view = self._new_view(before_from_after)
         news = 1.0
         if before_from_after is not None and observed is None:
@@ -149,8 +150,11 @@ class Ensemble(Part, kw_only=True):
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
         )
-        if self.search.runs:
+        if self.search.runs and is_weighed:
             self.search.evidence.gather(step, log_likelihood)
+        elif self.search.runs:
+            self.events += self.search.stop(step, "search stopped")
+            self.search.next_step = step + 1
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
@@ -169,9 +173,19 @@ class Ensemble(Part, kw_only=True):
         if self.clusters.fit.has_fallen and not had_fallen:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
-        if not self.search.runs and self.search.is_due(step, self._patience):
+        if is_weighed and not self.search.runs and self.search.is_due(step, self._patience):
             self._start_search(step + 1)
         return self.outcome(step, missing)
+
+    def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
+        """Return whether a step has the reports of at least half of the clusters, by probability.
+
+        Otherwise a search's places, which have the evidence of this scan, cannot be compared with
+        the clusters.
+        """
+        clusters = self.clusters.all()
+        held = math.fsum(cluster.probability for cluster in clusters)
+        return held <= 2.0 * math.fsum(c.probability for c in clusters if c.job_id in reports)
 
     def set_pose(self, given: Place) -> Outcome:
         """Add a cluster at a pose that an operator gave; it takes its share from the others.

@@ -451,7 +451,9 @@ def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     story.handle(LinkChanged(up=False))
     story.tick(at_s=15.0)
     assert story.beliefs[-1].step == 3
-    story.handle(LinkChanged(up=True), 16.0)
+    back = story.handle(LinkChanged(up=True), 16.0)
+    ordered = [do.worker for do in back if isinstance(do, SendOrder)]
+    assert ordered == ["a", "b"], "they repeat their reports"
     assert story.beliefs[-1].step == 3
     story.report(tracked("c1", 4, 0.1, SOUTH), at_s=16.1)
     assert story.beliefs[-1].missing == ()

@@ -3,7 +3,7 @@
 import pytest
 
 from coordinator.events import CheckpointArrived, Event, LinkChanged, TimePassed, TokenChanged
-from coordinator.instructions import AskState, FetchScans, PublishCheckpoint
+from coordinator.instructions import AskState, FetchScans, Instruction, PublishCheckpoint
 from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
 from protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint, started
@@ -92,6 +92,27 @@ def test_a_leader_that_was_stopped_publishes_and_answers_nothing_for_the_listeni
         released = replica.release([], later_ns)
     assert released == decided
     assert replica.may_answer(later_ns)
+
+
+def test_a_leader_decides_nothing_while_it_may_have_lost_reports() -> None:
+    replica, decided = Replica(SILENCE_S, 0), list[tuple[Event, int]]()
+    coordinator = started(now_ns=0, term=100).coordinator()
+
+    def decide(event: Event, now_ns: int) -> list[Instruction]:
+        decided.append((event, now_ns))
+        return coordinator.handle(event, now_ns)
+
+    replica.lead(coordinator, 0, decide)
+    woken_ns = PAUSE_NS + 1
+    lost_ns = woken_ns + LISTEN_NS // 2
+    back_ns = lost_ns + 1
+    at = [0, woken_ns, back_ns + LISTEN_NS - 1, back_ns + LISTEN_NS, back_ns + LISTEN_NS + 1]
+    events = [(TimePassed(), now_ns) for now_ns in at]
+    events[2:2] = [(LINK_DOWN, lost_ns), (LINK_UP, back_ns), (TimePassed(), lost_ns + SECOND)]
+    for event, now_ns in events:
+        replica.handle(event, now_ns)
+    changes = [(event, now_ns) for event, now_ns in decided if event in (LINK_DOWN, LINK_UP)]
+    assert changes == [(LINK_DOWN, woken_ns), (LINK_UP, back_ns + LISTEN_NS)]
 
 
 def test_a_state_of_a_lower_term_is_no_sign_of_life() -> None:
