@@ -17,6 +17,7 @@ from ros2_bridge.message_types import LOG, encode, new, type_hash
 from ros2_bridge.messages_out import header
 from ros2_bridge.topics import Topic
 from zenoh_link.inbox import Inbox
+from zenoh_link.wire import directly
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 _HEARTBEAT_S = 0.5
@@ -148,7 +149,7 @@ class RosNode:
             )
         else:
             remote = zenoh.Locality.REMOTE
-            self._session.declare_subscriber(key, on_sample, allowed_origin=remote)
+            self._session.declare_subscriber(key, directly(on_sample), allowed_origin=remote)
         self._announce(token)
 
     def serve(self, service: str, ros_type: str, inbox: Inbox[Any]) -> None:
@@ -165,7 +166,7 @@ class RosNode:
         # As in `rclpy`, parameter services have a longer queue.
         qos = wire.Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else wire.Qos()
         key, token = self._endpoint(wire.EndpointKind.SERVICE, service, ros_type, qos)
-        self._session.declare_queryable(key, on_query, complete=True)
+        self._session.declare_queryable(key, directly(on_query), complete=True)
         self._announce(token)
 
     def _endpoint(

@@ -16,11 +16,11 @@ traffic; this bounds the memory that large messages from unknown senders can tak
 class Inbox(Generic[EventT]):
     """Bounded queue from many threads to one, in the order of arrival; a put never blocks.
 
-    A callback that blocks stalls, 256 messages later, every subscription and query of its
-    session. *States* (scans, odometry): a full inbox drops the oldest of its kind, because
-    the next one replaces it. *Events* (assignments, liveliness, queries) have their own bound:
-    past it the newest is refused, and the callback can reply with an error. Messages with a
-    `payload` are also bounded by their bytes.
+    A callback that blocks stalls every subscription and query of its session. *States* (scans,
+    odometry): a full inbox drops the oldest of its kind, because the next one replaces it.
+    *Events* (assignments, liveliness, queries) have their own bound: past it the newest is
+    refused, and the callback can reply with an error. Messages with a `payload` are also bounded
+    by their bytes.
     """
 
     def __init__(

@@ -1,7 +1,8 @@
 """Messages over a Zenoh session: publish, query, and put received messages into an inbox.
 
-Callbacks only put: a callback that computes or blocks stalls every other subscription and query
-of its session. The loop that reads the inbox decodes.
+Callbacks run on the thread that reads the link, so messages of one process reach the inbox in their
+order, and no key costs a thread. They only put: one that computes or blocks stalls the whole
+session. The loop that reads the inbox decodes.
 """
 
 import time
@@ -20,6 +21,7 @@ from zenoh_link.inbox import Inbox
 ENCODING = "application/msgpack"
 
 M = TypeVar("M")
+T = TypeVar("T")
 
 
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
@@ -109,6 +111,19 @@ class Publisher:
         self._publisher.put(encode(message))
 
 
+def directly(
+    callback: Callable[[T], object], drop: Callable[[], object] | None = None
+) -> "handlers.Callback[T]":
+    """Return a handler that calls on the thread that reads the link; without it, Zenoh starts a
+    thread for each callback.
+
+    Args:
+        callback: takes each item.
+        drop: called after the last.
+    """
+    return handlers.Callback(callback, drop, indirect=False)
+
+
 def subscribe(
     session: zenoh.Session,
     key: str,
@@ -134,7 +149,7 @@ def subscribe(
             inbox.put_newest(kind, received)
 
     origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
-    return session.declare_subscriber(key, on_sample, allowed_origin=origin)
+    return session.declare_subscriber(key, directly(on_sample), allowed_origin=origin)
 
 
 class Unread:
@@ -187,7 +202,7 @@ def serve(
         if not inbox.put(asked):
             asked.refuse("too busy; ask again")
 
-    session.declare_queryable(key, on_query)
+    session.declare_queryable(key, directly(on_query))
 
 
 def watch(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
@@ -196,7 +211,7 @@ def watch(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
     def on_token(sample: zenoh.Sample) -> None:
         inbox.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
-    session.liveliness().declare_subscriber(key, on_token, history=True)
+    session.liveliness().declare_subscriber(key, directly(on_token), history=True)
 
 
 def watch_link(session: zenoh.Session, inbox: Inbox[Any]) -> None:
@@ -205,7 +220,7 @@ def watch_link(session: zenoh.Session, inbox: Inbox[Any]) -> None:
     def on_transport(event: zenoh.TransportEvent) -> None:
         inbox.put_own(Link(event.kind == zenoh.SampleKind.PUT))
 
-    session.info.declare_transport_events_listener(on_transport, history=True)
+    session.info.declare_transport_events_listener(directly(on_transport), history=True)
 
 
 def is_alive(session: zenoh.Session, key: str, timeout_s: float) -> bool:
@@ -274,7 +289,7 @@ def ask_later(
 
     session.get(
         selector,
-        handlers.Callback(on_reply, lambda: None if answered else on_failure(refused)),
+        directly(on_reply, lambda: None if answered else on_failure(refused)),
         payload=encode(message) if message is not None else None,
         consolidation=AS_THEY_COME,
         timeout=timeout_s,

@@ -1,3 +1,4 @@
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -10,11 +11,13 @@ from protocol import keys
 from protocol.answers import CommandDone, Update
 from protocol.codec import decode
 from protocol.errors import RefusedError
+from protocol.steps import OdometryReading
 from tests.integration.conftest import OpenClient
 from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Link, ask, is_alive
 
+ORIGIN = (0.0, 0.0, 0.0)
 DONE = CommandDone(sender="another")
 
 
@@ -83,6 +86,35 @@ def test_a_session_stays_suspect_when_a_query_times_out_after_its_link_returned(
     failures.clear()
     wait_until(lambda: turning(node, other) and failures)
     assert node.replace_stale_session()
+
+
+def test_messages_of_a_process_arrive_in_their_order_and_no_key_costs_a_thread(
+    node: Node, other: Node
+) -> None:
+    threads, seen = threading.active_count(), list[int]()
+    kinds = [str(number) for number in range(20)]
+    for kind in kinds:
+        take = lambda reading, _: seen.append(reading.stamp_ns)  # noqa: E731
+        node.subscribe(f"key/{kind}", OdometryReading, take, kind=kind, kept=100)
+    assert threading.active_count() == threads
+    publishers = [other.publisher(f"key/{kind}", may_wait=True) for kind in kinds]
+
+    def publish(stamp_ns: int) -> None:
+        odometry = OdometryReading(sender="another", stamp_ns=stamp_ns, odom_from_robot=ORIGIN)
+        publishers[stamp_ns % len(publishers)].put(odometry)
+
+    def all_are_heard() -> bool:
+        for number in range(len(kinds)):
+            publish(number)
+        while node.turn(0.01):
+            pass
+        return len(set(seen)) == len(kinds)
+
+    wait_until(all_are_heard)
+    for number in range(1000, 2000):
+        publish(number)
+    wait_until(lambda: turning(node) and 1999 in seen)
+    assert seen[seen.index(1000) :] == list(range(1000, 2000))
 
 
 def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenClient) -> None:
