@@ -17,9 +17,11 @@ from protocol.job_events import Began
 from protocol.work import Checkpoint
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
-from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
 
+LEASE_S = 2.0
+"""After this time of silence the router closes a link."""
 STEPS = 45
 LOCKSTEP = msgspec.structs.replace(
     SMALL,
@@ -108,6 +110,24 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
     cluster["covariance"] = [math.nan] * 9
     state = msgspec.msgpack.encode(tree)
     return msgspec.structs.replace(checkpoint, sender="an intruder", serial=2**50, state=state)
+
+
+def test_a_coordinator_frozen_until_its_link_expires_gets_the_lost_reports() -> (
+    None
+):
+    with with_live_robot(IMPATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        before, pid = tested.step, tested.pid(COORDINATOR)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(LEASE_S + 0.5)
+        os.kill(pid, signal.SIGCONT)
+        wait_until(lambda: "the link to the router is back" in tested.log(COORDINATOR))
+        tested.wait_for_steps(60)
+        later = tested.since(before)
+        assert [one.step for one in later] == list(range(before + 1, later[-1].step + 1))
+        everyone = {f"c{place.cluster}" for place in later[0].hypotheses}
+        unweighed = [one.step for one in later if everyone <= set(one.missing)]
+        assert not unweighed, "a slow worker may miss a step, but not all"
 
 
 def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() -> None:
