@@ -112,9 +112,7 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
     return msgspec.structs.replace(checkpoint, sender="an intruder", serial=2**50, state=state)
 
 
-def test_a_coordinator_frozen_until_its_link_expires_gets_the_lost_reports() -> (
-    None
-):
+def test_a_coordinator_frozen_until_its_link_expires_gets_the_lost_reports() -> None:
     with with_live_robot(IMPATIENT) as (tested, _robot):
         tested.wait_until_it_tracks()
         before, pid = tested.step, tested.pid(COORDINATOR)
