@@ -56,10 +56,6 @@ _POLL_S = 0.05
 class StalledError(ClusterMclError):
     """No belief arrived for a long time although all processes run."""
 
-    def __init__(self, *, silent_s: float) -> None:
-        self.silent_s = silent_s
-        super().__init__(f"no belief has arrived for {silent_s:.0f} s")
-
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
@@ -221,7 +217,7 @@ class _Audience:
                     self.summary.truth = self._truth_of(belief)
                     return
             elif time.monotonic() - received_s > _SILENCE_S and not run.options.by_hand:
-                raise StalledError(silent_s=_SILENCE_S)
+                raise StalledError(f"no belief has arrived for {_SILENCE_S:.0f} s")
 
     def _truth_of(self, belief: Belief) -> PoseTuple | None:
         """Return the true pose at the step of a belief; wait for it up to a second.
@@ -324,18 +320,14 @@ def _simulated(robot: Simulated, run: _Run) -> _Run:
 
 def _recorded(path: str, run: _Run) -> _Run:
     options, bridge = run.options, run.settings.bridge
-    if options.advised:
-        problem = "--advised: only a simulated robot can follow advice, not a recording"
-        raise SettingsError(key="--advised", problem=problem)
-    if options.by_hand:
-        problem = "--drive: only a simulated robot can be driven, not a recording"
-        raise SettingsError(key="--drive", problem=problem)
-    if options.steps is not None:
-        problem = "--steps: only for a simulated robot; a recording is played to its end"
-        raise SettingsError(key="--steps", problem=problem)
-    if not bridge.map:
-        problem = "--map is missing: a recording needs the map it was made in"
-        raise SettingsError(key="--map", problem=problem)
+    wrong = {
+        "--advised: only a simulated robot can follow advice, not a recording": options.advised,
+        "--drive: only a simulated robot can be driven, not a recording": options.by_hand,
+        "--steps: only for a simulated robot; a recording is played to its end": options.steps,
+        "--map is missing: a recording needs the map it was made in": not bridge.map,
+    }
+    for problem in (one for one, is_wrong in wrong.items() if is_wrong):
+        raise SettingsError(key=problem.split()[0].rstrip(":"), problem=problem)
     load_map_with_obstacles(bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     recorded_source(path, bridge)  # raises if no scan can be used

@@ -15,7 +15,6 @@ from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
-from process_runtime.stop import StopFlag
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from protocol.errors import ClusterMclError
 
@@ -77,7 +76,7 @@ class Stack:
             others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")
         self._others = [*others, self._child("worker"), source]
-        self._supervisor = Supervisor()
+        self.supervisor = Supervisor()
 
     def start_all(self) -> None:
         self.start_without_coordinator()
@@ -86,22 +85,10 @@ class Stack:
     def start_without_coordinator(self) -> None:
         """Start all processes but the coordinator; without it, the source makes no step."""
         for child in self._others:
-            self._supervisor.add(child)
+            self.supervisor.add(child)
 
     def start_coordinator(self) -> None:
-        self._supervisor.add(self._coordinator)
-
-    def wait(self, stop: StopFlag) -> bool:
-        """Wait until a process has ended or is due to start; return whether to stop."""
-        return self._supervisor.wait(stop)
-
-    def ended(self) -> list[ChildExit]:
-        """Restart ended processes after a delay; return those that ended since the last call."""
-        return self._supervisor.poll(time.monotonic())
-
-    def pids(self) -> dict[str, int]:
-        """Return process ids by name; ``worker`` is the parent process of all workers."""
-        return self._supervisor.pids()
+        self.supervisor.add(self._coordinator)
 
     def check(self) -> None:
         """Check that all processes run.
@@ -109,12 +96,12 @@ class Stack:
         Raises:
             ProcessEndedError: a process has ended; the message has its last log lines.
         """
-        for ended in self.ended():
+        for ended in self.supervisor.poll(time.monotonic()):
             raise ProcessEndedError(ended)
 
     def close(self) -> None:
         """Stop all processes."""
-        self._supervisor.stop()
+        self.supervisor.stop()
 
     def _child(self, module: str, *arguments: str, name: str | None = None) -> ChildSpec:
         name = name or module

@@ -3,6 +3,7 @@
 import os
 import shlex
 import sys
+import time
 from contextlib import closing
 from typing import assert_never
 
@@ -31,8 +32,8 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
             stack.start_all()
             say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
             say(f"query it with: {_query_command(settings)}")
-            while not stack.wait(stop):
-                for ended in stack.ended():
+            while not stack.supervisor.wait(stop):
+                for ended in stack.supervisor.poll(time.monotonic()):
                     if ended.restart_in_s is None:
                         raise ProcessEndedError(ended)
                     say(

@@ -113,10 +113,9 @@ class TokenChanged(_Fact, frozen=True):
 
 
 class LinkChanged(_Fact, frozen=True):
-    """This process's link to the router was lost or restored.
+    """The link to the router was lost or restored, or a pause left it uncertain who leads.
 
-    The coordinator gets `up=False` also after a pause, until it is certain that it still leads.
-    Between, it decides nothing.
+    Between, the coordinator decides nothing.
     """
 
     up: bool

@@ -89,6 +89,12 @@ class Placement(Part):
         """Send a worker its order again, after a lost link or the change of a job."""
         self.live[worker].ordered = None
 
+    def on_link_back(self) -> None:
+        """Repeat all orders: workers then repeat the reports that were lost."""
+        self.silent_shards.forgive()
+        for worker in self.live:
+            self.repeat_order(worker)
+
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Change numbers of particles; `sizes`: the number and its first step, by job id."""
         for job_id, (particles, first_step) in sizes.items():

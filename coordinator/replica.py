@@ -85,8 +85,8 @@ class Replica:
             is_newest = self.newest.on_state(event.checkpoint, now_ns)
         if self.coordinator is not None:
             self._fencing.turn(now_ns)
-            meant = self._meaning_of(event, now_ns)
-            events = [*self._permission(now_ns), *meant]
+            events = [*self._meaning_of(event, now_ns)]
+            events[:0] = self._permission(now_ns)
             instructions = [do for one in events for do in self._decide(one, now_ns)]
             left = self._membership.left(now_ns)
             return instructions + [do for one in left for do in self._decide(one, now_ns)]
@@ -132,11 +132,7 @@ class Replica:
                 return [event]
 
     def _permission(self, now_ns: int) -> list[Event]:
-        """Return `LinkChanged` if the coordinator may decide again, or may no longer.
-
-        Reports are lost with the link. Workers repeat them once orders can be sent again, so steps
-        have to wait for that.
-        """
+        """Return `LinkChanged` if the coordinator may decide from now on, or may no longer."""
         may_decide = self._membership.linked and not self._fencing.is_listening(now_ns)
         if may_decide == self._may_decide:
             return []

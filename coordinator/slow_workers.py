@@ -148,8 +148,6 @@ TIMES_THE_OTHERS = 3
 """A shard may take this multiple of the slowest other shard's time for its first step."""
 LONGEST_NS = 30_000_000_000
 """A shard is given up after this time in any case; doubled each time, as maps may be large [ns]."""
-PAUSE_NS = 1_000_000_000
-"""If this process paused for longer, silence proves nothing [ns]."""
 
 
 class ShardReports(Part):
@@ -176,13 +174,16 @@ class SilentShards(Part):
     """
 
     records: dict[str, ShardReports] = {}
-    looked_ns: int = 0
-    """When the shards were examined last [ns]."""
 
     def on_report(self, job_id: str, step: int) -> None:
         record = self.records.setdefault(job_id, ShardReports())
         record.reports += 1
         record.step = max(step, record.step)
+
+    def forgive(self) -> None:
+        """Begin all silences again: reports were lost, or this process was stopped."""
+        for record in self.records.values():
+            record.watched = None
 
     def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
         """Return the shards of the running search that have been silent for too long.
@@ -190,10 +191,6 @@ class SilentShards(Part):
         No report is due after `newest_step`, the newest step whose scan has arrived.
         """
         self.records = {job_id: self.records.get(job_id, ShardReports()) for job_id in shards}
-        if now_ns - self.looked_ns > PAUSE_NS:
-            for record in self.records.values():
-                record.watched = None
-        self.looked_ns = now_ns
         return [job_id for job_id in shards if self._is_silent(job_id, shards, newest_step, now_ns)]
 
     def _is_silent(

@@ -114,13 +114,7 @@ class Publisher:
 def directly(
     callback: Callable[[T], object], drop: Callable[[], object] | None = None
 ) -> "handlers.Callback[T]":
-    """Return a handler that calls on the thread that reads the link; without it, Zenoh starts a
-    thread for each callback.
-
-    Args:
-        callback: takes each item.
-        drop: called after the last.
-    """
+    """Return a handler that calls on the thread that reads the link, not on one of its own."""
     return handlers.Callback(callback, drop, indirect=False)
 
 

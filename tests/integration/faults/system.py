@@ -60,7 +60,7 @@ class System:
     def __init__(self, settings: Settings, stack: Stack, folder: Path, session: zenoh.Session):
         self.settings, self.stack, self.folder = settings, stack, folder
         self.session = session
-        self._names = set(stack.pids())
+        self._names = set(stack.supervisor.pids())
         self.started: list[RunningProcess] = []
         self.beliefs: list[Belief] = []
         self._received_ns: list[int] = []
@@ -151,7 +151,7 @@ class System:
         return list(self.beliefs)
 
     def pid(self, name: str) -> int:
-        return self.stack.pids()[name]
+        return self.stack.supervisor.pids()[name]
 
     def worker_pids(self) -> list[int]:
         """The worker processes, by their index."""
@@ -171,8 +171,8 @@ class System:
 
     def mend(self) -> None:
         def all_run() -> bool:
-            self.stack.ended()
-            return set(self.stack.pids()) == self._names
+            self.stack.supervisor.poll(time.monotonic())
+            return set(self.stack.supervisor.pids()) == self._names
 
         wait_until(all_run)
 
@@ -182,8 +182,8 @@ class System:
         self.hurt(name)
 
         def is_replaced() -> bool:
-            self.stack.ended()
-            return self.stack.pids().get(name, killed) != killed
+            self.stack.supervisor.poll(time.monotonic())
+            return self.stack.supervisor.pids().get(name, killed) != killed
 
         wait_until(is_replaced)
 

@@ -30,7 +30,7 @@ def kept(folder: Path) -> Checkpoint:
 
 
 def cut_the_power(tested: System) -> None:
-    for name in tested.stack.pids():
+    for name in tested.stack.supervisor.pids():
         tested.hurt(name)
 
 

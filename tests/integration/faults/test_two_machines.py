@@ -35,7 +35,7 @@ class TwoMachines(NamedTuple):
 
     def goes_on(self, after_term: int, after_step: int) -> bool:
         """Whether another coordinator publishes later steps; dead processes are restarted."""
-        self.system.stack.ended()
+        self.system.stack.supervisor.poll(time.monotonic())
         last = self.system.beliefs[-1]
         return last.term > after_term and last.step >= after_step + 5
 

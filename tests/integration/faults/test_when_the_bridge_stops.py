@@ -75,7 +75,10 @@ def test_a_bridge_restarted_with_another_map_begins_a_new_search_without_any_oth
 ):
     with with_live_robot() as (tested, _robot), tested.client as client:
         tested.wait_until_it_tracks()
-        before, pids = client.status(), tested.stack.pids() | {"workers": tested.worker_pids()}
+        before, pids = (
+            client.status(),
+            tested.stack.supervisor.pids() | {"workers": tested.worker_pids()},
+        )
         map_file = Path(tested.settings.bridge.map)
         write_map(world("cross_feature").map, map_file.parent, map_file.stem)
         tested.restart(BRIDGE)
@@ -83,7 +86,7 @@ def test_a_bridge_restarted_with_another_map_begins_a_new_search_without_any_oth
         tested.wait_until_it_tracks()
         assert client.status().map_digest != before.map_digest
         assert client.status().counters["map changed"] == 1
-        now = tested.stack.pids() | {"workers": tested.worker_pids()}
+        now = tested.stack.supervisor.pids() | {"workers": tested.worker_pids()}
         assert {name for name in now if now[name] != pids[name]} == {BRIDGE}
         ended = [event for event in tested.events() if isinstance(event, Ended)]
         assert [one.cause for one in ended].count("new map") == before.clusters
