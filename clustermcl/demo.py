@@ -56,6 +56,10 @@ _POLL_S = 0.05
 class StalledError(ClusterMclError):
     """No belief arrived for a long time although all processes run."""
 
+    def __init__(self, *, silent_s: float) -> None:
+        self.silent_s = silent_s
+        super().__init__(f"no belief has arrived for {silent_s:.0f} s")
+
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
@@ -217,7 +221,7 @@ class _Audience:
                     self.summary.truth = self._truth_of(belief)
                     return
             elif time.monotonic() - received_s > _SILENCE_S and not run.options.by_hand:
-                raise StalledError(f"no belief has arrived for {_SILENCE_S:.0f} s")
+                raise StalledError(silent_s=_SILENCE_S)
 
     def _truth_of(self, belief: Belief) -> PoseTuple | None:
         """Return the true pose at the step of a belief; wait for it up to a second.
