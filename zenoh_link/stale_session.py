@@ -3,10 +3,7 @@
 from zenoh_link.wire import Link, Token
 
 STALE_NS = 3_000_000_000
-"""Time within which a session with peers receives something [ns].
-
-Longer than the silence of a coordinator whose link returned.
-"""
+"""A session with peers receives something within this time after its link returned [ns]."""
 STALE = "nothing has arrived since the link returned: opening a new session"
 
 

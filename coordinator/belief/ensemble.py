@@ -51,6 +51,9 @@ OPEN = 0.1
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 LEADS = 0.1
 """A decoy is tracked only if one cluster has more than this share: else none is near 0.9."""
+NOT_WEIGHED = 1e6
+"""Log-likelihood of a scan that most of the belief has not weighed: a search that used it has no
+evidence against the belief [nat]."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -150,11 +153,8 @@ class Ensemble(Part, kw_only=True):
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
         )
-        if self.search.runs and is_weighed:
-            self.search.evidence.gather(step, log_likelihood)
-        elif self.search.runs:
-            self.events += self.search.stop(step, "search stopped")
-            self.search.next_step = step + 1
+        if self.search.runs:
+            self.search.evidence.gather(step, log_likelihood if is_weighed else NOT_WEIGHED)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
@@ -173,16 +173,12 @@ class Ensemble(Part, kw_only=True):
         if self.clusters.fit.has_fallen and not had_fallen:
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
-        if is_weighed and not self.search.runs and self.search.is_due(step, self._patience):
+        if not self.search.runs and self.search.is_due(step, self._patience):
             self._start_search(step + 1)
         return self.outcome(step, missing)
 
     def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
-        """Return whether a step has the reports of at least half of the clusters, by probability.
-
-        Otherwise a search's places, which have the evidence of this scan, cannot be compared with
-        the clusters.
-        """
+        """Return whether at least half of the clusters, by probability, have reported a step."""
         clusters = self.clusters.all()
         held = math.fsum(cluster.probability for cluster in clusters)
         return held <= 2.0 * math.fsum(c.probability for c in clusters if c.job_id in reports)

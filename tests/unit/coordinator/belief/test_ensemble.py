@@ -132,21 +132,26 @@ def test_a_search_is_compared_with_clusters_moved_by_odometry(
     assert not outcome.searching
 
 
-@pytest.mark.parametrize("reporting", [(), ("c1",)])
-def test_a_search_begins_again_when_most_of_the_belief_has_not_weighed_a_scan(
+@pytest.mark.parametrize("reporting", [(), ("c1",), ("c0",), ("c0", "c1")])
+def test_a_search_has_no_evidence_from_a_scan_that_most_of_the_belief_has_not_weighed(
     reporting: tuple[str, ...],
 ) -> None:
-    """It has the evidence of a scan that counts for no cluster, so its places would win."""
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
+    """The evidence of such a scan would count for its places and for no cluster."""
+    made = bootstrapped(
+        {NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1, kidnapping_probability=0.001
+    )
     means = {"c0": NORTH, "c1": SOUTH}
     made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in means.items()])
-    found = [searched(f"s1.{n}", 2, {EAST: 1.0}, log_evidence=50.0) for n in range(2)]
-    outcome = made.advance(2, [*(tracked(job, 2, 0.1, means[job]) for job in reporting), *found])
-    assert set(probabilities(outcome)) == {0, 1}
-    assert outcome.events == (Ended("s1.0", "search stopped"), Ended("s1.1", "search stopped"))
-    assert not outcome.begin, "nothing would weigh it either"
-    outcome = made.advance(3, [tracked(job, 3, 0.1, mean) for job, mean in means.items()])
-    assert outcome.begin == {f"s2.{n}": SearchJob(search=2, shard=n, first_step=4) for n in (0, 1)}
+    made.advance(2, [tracked(job, 2, 0.1, means[job]) for job in reporting])
+    tracks = [tracked(job, 3, 0.1, mean) for job, mean in means.items()]
+    found = [searched(f"s1.{n}", 3, {EAST: 1.0}, log_evidence=50.0) for n in range(2)]
+    outcome = made.advance(3, [*tracks, *found])
+    new = probabilities(outcome)[2]
+    if "c0" in reporting:
+        assert new > 0.4
+    else:
+        on_trial = made.settings.belief.candidate_probability
+        assert new == pytest.approx(on_trial, rel=0.01)
 
 
 def test_a_cluster_without_a_report_moves_with_the_odometry() -> None:
@@ -257,16 +262,19 @@ def test_a_part_dropped_in_the_step_of_its_split_has_no_job() -> None:
     assert set(outcome.begin) == {"c2"}
 
 
-def test_places_of_the_search_that_found_the_clusters_continue_to_enter() -> None:
-    """The clusters that it shares give its weight."""
+@pytest.mark.parametrize("step", [1, 2])
+def test_places_of_the_search_that_found_the_clusters_continue_to_enter(step: int) -> None:
+    """The clusters that it shares give its weight, also if no cluster has weighed a scan."""
     made = ensemble(max_clusters=4, merge_every_steps=100)
     made.begin_at(0)
     first = {NORTH: 0.3, SOUTH: 0.1}
     outcome = made.advance(0, [searched(f"s0.{n}", 0, first) for n in range(2)])
     assert probabilities(outcome) == pytest.approx({0: 0.75, 1: 0.25})
-    tracks: list[Report] = [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)]
+    for before in range(1, step):
+        made.advance(before, [])
+    tracks: list[Report] = [tracked("c0", step, 0.1, NORTH), tracked("c1", step, 0.1, SOUTH)]
     later = {NORTH: 0.5, EAST: 0.2, (0.0, -5.4, 0.0): 0.1}
-    outcome = made.advance(1, [*tracks, *(searched(f"s0.{n}", 1, later) for n in range(2))])
+    outcome = made.advance(step, [*tracks, *(searched(f"s0.{n}", step, later) for n in range(2))])
     # The clusters have 1.0 where the search has 0.6.
     total = 1.0 + 0.2 / 0.6
     expected = {0: 0.75, 1: 0.25, 2: 0.2 / 0.6}
