@@ -330,8 +330,9 @@ def _recorded(path: str, run: _Run) -> _Run:
         "--steps: only for a simulated robot; a recording is played to its end": options.steps,
         "--map is missing: a recording needs the map it was made in": not bridge.map,
     }
-    for problem in (one for one, is_wrong in wrong.items() if is_wrong):
-        raise SettingsError(key=problem.split()[0].rstrip(":"), problem=problem)
+    for problem, is_wrong in wrong.items():
+        if is_wrong:
+            raise SettingsError(key=problem.split()[0].rstrip(":"), problem=problem)
     load_map_with_obstacles(bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     recorded_source(path, bridge)  # raises if no scan can be used

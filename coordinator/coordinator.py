@@ -167,10 +167,7 @@ class Coordinator(Part):
                 self.linked = up
                 if up:
                     self.state.collector.restart_deadlines(now_ns)
-                    for (
-                        worker
-                    ) in self.state.placement.live:  # it repeats the reports that were lost
-                        self.state.placement.repeat_order(worker)
+                    self.state.placement.on_link_back()
             case events.TimePassed():
                 pass
             case _:

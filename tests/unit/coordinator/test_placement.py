@@ -1,3 +1,5 @@
+import pytest
+
 from coordinator.placement import RESEND_AFTER_NS, Placement
 from coordinator.slow_workers import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
@@ -158,7 +160,11 @@ def test_particles_are_transferred_until_their_worker_has_confirmed_them() -> No
     assert handed_on() == [track(0)], "no worker holds them any more"
 
 
-def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job() -> None:
+@pytest.mark.parametrize("link_back_every", [100, 6])
+def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job(
+    link_back_every: int,
+) -> None:
+    """Unless their reports may have been lost with the link."""
     made = placement("a-0", "b-0", "b-1")
     jobs = {f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(6)}
     made.jobs.begin(jobs)
@@ -170,9 +176,12 @@ def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job() -
         now_ns = step * SECOND // 2
         for job_id in jobs.keys() - silent:
             made.on_report(searched(job_id, step, {}), in_time=True)
+        if step % link_back_every == 5:
+            made.on_link_back()
         follow(made, made.orders(term=0, map_digest="map", now_ns=now_ns, newest_step=step))
-    assert {made.jobs.shards()[job_id].worker for job_id in silent} == {"b-0", "b-1"}
-    assert made.workers["a-0"] == ()
+    at = {made.jobs.shards()[job_id].worker for job_id in silent}
+    assert at == ({"b-0", "b-1"} if link_back_every == 100 else {"a-0"})
+    assert bool(made.workers["a-0"]) == (link_back_every == 6)
 
 
 def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
