@@ -1,16 +1,18 @@
 """How much sooner is an advised robot sure of its place than one that wanders?
 
-    python -m benchmarks.advice [WORLD...] [--seeds N] [--first N]
+    python -m benchmarks.advice [WORLD...] [--seeds N] [--first N] [--whole [--output FILE]]
 
 Both robots of a seed begin at the same pose with the same noise. An advised robot drives the first
 way of `ClusterMCL.advice` while several places are possible. It asks again after a few steps,
 because the places change while it drives.
 """
 
+import csv
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -181,14 +183,17 @@ def main(
     seeds: Annotated[int, typer.Option(min=1, help="Robots in each world.")] = 24,
     first: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     limit: Annotated[int, typer.Option(min=1, help="Steps of a run.")] = 300,
-    whole: Annotated[bool, typer.Option(help="Drive whole ways, without asking again.")] = False,
+    whole: Annotated[
+        bool, typer.Option(help="Drive whole ways, without asking again; no robot wanders.")
+    ] = False,
+    output: Annotated[Path | None, typer.Option(help="CSV file of the whole ways.")] = None,
 ) -> None:
     """Print for each world the steps of both robots, and predicted against gained information."""
     pairs: list[tuple[float, float, float]] = []
     checked = unsafe = 0
     for name in worlds or ("cross_feature", "hall_block", "office"):
         place = place_of(name)
-        for advised in (False, True):
+        for advised in (True,) if whole else (False, True):
             runs = [
                 run(place, seed, limit, advised=advised, whole=whole)
                 for seed in range(first, first + seeds)
@@ -207,6 +212,11 @@ def main(
             unsafe += sum(one.unsafe for one in runs)
     print(f"{unsafe} of {checked} poses of ways too near to an obstacle")
     print_calibration(pairs)
+    if output is not None:
+        with output.open("w", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(("information", "gain_of_right_place", "gained"))
+            table.writerows([f"{value:.3f}" for value in pair] for pair in pairs)
 
 
 if __name__ == "__main__":

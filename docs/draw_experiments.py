@@ -1,4 +1,4 @@
-"""Draws experiments.svg, starts.svg and reliability.svg from the tables in docs/experiments.
+"""Draws the pictures of measurements, such as experiments.svg, from the tables in docs/experiments.
 
 python docs/draw_experiments.py    (needs the extras `dev` and `plots`)
 """
@@ -37,6 +37,7 @@ def main() -> None:
         draw_scores()
         draw_starts()
         draw_reliability()
+        draw_advice()
 
 
 def draw_scores() -> None:
@@ -96,6 +97,19 @@ def draw_reliability() -> None:
     figure.supxlabel("probability of the estimate, mean of each tenth", fontsize=8)
     figure.supylabel("share that is right", fontsize=8)
     save(figure, "reliability.svg")
+
+
+def draw_advice() -> None:
+    """What each advised way gained, by its predicted information; and the means of quarters."""
+    ways = pd.read_csv(HERE / "experiments" / "advice.csv")
+    figure, axes = plt.subplots(figsize=(5.0, 3.2))
+    axes.scatter(ways["information"], ways["gained"], s=8, color="#0072b2", alpha=0.5)
+    quarters = ways.groupby(pd.qcut(ways["information"], 4))[["information", "gained"]].mean()
+    axes.plot(quarters["information"], quarters["gained"], "o", color="#d55e00")
+    axes.axline((0.0, 0.0), slope=1.0, color="#999999", linewidth=0.8)
+    axes.set_xlabel("predicted information [nat]; orange: means of quarters")
+    axes.set_ylabel("gained by the right place [nat]")
+    save(figure, "advice.svg")
 
 
 def save(figure: "mpl.figure.Figure", name: str) -> None:
