@@ -134,10 +134,10 @@ class Loop:
         for key in alive(node.session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
             self._on_token(Token(key, alive=True))
         node.watch(keys.ALL_WORKERS_ALIVE, self._on_token)
-        is_serving = False
+        is_serving, begun_s = False, time.monotonic()
         with recorder.running(), keeper.running():
             while not node.stop.is_set() and replica.role != "deposed":
-                if replica.role == "leading" and not is_serving:
+                if replica.role == "leading" and not is_serving and self._may_serve(begun_s):
                     self._serve()
                     is_serving = True
                 event = node.turn(TICK_S)
@@ -145,6 +145,11 @@ class Loop:
                 if event is None or time.monotonic_ns() - self._ticked_ns >= TICK_NS:
                     self._ticked_ns = time.monotonic_ns()
                     self._on(TimePassed())
+
+    def _may_serve(self, begun_s: float) -> bool:
+        """Return whether the age of the robot's data is known, or they are stale for certain."""
+        pose = self._coordinator.state.pose
+        return not pose.is_age_guessed or time.monotonic() - begun_s > pose.settings.stale_after_s
 
     def _serve(self) -> None:
         node = self._node

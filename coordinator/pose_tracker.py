@@ -99,6 +99,11 @@ class PoseTracker(Part):
         """
         return self.lateness is not None
 
+    @property
+    def is_age_guessed(self) -> bool:
+        """Whether all data came from another coordinator's state or in fetched scans."""
+        return self.arrived_ns is not None and not self.age_known
+
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
         """Process odometry; ignore a repeated stamp, because the robot's clock has stopped."""
         if self.age_known and stamp_ns == self.stamp_ns:

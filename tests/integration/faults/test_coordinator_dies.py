@@ -6,19 +6,23 @@ import signal
 import time
 
 import msgspec
+import pytest
 
 from clustermcl.stack import COORDINATOR, WORKERS
 from coordinator.checkpoint import state_in
 from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings
 from protocol import keys
+from protocol.answers import PoseAnswer
 from protocol.codec import encode
+from protocol.errors import UnreachableError
 from protocol.job_events import Began
 from protocol.work import Checkpoint
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
+from zenoh_link.wire import ask
 
 LEASE_S = 2.0
 """After this time of silence the router closes a link."""
@@ -46,13 +50,20 @@ def test_a_coordinator_killed_while_searching_and_tracking_changes_no_belief() -
 def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_on() -> None:
     """Steps without a coordinator are applied later from the workers' reports.
 
-    The last checkpoint that the standby receives is poisoned: it uses its state file.
+    A new coordinator answers once it knows the age of the robot's data. The last checkpoint that
+    the standby receives is poisoned: it uses its state file.
     """
-    with with_live_robot() as (tested, _robot):
+    with with_live_robot() as (tested, robot):
         tested.wait_until_it_tracks()
-        before, workers = tested.step, tested.worker_pids()
+        before, workers, term = tested.step, tested.worker_pids(), tested.beliefs[-1].term
+        robot.send_signal(signal.SIGSTOP)
         tested.restart(COORDINATOR)
-        follows_within_two_seconds(tested)
+        time.sleep(1.5)
+        with pytest.raises(UnreachableError):  # it does not know yet how old the robot's data are
+            ask(tested.session, keys.POSE, PoseAnswer, timeout_s=1.0)
+        robot.send_signal(signal.SIGCONT)
+        assert tested.pose().freshness == "fresh"
+        follows_within_two_seconds(tested, term)
         second = tested.start(COORDINATOR)
         assert second.wait() == 2
         assert "already has a coordinator" in second.err
@@ -61,8 +72,9 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
         standby.wait_for("standing by")
         newest = tested.next_message(keys.CHECKPOINT, Checkpoint, has_clusters)
         tested.session.put(keys.CHECKPOINT, encode(poisoned(newest)))
+        term = tested.beliefs[-1].term
         tested.hurt(COORDINATOR)
-        follows_within_two_seconds(tested)
+        follows_within_two_seconds(tested, term)
         steps = [belief.step for belief in tested.since(before)]
         assert sorted(set(steps)) == list(range(before + 1, steps[-1] + 1)), "none was left out"
         assert tested.worker_pids() == workers
@@ -91,10 +103,10 @@ def test_workers_and_coordinator_killed_together_lose_no_place() -> None:
         assert "first search" not in {event.cause for event in began}
 
 
-def follows_within_two_seconds(tested: System) -> None:
-    """Wait for beliefs of another coordinator than that of the last belief."""
-    begun_s, terms = time.monotonic(), {belief.term for belief in tested.beliefs}
-    wait_until(lambda: {belief.term for belief in tested.beliefs} > terms)
+def follows_within_two_seconds(tested: System, term: int) -> None:
+    """Wait for beliefs of a coordinator of a later term."""
+    begun_s = time.monotonic()
+    wait_until(lambda: tested.beliefs[-1].term > term)
     assert time.monotonic() - begun_s < stretched_s(2.0)
     tested.wait_for_steps(10)
 

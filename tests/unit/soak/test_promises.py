@@ -185,17 +185,22 @@ def test_a_kidnapped_robot_has_to_be_found_in_time_and_held_then(
     assert len(robot.believes(2, place(0, 1.0, FAR), kidnapped=1).broken()) == 1, "never found"
 
 
-@pytest.mark.parametrize(("mb_per_hour", "leads", "kept"), [
-    (0.0, False, True), (6.0, False, False), (0.0, True, True),
+@pytest.mark.parametrize(("mb_per_hour", "until_minute", "leads", "kept"), [
+    (0.0, 40, False, True), (6.0, 40, False, False), (6.0, 20, False, True), (0.0, 40, True, True),
 ])  # fmt: skip
-def test_a_process_that_grows_leaks(
-    monkeypatch: pytest.MonkeyPatch, mb_per_hour: float, leads: bool, kept: bool
+def test_a_process_that_grows_on_and_on_leaks(
+    monkeypatch: pytest.MonkeyPatch,
+    mb_per_hour: float,
+    until_minute: int,
+    leads: bool,
+    kept: bool,
 ) -> None:
     me, promise = psutil.Process(os.getpid()), NothingLeaks()
     for minute in range(40):
         now_s = me.create_time() + 60.0 * (minute + 1)
         more = 50.0 if leads and minute >= 20 else 0.0  # a coordinator needs this to lead
-        info = type("Info", (), {"uss": (20.0 + more + mb_per_hour * minute / 60.0) * 1e6})
+        grown = mb_per_hour * min(minute, until_minute) / 60.0
+        info = type("Info", (), {"uss": (20.0 + more + grown) * 1e6})
         monkeypatch.setattr(psutil.Process, "memory_full_info", lambda _, i=info: i)
         monkeypatch.setattr(leak_promise.time, "time", lambda now_s=now_s: now_s)
         promise.sample([("coordinator", me, leads and minute >= 20)])
