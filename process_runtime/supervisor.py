@@ -33,8 +33,8 @@ _TERMINATE_FORKS_WITHIN_S = 1.2
 """Less, because their parent may itself be a supervisor's child."""
 _GIVEN_UP_BEFORE_S = 10.0
 _POLL_S, _LONGEST_POLL_S = 0.05, 1.0
-HUNG_AFTER_S = 15.0
-"""A turn of a process's loop takes less than a second."""
+HUNG_AFTER_S = 13.0
+"""A turn of a process's loop takes less than a second. A hung one answers again within 15 s."""
 FORK_HUNG_AFTER_S = 120.0
 """A worker may wait 30 s for a large map and then compute its likelihood field."""
 _LAST_WORDS_BYTES = 4096
