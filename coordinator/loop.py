@@ -134,10 +134,13 @@ class Loop:
         for key in alive(node.session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
             self._on_token(Token(key, alive=True))
         node.watch(keys.ALL_WORKERS_ALIVE, self._on_token)
-        is_serving, begun_s = False, time.monotonic()
+        is_announced, is_serving, begun_s = False, False, time.monotonic()
         with recorder.running(), keeper.running():
             while not node.stop.is_set() and replica.role != "deposed":
-                if replica.role == "leading" and not is_serving and self._may_serve(begun_s):
+                if replica.role == "leading" and not is_announced:
+                    node.announce(keys.COORDINATOR_ALIVE)  # a recording goes on
+                    is_announced = True
+                if is_announced and not is_serving and self._may_serve(begun_s):
                     self._serve()
                     is_serving = True
                 event = node.turn(TICK_S)
@@ -158,7 +161,6 @@ class Loop:
         node.serve(keys.ADVICE, partial(self._on_asked, self._on_advice_query))
         for key, kind in ((keys.SET_POSE, SetPose), (keys.RELOCALIZE, Relocalize)):
             node.serve(key, partial(self._on_asked, partial(self._on_command, kind)))
-        node.announce(keys.COORDINATOR_ALIVE)
         _log.info("coordinator ready")
 
     # --- messages

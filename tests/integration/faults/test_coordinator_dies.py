@@ -22,7 +22,7 @@ from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
-from zenoh_link.wire import ask
+from zenoh_link.wire import alive, ask
 
 LEASE_S = 2.0
 """After this time of silence the router closes a link."""
@@ -59,6 +59,7 @@ def test_a_restarted_coordinator_and_then_a_standby_follow_a_robot_that_drives_o
         robot.send_signal(signal.SIGSTOP)
         tested.restart(COORDINATOR)
         time.sleep(1.5)
+        wait_until(lambda: alive(tested.session, keys.COORDINATOR_ALIVE, 1.0))
         with pytest.raises(UnreachableError):  # it does not know yet how old the robot's data are
             ask(tested.session, keys.POSE, PoseAnswer, timeout_s=1.0)
         robot.send_signal(signal.SIGCONT)
