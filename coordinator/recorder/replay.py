@@ -189,7 +189,7 @@ def _unpacked(path: Path, what: str, data: bytes, decoder: "msgspec.msgpack.Deco
 
 def _nothing_in(folder: Path) -> str:
     if not folder.is_dir():
-        return "no such folder; check the path"
+        return "a file; name its folder" if folder.exists() else "no such folder; check the path"
     for below in sorted(folder.iterdir()):
         if below.is_dir() and files_in(below):
             return f"it contains no flight recording; {below} does"

@@ -98,6 +98,8 @@ def test_folders_without_a_recording_are_refused_in_one_line(
     recording: Path, tmp_path: Path
 ) -> None:
     assert "no such folder" in complaint(tmp_path / "nowhere")
+    (tmp_path / "file").touch()
+    assert "a file; name its folder" in complaint(tmp_path / "file")
     assert "it contains no flight recording" in complaint(tmp_path)
     inner = tmp_path / "robot"
     recording.rename(inner)
