@@ -193,7 +193,7 @@ class Coordinator(Part):
             return self._on_time_passed(now_ns)
         self._begin_search(scan)
         lost = state.collector.lost_before(scan)
-        return ([FetchScans(*lost)] if lost else []) + self._on_time_passed(now_ns)
+        return ([self._fetch(*lost)] if lost else []) + self._on_time_passed(now_ns)
 
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
@@ -206,13 +206,16 @@ class Coordinator(Part):
             self.step_resets.reset()
             self.state.on_steps_restarted(scan)
             return self._on_scan(scan, now_ns)
-        applied = self.state.collector.applied
-        if not scan.lockstep or applied is None or scan.step != applied.step:
-            return []
-        return [*self._publication(now_ns)]
+        is_repeated = scan.lockstep and scan.step == self.state.applied_step
+        return [*self._publication(now_ns)] if is_repeated else []
+
+    def _fetch(self, first: int, last: int | None) -> FetchScans:
+        self.state.collector.is_fetching = True
+        return FetchScans(first, last)
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Process fetched scans; a coordinator without a search begins with the newest one."""
+        self.state.collector.is_fetching = False
         self.recovery.on_history(scans)
         resumed = self._resume_late(now_ns) if self.term.begun else []
         if resumed or not self.term.begun:
@@ -349,11 +352,10 @@ class Coordinator(Part):
         if not instructions:
             for worker in self.recovery.answers:
                 self.state.placement.on_worker_jobs(worker, (), now_ns)
-            waiting = self.state.collector.oldest_scan
-            if waiting is not None:
+            if waiting := self.state.collector.oldest_scan:
                 self._begin_search(waiting)
             else:
-                instructions.append(FetchScans(0, None))
+                instructions.append(self._fetch(0, None))
         for report, worker in self.early_reports:
             self.state.on_report(report, worker)
         self.early_reports.clear()
@@ -398,7 +400,7 @@ class Coordinator(Part):
             if next_step is not None:
                 for worker, answer in self.recovery.answers.items():
                     self._take_work_of(worker, answer, now_ns)
-                return [FetchScans(next_step, None), *self._publication(now_ns)]
+                return [self._fetch(next_step, None), *self._publication(now_ns)]
         return []
 
     def _take_work_of(self, worker: str, answer: WorkerSnapshot, now_ns: int) -> None:

@@ -191,11 +191,8 @@ class FailureDetector:
         self.sign_of_life(now_ns)
 
     def is_over(self, now_ns: int) -> bool:
-        if not self._linked:
-            return False
-        if self._died_ns is not None and now_ns - self._died_ns >= SETTLE_NS:
-            return True
-        return now_ns - self._last_sign_ns >= self._silence_ns
+        is_gone = self._died_ns is not None and now_ns - self._died_ns >= SETTLE_NS
+        return self._linked and (is_gone or now_ns - self._last_sign_ns >= self._silence_ns)
 
 
 class SelfFencing:

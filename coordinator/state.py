@@ -162,9 +162,8 @@ class CoordinatorState(Part):
     def wants_map(self, now_ns: int) -> bool:
         """Return whether to request the map now, against which given poses are checked."""
         asked_ns = self.map_asked_ns
-        if not self.map_digest or self._free_ground is not None:
-            return False
-        if asked_ns is not None and now_ns - asked_ns < ASK_MAP_AGAIN_NS:
+        is_asked = asked_ns is not None and now_ns - asked_ns < ASK_MAP_AGAIN_NS
+        if is_asked or not self.map_digest or self._free_ground is not None:
             return False
         self.map_asked_ns = now_ns
         return True

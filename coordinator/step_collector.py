@@ -51,8 +51,9 @@ def check_places(report: Report, settings: FilterSettings) -> None:
         )
 
 
-FETCH_NS = 500_000_000
-"""A step waits this time for an earlier scan, which is requested from the bridge [ns]."""
+FETCH_NS, UNANSWERED_NS = 500_000_000, 1_500_000_000
+"""A step waits this time for an earlier scan, which is requested from the bridge [ns]; the longer
+one if the bridge has not answered yet, as on a busy machine."""
 REPORTS_AHEAD = 300
 """Reports of a step further above the newest scan are refused; the bridge keeps fewer steps."""
 KEPT_AHEAD = 1_000
@@ -97,13 +98,15 @@ class ReadyStep:
 class StepCollector(Part):
     """Collects scans and reports of steps that are not applied yet."""
 
-    local: ClassVar = frozenset({"settings", "open_steps", "late", "base"})
+    local: ClassVar = frozenset({"settings", "open_steps", "late", "base", "is_fetching"})
     settings: CoordinatorSettings = CoordinatorSettings()
     open_steps: dict[int, OpenStep] = {}
     late: list[SearchReport] = []
     """Searches' reports on applied steps, for the next step."""
     base: int | None = None
     """Number before the first step; None: any step may be the first."""
+    is_fetching: bool = False
+    """Whether the bridge has not answered a request for scans yet."""
     applied: Scan | None = None
     """The scan of the last applied step, without its beams; None: no step was applied."""
     steps_lost: Count = 0
@@ -222,7 +225,7 @@ class StepCollector(Part):
         opened = self.open_steps[scan.step]
         waited_ns = now_ns - opened.arrived_ns
         follows = self.before is None or scan.step == self.before + 1
-        if not follows and waited_ns < FETCH_NS:
+        if not follows and waited_ns < (UNANSWERED_NS if self.is_fetching else FETCH_NS):
             return None
         no_search = not scan.lockstep and waited_ns >= int(settings.search_deadline_s * 1e9)
         missing = [

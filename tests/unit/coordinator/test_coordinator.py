@@ -460,6 +460,18 @@ def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     assert story.probabilities == pytest.approx([0.75, 0.25])
 
 
+def test_a_scan_that_a_busy_bridge_sends_late_is_not_lost() -> None:
+    story = Story("a").bootstrapped()
+    decide = story.coordinator.handle
+    last = story.beliefs[-1].step
+    assert FetchScans(last + 1, last + 1) in decide(ScanArrived(scan(last + 2)), 10 * SECOND)
+    waiting = decide(TimePassed(), 11 * SECOND)
+    assert not any(isinstance(do, PublishBelief) for do in waiting)
+    story.handle(HistoryArrived((scan(last + 1),)), 11.1)
+    story.tick(at_s=12.0)
+    assert [belief.step for belief in story.beliefs[-2:]] == [last + 1, last + 2]
+
+
 def test_an_unchanged_state_is_published_again_as_a_sign_of_life() -> None:
     story = Story("a")
     story.scan(0, at_s=1.0)

@@ -4,6 +4,7 @@ from coordinator.jobs import HAND_OVER_NS
 from coordinator.step_collector import (
     BULKY_REPORTS,
     FETCH_NS,
+    UNANSWERED_NS,
     KEPT_AHEAD,
     REPORTS_AHEAD,
     ReadyStep,
@@ -99,6 +100,20 @@ def test_a_lost_scan_is_reported_and_waited_for_briefly() -> None:
     applied = [made.ready([], never_placed, 1) for _ in range(3)]
     assert [ready.scan.step for ready in applied if ready] == [1, 2, 3]
     assert made.steps_lost == 0
+
+
+def test_a_lost_scan_is_waited_for_longer_while_the_bridge_has_not_answered() -> None:
+    made = collector()
+    made.on_scan(scan(0), 0)
+    made.ready([], never_placed, 0)
+    made.on_scan(scan(2), 0)
+    made.is_fetching = True
+    assert made.ready([], never_placed, UNANSWERED_NS - 1) is None
+    made.is_fetching = False
+    assert made.ready([], never_placed, FETCH_NS) is not None, "answered, without the scan"
+    made.on_scan(scan(4), 0)
+    made.is_fetching = True
+    assert made.ready([], never_placed, UNANSWERED_NS) is not None, "the bridge is silent"
 
 
 def test_no_scan_is_lost_before_the_first_scan_or_between_consecutive_ones() -> None:
