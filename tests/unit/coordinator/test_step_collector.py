@@ -4,9 +4,9 @@ from coordinator.jobs import HAND_OVER_NS
 from coordinator.step_collector import (
     BULKY_REPORTS,
     FETCH_NS,
-    UNANSWERED_NS,
     KEPT_AHEAD,
     REPORTS_AHEAD,
+    UNANSWERED_NS,
     ReadyStep,
     StepCollector,
 )
