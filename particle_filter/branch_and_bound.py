@@ -90,7 +90,8 @@ class SearchSpace:
         self.free = [free]
         """For each level, coarse to fine: (rows, cols) whether a tile holds a free cell."""
         for _ in range(LEVELS - 1):
-            self.free.insert(0, _any_of_four(self.free[0]))
+            low, high = self.free[0][::2], self.free[0][1::2]
+            self.free.insert(0, low[:, ::2] | high[:, ::2] | low[:, 1::2] | high[:, 1::2])
         self.runs = _runs(self.free[0])
         per_shard = math.ceil(math.tau / heading_step_rad / shards)
         self.headings = np.arange(per_shard * shards) * (math.tau / (per_shard * shards)) - math.pi
@@ -296,10 +297,6 @@ def _inside(
     down = (np.arange(shape[0]) + 0.5) * leaf_m - y
     across = (np.arange(shape[1]) + 0.5) * leaf_m - x
     return np.asarray(down[:, None] ** 2 + across**2 <= near[2] ** 2)
-
-
-def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    return np.asarray(free[::2, ::2] | free[1::2, ::2] | free[::2, 1::2] | free[1::2, 1::2])
 
 
 def _runs(free: NDArray[np.bool_]) -> Runs:

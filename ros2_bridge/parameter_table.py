@@ -130,10 +130,6 @@ def _root(variance: float) -> float:
     return math.sqrt(variance)
 
 
-def _seed(value: int) -> int | None:
-    return value if value >= 0 else None
-
-
 def _alpha(number: int, default: float, ours: str) -> Parameter:
     """Return the parameter `alphaN` of nav2, a variance; our setting is its square root."""
     setting = f"motion.{ours}"
@@ -173,7 +169,7 @@ _ALL = (
     Parameter("map_topic", "map", "ros2.map_topic"),
     Parameter("max_beams", 60, "sensor.max_beams"),
     Parameter("odom_frame_id", "odom", "ros2.odom_frame"),
-    Parameter("random_seed", -1, "seed", _seed),
+    Parameter("random_seed", -1, "seed", lambda value: value if value >= 0 else None),
     Parameter(
         "robot_model_type",
         "nav2_amcl::DifferentialMotionModel",

@@ -258,11 +258,6 @@ class Worker:
             self._table.use(self._model, settings)
         return True
 
-    def _release(self) -> list[Instruction]:
-        """Process the held scans."""
-        held, self._held = self._held, deque(maxlen=RECENT_SCANS)
-        return [do for scan in held for do in self.on_scan(scan, self._dropped)]
-
     def _is_of_another_map(self, scan: Scan) -> bool:
         return self._map is not None and scan.map_digest != self._map.digest
 
@@ -325,11 +320,12 @@ class Worker:
             return []
         settings, digest = wanted
         sensor = filter_with(settings, self._live).sensor
-        has_model = self._has_model(digest, sensor)
+        has_model = self._model and (self._model_digest, self._model.settings) == (digest, sensor)
         if waiting is not None and (has_model or not waiting.order.begin):
             return [*self._follow(waiting), *self._continue()]
         if has_model:
-            return self._release()
+            held, self._held = self._held, deque(maxlen=RECENT_SCANS)
+            return [do for scan in held for do in self.on_scan(scan, self._dropped)]
         if self._preparing:
             return []
         self._preparing = True
@@ -342,10 +338,6 @@ class Worker:
         if self._waiting is not None:
             return self._waiting.settings, self._waiting.order.map_digest
         return (self._ordered, self._ordered_map) if self._ordered and self._ordered_map else None
-
-    def _has_model(self, map_digest: str, sensor: SensorSettings) -> bool:
-        model = self._model
-        return model is not None and (self._model_digest, model.settings) == (map_digest, sensor)
 
     def on_map_failure(self, error: Exception) -> list[Instruction]:
         """Refuse the waiting order, because `FetchMap` or `BuildModel` failed.
