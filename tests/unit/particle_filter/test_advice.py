@@ -98,14 +98,6 @@ def test_spots_tell_more_where_the_cupboard_is_seen() -> None:
     assert np.all((spots[:, 2] >= 0.0) & (spots[:, 2] <= math.log(2.0) + 1e-9))
 
 
-def test_a_view_seen_before_adds_no_information() -> None:
-    first = ways_in(FLATS, ASKED)[0]
-    chosen = np.linspace(0, len(first.poses) - 1, 40).astype(int)
-    again = ways_in(FLATS, replace(ASKED, seen=seen_at(*first.poses[chosen])))
-    ends = [math.dist(way.poses[-1, :2], first.poses[-1, :2]) for way in again]
-    assert all(end > 0.5 for end in ends)
-
-
 @pytest.mark.parametrize(("x_m", "is_advised"), [(0.0, True), (5.5, False)])
 def test_a_cupboard_that_was_not_seen_is_not_looked_for_again(x_m: float, is_advised: bool) -> None:
     """Only the flat with a cupboard would have gained evidence in the far room."""

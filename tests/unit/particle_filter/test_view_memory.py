@@ -66,6 +66,13 @@ def test_old_views_fade_with_the_error_of_odometry() -> None:
     assert seen_again(400) > 0.9
 
 
+def test_a_view_is_new_where_the_robot_has_not_looked_from() -> None:
+    _, memory = ViewMemory().after(np.zeros(3), PERFECT, RULES)
+    poses = np.array([(0.0, 0.0, 0.0), (0.8, 0.0, 0.0), (0.0, 0.0, -1.6), (0.0, 9.0, 0.0)])
+    expected = [0.0, 1.0 - math.exp(-1.0), 1.0 - math.exp(-1.0), 1.0]
+    np.testing.assert_allclose(memory.new_share(poses, RULES), expected, atol=1e-4)
+
+
 def test_without_a_view_distance_no_view_is_remembered() -> None:
     every = BeliefSettings(view_distance_m=0.0)
     assert ViewMemory().after(np.zeros(3), ODOMETRY, every) == (1.0, ViewMemory())

@@ -177,6 +177,15 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
+def test_beams_through_obstacles_make_a_scan_fit_worse() -> None:
+    fits = []
+    for beams in ((60, 0, 0, 0), (50, 0, 10, 0)):
+        made = first(1.0, off_map_probability=0.05)
+        weigh(made, {"c0": replace(reports_of(1.0)["c0"], beam_classes=beams)}, -17.0)
+        fits.append(made.fit.mean)
+    assert fits == [0.0, pytest.approx(-5.48, abs=0.01)]
+
+
 def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
     clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
     clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)

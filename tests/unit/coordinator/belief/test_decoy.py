@@ -28,7 +28,8 @@ def found(decoy: Decoy, first_step: int) -> int:
     for step in range(first_step, first_step + SCANS):
         begin, ended = decoy.follow(step, reports(step), is_open=True)
     assert set(begin) == set(decoy.track_ids)
-    assert all(isinstance(job, TrackJob) and job.mirrored for job in begin.values())
+    jobs = [(job.mirrored, job.exact) for job in begin.values() if isinstance(job, TrackJob)]
+    assert jobs == [(True, False)] * len(begin), "particles are drawn around a place"
     assert [event.job_id for event in ended] == ["m0.0"]
     return step
 
