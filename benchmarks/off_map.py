@@ -172,7 +172,7 @@ def _of_foreign_maps(cases: dict[str, Case]) -> Iterator[Condition]:
 def _of_halves(cases: dict[str, Case]) -> Iterator[Condition]:
     for name, seeds in (("hall", (1, 2, 3)), ("office", (1, 2, 3))):
         for seed in seeds:
-            made = partial(_simulated, name, seed, change=_without_right)
+            made = partial(_simulated, name, seed, change=without_right)
             yield Condition("half a map", f"{name} {seed}", made)
     for name in ("intel", "fr079", "belgioioso"):
         if name in cases:
@@ -239,7 +239,7 @@ def _foreign(case: Case, map_file: Path, *, mirror: bool) -> tuple[GridMap, Step
 def _recorded_on_half(case: Case) -> tuple[GridMap, Steps]:
     """From the first step on that is followed by twenty in the part that is erased."""
     course = course_of(case, 0, BridgeSettings())
-    grid_map = _without_right(course.map)
+    grid_map = without_right(course.map)
     steps = [
         (_with_digest(scan, grid_map), truth) for scan, truth in course.steps if truth is not None
     ]
@@ -260,7 +260,7 @@ def _simulated(
 ) -> tuple[GridMap, Steps]:
     place = world(name)
     grid_map = change(place.map)
-    start = _start_in_right(place.map, seed) if change is _without_right else None
+    start = start_in_right(place.map, seed) if change is without_right else None
     simulation = CrowdSimulation(place, seed, people, lidar, start)
     steps = simulated_steps(SimulatedSource(simulation), BridgeSettings(), grid_map.digest)
     if short:
@@ -315,7 +315,7 @@ def _cut_short(steps: Iterator[TrueStep], share: float, seed: int) -> Iterator[T
         yield msgspec.structs.replace(scan, ranges=ArrayBlob.of(ranges, "float32")), truth
 
 
-def _without_right(grid_map: GridMap) -> GridMap:
+def without_right(grid_map: GridMap) -> GridMap:
     """The right two fifths were not mapped."""
     cells = grid_map.cells.copy()
     mapped = np.flatnonzero((cells != UNKNOWN).any(axis=0))
@@ -324,10 +324,10 @@ def _without_right(grid_map: GridMap) -> GridMap:
     return GridMap(cells, grid_map.cell_m, grid_map.map_from_grid)
 
 
-def _start_in_right(grid_map: GridMap, seed: int) -> PoseTuple:
+def start_in_right(grid_map: GridMap, seed: int) -> PoseTuple:
     rng = np.random.default_rng([seed, 11])
     free = np.argwhere(grid_map.cells == FREE)
-    lost = free[~np.isin(free[:, 1], np.argwhere(_without_right(grid_map).cells == FREE)[:, 1])]
+    lost = free[~np.isin(free[:, 1], np.argwhere(without_right(grid_map).cells == FREE)[:, 1])]
     row, col = lost[rng.integers(len(lost))]
     x, y, _ = grid_map.map_from_grid
     heading = float(rng.uniform(-math.pi, math.pi))

@@ -13,7 +13,11 @@ import numpy as np
 
 from coordinator.belief.outcome import Outcome
 from particle_filter.arrays import FREE, Pose, Poses
-from particle_filter.cluster_filter import ParticleSet, measurement_update
+from particle_filter.cluster_filter import (
+    ParticleSet,
+    measurement_update,
+    regularised_resample,
+)
 from particle_filter.evidence_model import scan_exponent
 from particle_filter.grid import Grid
 from particle_filter.motion import move
@@ -26,6 +30,7 @@ from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
+from protocol.work import Place
 from worker.jobs import scan_beams
 
 START_PARTICLES_PER_M2, LEAST_START_PARTICLES, MOST_START_PARTICLES = 400.0, 50_000, 2_000_000
@@ -116,19 +121,36 @@ class OrdinaryMCL:
         model: weighs poses.
         settings: the filter's settings.
         gains: draws random particles by these gains; None: never.
+        kept: number of particles once it has shrunk; 0: `kept_particles`.
     """
 
     def __init__(
-        self, model: SensorModel, settings: FilterSettings, gains: RecoveryGains | None = None
+        self,
+        model: SensorModel,
+        settings: FilterSettings,
+        gains: RecoveryGains | None = None,
+        kept: int = 0,
     ) -> None:
         self._model, self._settings = model, settings
         self._recovery = Recovery(gains) if gains else None
         self._start_count = start_particles(model.grid)
-        self.kept = min(kept_particles(settings), self._start_count)
+        self.kept = min(kept or kept_particles(settings), self._start_count)
         self.particles: ParticleSet | None = None
         """The particles after the last step; None before the first."""
         self.steps = 0
         self._odom_from_robot: Pose = np.zeros(3)
+
+    def set_pose(self, given: Place) -> None:
+        """Replace all particles by those of a given pose, as nav2 does; it has no scan yet."""
+        sample = given.sample
+        rng = generator(self._settings.seed, purpose=Purpose.START, entity=0, step=sample.step)
+        poses = sample.map_from_robot.array().astype(np.float64)
+        even = np.zeros(len(poses))
+        self.particles = regularised_resample(poses, even, self.kept, rng)
+        self._start_count, self.steps = self.kept, SHRINKING_STEPS
+        if self._recovery:
+            self._recovery = Recovery(self._recovery.gains)
+        self._odom_from_robot = np.array(sample.odom_from_robot)
 
     def advance(self, scan: Scan) -> Outcome:
         """Apply one step, and return the belief after it."""
