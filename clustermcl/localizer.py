@@ -31,7 +31,7 @@ from protocol import answers
 from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose
 from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
+from protocol.codec import decode, decoded, encode
 from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import PoseTuple
 from protocol.steps import Landmark, Observation, PositionField, Scan
@@ -362,7 +362,7 @@ def _read_state(path: Path) -> _SavedState:
             data = file.read(MAX_STATE_BYTES + 1)
         if len(data) > MAX_STATE_BYTES:
             raise ValueError(f"larger than {MAX_STATE_BYTES} bytes")
-        state = msgspec.msgpack.decode(without_checksum(data), type=_SavedState)
+        state = decoded(without_checksum(data), _SavedState)
     except OSError as error:
         raise StateFileError(path, os_problem(error)) from None
     except (ValueError, RecursionError) as error:  # msgspec's errors are among them

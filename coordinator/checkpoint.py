@@ -16,6 +16,7 @@ from coordinator.commands import Commands
 from coordinator.jobs import Jobs
 from coordinator.part import FEW, Count, Text, handed_on
 from coordinator.step_collector import StepCollector
+from protocol.codec import decoded
 from protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9
@@ -54,10 +55,10 @@ def from_bytes(data: bytes) -> CheckpointState:
         ValueError: the state cannot be read, has another version, or no coordinator wrote it.
     """
     try:
-        version = _VERSIONS.decode(data).version
+        version = decoded(data, _Version).version
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
-        state = _STATES.decode(data)
+        state = decoded(data, CheckpointState)
         if to_bytes(state) != data:
             raise ValueError("a state that no coordinator has written")
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
@@ -85,7 +86,7 @@ def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
     only an estimate, or the state cannot be read.
     """
     try:
-        state = _STATES.decode(checkpoint.state)
+        state = decoded(checkpoint.state, CheckpointState)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError):
         return None
     applied = state.collector.applied
@@ -97,9 +98,3 @@ def arrival(checkpoint: Checkpoint, received_ns: int) -> tuple[int, int] | None:
 
 class _Version(msgspec.Struct, frozen=True):
     version: int
-
-
-# Made before any thread starts: msgspec prepares a type at its first use, and crashes if another
-# thread, such as the flight recorder's, uses the type at the same time.
-_VERSIONS = msgspec.msgpack.Decoder(_Version)
-_STATES = msgspec.msgpack.Decoder(CheckpointState)

@@ -5,6 +5,8 @@ from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 import msgspec
 from msgspec import Meta
 
+from protocol.codec import decoded
+
 MAX_ITEMS = 2_000
 """Largest number of clusters, jobs, places or causes: fifty times a large robot's."""
 Count: TypeAlias = Annotated[int, Meta(ge=0, lt=2**52)]
@@ -42,4 +44,4 @@ P = TypeVar("P", bound=Part)
 
 def successor_of(part: P) -> P:
     """Return a copy of a part as a successor has it: local fields have their default values."""
-    return msgspec.msgpack.decode(msgspec.msgpack.encode(handed_on(part)), type=type(part))
+    return decoded(msgspec.msgpack.encode(handed_on(part)), type(part))

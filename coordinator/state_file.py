@@ -20,7 +20,7 @@ from urllib.parse import quote
 import msgspec
 
 from coordinator.checkpoint import state_in
-from protocol.codec import decode, encode, max_bytes
+from protocol.codec import decode, decoded, encode, max_bytes
 from protocol.errors import MalformedMessageError
 from protocol.terms import check_term
 from protocol.work import Checkpoint
@@ -48,7 +48,7 @@ def without_checksum(data: bytes) -> bytes:
     Raises:
         ValueError: the file is damaged.
     """
-    kept = msgspec.msgpack.decode(data, type=_File)  # its errors are ValueErrors
+    kept = decoded(data, _File)  # its errors are ValueErrors
     if hashlib.sha256(kept.content).digest() != kept.sha256:
         raise ValueError("its checksum is wrong")
     return kept.content

@@ -8,6 +8,7 @@ import yaml
 
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
+from protocol.codec import converted
 from protocol.errors import LandmarksFileError
 from protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from protocol.steps import MAX_LANDMARKS, Landmark, Sigma
@@ -65,7 +66,7 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
         raise LandmarksFileError(path, f"larger than {_MAX_BYTES} bytes")
     try:
         refuse_aliases(content, path, LandmarksFileError)
-        entries = msgspec.convert(yaml.safe_load(content), _File).landmarks
+        entries = converted(yaml.safe_load(content), _File).landmarks
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = f"not a landmarks file: {error}"
         raise LandmarksFileError(path, problem) from None

@@ -25,6 +25,7 @@ from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
+from protocol.codec import converted
 from protocol.errors import MapFileError
 from protocol.message import Finite
 
@@ -90,7 +91,7 @@ def _header(content: bytes, path: Path) -> _Header:
             continue
         value = values[field.name]
         try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
-            checked[field.name] = msgspec.convert(value, field.type, strict=False)
+            checked[field.name] = converted(value, field.type, strict=False)
         except (ValueError, OverflowError):
             problem = f"{field.name}: {value!r} must be {_ALLOWED[field.name]}"
             raise MapFileError(path, problem, line=lines[field.name]) from None

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
+from protocol.codec import decoded
+
 MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000
 """Limit for all archived frames, compressed; with very many clusters, fewer steps fit."""
@@ -18,7 +20,6 @@ _FAST = 1
 
 ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
 """Step, topic, and encoded frame."""
-_ENTRIES = msgspec.json.Decoder(list[ArchiveEntry])
 
 
 class _Pack(NamedTuple):
@@ -68,7 +69,7 @@ class StepArchive:
 
     def everything(self) -> list[ArchiveEntry]:
         """Return all entries in the order of their steps."""
-        packs = [_ENTRIES.decode(zlib.decompress(pack.packed)) for pack in self._packs]
+        packs = [_unpacked(pack) for pack in self._packs]
         return [entry for entries in (*packs, self._newest) for entry in entries]
 
     def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
@@ -78,10 +79,14 @@ class StepArchive:
             if pack.last_step < first:
                 return
             if pack.first_step <= last:
-                yield _ENTRIES.decode(zlib.decompress(pack.packed))
+                yield _unpacked(pack)
 
     def _pack(self) -> None:
         packed = zlib.compress(msgspec.json.encode(self._newest), _FAST)
         self._packs.append(_Pack(self._newest[0][0], self._newest[-1][0], packed))
         self._packed_bytes += len(packed)
         self._newest, self._newest_bytes = [], 0
+
+
+def _unpacked(pack: _Pack) -> list[ArchiveEntry]:
+    return decoded(zlib.decompress(pack.packed), list[ArchiveEntry], msgspec.json)

@@ -14,6 +14,7 @@ import msgspec
 from process_runtime.compressed import os_problem
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, SettingInfo
+from protocol.codec import converted
 from protocol.errors import InputFileError, SettingsError
 
 _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
@@ -170,7 +171,7 @@ def _converted(setting: SettingInfo, value: object, where: str) -> Any:
     key = setting.name.rpartition(".")[2]
     if not isinstance(value, int | float) or abs(value) <= _LARGEST:  # NaN is not
         with suppress(msgspec.ValidationError):
-            return getattr(msgspec.convert({key: value}, setting.section), key)
+            return getattr(converted({key: value}, setting.section), key)
     shown = repr(value)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     problem = f"{setting.name} = {shown}: expected {setting.expected}"

@@ -6,6 +6,7 @@ faster, but would allocate a list of four billion items.
 
 from functools import cache
 from threading import Lock
+from types import ModuleType
 from typing import Any, TypeVar, get_args
 
 import msgpack
@@ -32,6 +33,7 @@ _NOT_MESSAGEPACK = (
 )
 
 M = TypeVar("M")
+T = TypeVar("T")
 
 _prepared: set[object] = set()
 _preparing = Lock()
@@ -62,9 +64,8 @@ def decode(data: bytes, expected: type[M]) -> M:
     most = max_bytes(expected)  # type: ignore[arg-type] # classes and unions can be hashed
     if len(data) > most:
         raise malformed("too large", f"{len(data)} bytes; the limit is {most}")
-    _prepare(expected)
     try:
-        message = msgspec.convert(_unpacked(data), expected)
+        message = converted(_unpacked(data), expected)
     except msgspec.ValidationError as error:
         raise malformed("schema" if "$.schema" in str(error) else "field", error) from None
     except _NOT_MESSAGEPACK as error:
@@ -86,13 +87,37 @@ def refusal_of(message: Message) -> str | None:
     return None
 
 
-def _prepare(expected: type[M]) -> None:
-    """Have msgspec inspect a class in one thread: two at once crash the process."""
-    if expected in _prepared:
-        return
-    with _preparing:
-        msgspec.msgpack.Decoder(expected)
-        _prepared.add(expected)
+def converted(value: object, kind: type[T], *, strict: bool = True) -> T:
+    """Do as `msgspec.convert`, in any thread.
+
+    Raises:
+        msgspec.ValidationError: a field is missing, of the wrong type or out of its range.
+    """
+    prepare(kind)
+    return msgspec.convert(value, kind, strict=strict)  # noqa: TID251 - prepared
+
+
+def decoded(data: bytes | str, kind: type[T], encoding: ModuleType = msgspec.msgpack) -> T:
+    """Do as `msgspec.msgpack.decode` or that of another encoding, in any thread.
+
+    Only for data whose size was checked, and that no other process can send: see `decode`.
+
+    Raises:
+        msgspec.DecodeError: the data is not of this encoding, or not a valid `kind`.
+        RecursionError: it is nested too deeply.
+    """
+    prepare(kind)
+    value: T = encoding.decode(data, type=kind)
+    return value
+
+
+def prepare(*kinds: Any) -> None:
+    """Have msgspec inspect types in one thread: two that do it at once crash the process."""
+    for kind in kinds:
+        if kind not in _prepared:
+            with _preparing:
+                msgspec.msgpack.Decoder(kind)  # noqa: TID251 - the lock is held
+                _prepared.add(kind)
 
 
 def _unpacked(data: bytes) -> Any:

@@ -17,6 +17,7 @@ import msgspec
 
 from process_runtime.settings import Settings
 from process_runtime.state_folder import state_folder
+from protocol.codec import decoded
 from ros2_bridge.lifecycle import State
 from ros2_bridge.message_types import BOND_STATUS, new
 from ros2_bridge.messages_out import header
@@ -111,7 +112,7 @@ class RestartFile:
                 return None
             with path.open("rb") as file:
                 about, content = os.fstat(file.fileno()), file.read(_MAX_BYTES)
-            bridge_state = msgspec.json.decode(content, type=BridgeState)
+            bridge_state = decoded(content, BridgeState, msgspec.json)
         except (OSError, msgspec.DecodeError) as error:
             _log.warning("%s is not used: %s", path, error)
             return None

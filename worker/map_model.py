@@ -19,6 +19,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.sensor_model import MapArrays, SensorModel
 from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
+from protocol.codec import decoded
 
 CACHE_VERSION = 7
 """To be increased when the same map and settings give other arrays."""
@@ -165,7 +166,7 @@ def _read(entry: Path) -> MapArrays:
         _BrokenEntryError: a file is damaged.
     """
     try:
-        sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
+        sums = decoded((entry / _SUMS).read_bytes(), dict[str, int], msgspec.json)
         _check(entry, sums)
         return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
     except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8

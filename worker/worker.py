@@ -10,7 +10,7 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings, filter_with
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion
-from protocol.codec import encode
+from protocol.codec import converted, encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
 from protocol.steps import Landmark, MapMessage, Scan
@@ -296,7 +296,7 @@ class Worker:
             order: the order of a coordinator.
         """
         try:
-            settings = msgspec.convert(order.filter_settings, FilterSettings)
+            settings = converted(order.filter_settings, FilterSettings)
             if not self._fence.check(order):
                 return self._overtaken(question, order)
         except (OldTermError, msgspec.ValidationError) as error:

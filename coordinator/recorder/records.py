@@ -88,10 +88,6 @@ def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
                     yield Happened(what, event_text(one.event))
 
 
-SNAPSHOTS = msgspec.msgpack.Decoder(Coordinator)
-"""Decodes a snapshot of `freeze`."""
-
-
 def freeze(coordinator: Coordinator) -> bytes:
     """Encode a coordinator between two events, without particles and beams.
 

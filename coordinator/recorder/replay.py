@@ -11,7 +11,6 @@ import msgspec
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
 from coordinator.recorder.records import (
-    SNAPSHOTS,
     Happened,
     Head,
     RecordedEvent,
@@ -19,6 +18,7 @@ from coordinator.recorder.records import (
     happened_to,
 )
 from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
+from protocol import codec
 from protocol.answers import Belief
 from protocol.codec import encode
 from protocol.errors import RecordingError
@@ -88,7 +88,7 @@ def _replayed_series(
                     yield wall_ns, Happened("not recorded", f"{missing} events before {path.name}")
                 if coordinator is None or missing:
                     coordinator = _unpacked(
-                        path, "not a coordinator's snapshot", head.snapshot, SNAPSHOTS
+                        path, "not a coordinator's snapshot", head.snapshot, Coordinator
                     )
                     events = head.first_event
                     yield wall_ns, Happened("recording", f"{path.name}, made with {head.made_with}")
@@ -145,7 +145,7 @@ def _entries(log: RunLogReader, version: str) -> Iterator[Head | _Entry]:
         if number == 0:
             yield _head(log.path, message, version)
         elif message.topic == EVENTS:
-            for recorded in _unpacked(log.path, EVENTS, message.data, _EVENTS):
+            for recorded in _unpacked(log.path, EVENTS, message.data, list[RecordedEvent]):
                 if entry is not None:
                     entry.is_followed = True
                     yield entry
@@ -163,26 +163,22 @@ class _Version(msgspec.Struct, frozen=True):
 
 T = TypeVar("T")
 
-_VERSIONS = msgspec.msgpack.Decoder(_Version)
-_HEADS = msgspec.msgpack.Decoder(Head)
-_EVENTS = msgspec.msgpack.Decoder(list[RecordedEvent])
-
 
 def _head(path: Path, message: LogMessage, version: str) -> Head:
     if message.topic != HEAD:
         raise RecordingError(
             path, "it has no events of a coordinator; show it with clustermcl view"
         )
-    found = _unpacked(path, HEAD, message.data, _VERSIONS).version
+    found = _unpacked(path, HEAD, message.data, _Version).version
     if found != version:
         problem = f"recorded by version {found}, this is {version}: replay it with that version"
         raise RecordingError(path, problem)
-    return _unpacked(path, HEAD, message.data, _HEADS)
+    return _unpacked(path, HEAD, message.data, Head)
 
 
-def _unpacked(path: Path, what: str, data: bytes, decoder: "msgspec.msgpack.Decoder[T]") -> T:
+def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
     try:
-        return decoder.decode(data)
+        return codec.decoded(data, kind)
     except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
         raise RecordingError(path, f"{what}: {error}") from None
 

@@ -1,6 +1,4 @@
 import math
-import subprocess
-import sys
 
 import msgspec
 import pytest
@@ -120,38 +118,3 @@ def test_a_successor_begins_the_elsewhere_job_that_its_predecessor_lacked(
     other = CoordinatorState.of("c", never, CoordinatorSettings(), BridgeSettings())
     assert other.resume(known, 1) == 10
     assert ("e0" in other.placement.jobs.placed) == had
-
-
-MANY_AT_ONCE = """
-import os, sys, threading
-from coordinator.checkpoint import from_bytes
-
-sys.setswitchinterval(1e-6)
-data, together = sys.stdin.buffer.read(), threading.Barrier(6)
-
-
-def read():
-    together.wait()
-    from_bytes(data)
-
-
-for _ in range(12):  # processes that have read none so far
-    if not (child := os.fork()):
-        threads = [threading.Thread(target=read) for _ in range(6)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        os._exit(0)
-    if os.waitpid(child, 0)[1]:
-        sys.exit("crashed")
-"""
-
-
-def test_threads_may_read_the_first_state_at_the_same_time(state: CheckpointState) -> None:
-    """As do the loop and the flight recorder of a coordinator that takes over."""
-    command = [sys.executable, "-c", MANY_AT_ONCE]
-    ended = subprocess.run(
-        command, input=to_bytes(state), check=False, capture_output=True, timeout=120
-    )
-    assert ended.returncode == 0, ended.stderr.decode()

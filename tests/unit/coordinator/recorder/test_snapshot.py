@@ -10,9 +10,10 @@ from coordinator.coordinator import Coordinator, Started
 from coordinator.events import Event
 from coordinator.instructions import Instruction, PublishBelief
 from coordinator.part import Part
-from coordinator.recorder.records import SNAPSHOTS, freeze, without_bulk
+from coordinator.recorder.records import freeze, without_bulk
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
+from protocol.codec import decoded
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 
@@ -36,7 +37,7 @@ class Watched:
         assert beliefs(again) == beliefs(instructions)
         self._events += 1
         if self._events % 7 == 0:
-            self._thawed = SNAPSHOTS.decode(freeze(self._coordinator))
+            self._thawed = decoded(freeze(self._coordinator), Coordinator)
         return instructions
 
 
@@ -72,7 +73,7 @@ def test_every_part_of_a_coordinator_has_only_encoded_fields() -> None:
 @pytest.mark.parametrize("data", [b"", b"nonsense", pickle.dumps(7), b"\x91" * 100_000])
 def test_bytes_that_are_not_a_snapshot_are_refused(data: bytes) -> None:
     with pytest.raises((ValueError, RecursionError)):
-        SNAPSHOTS.decode(data)
+        decoded(data, Coordinator)
 
 
 @pytest.mark.parametrize(
