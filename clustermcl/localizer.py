@@ -31,7 +31,8 @@ from protocol import answers
 from protocol.advice import USUAL_RADIUS_M, Advice
 from protocol.answers import Relocalize, SetPose
 from protocol.arrays import ArrayBlob
-from protocol.codec import decode, decoded, encode
+from protocol.codec import decode, encode
+from protocol.conversion import decoded
 from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import PoseTuple
 from protocol.steps import Landmark, Observation, PositionField, Scan

@@ -16,7 +16,7 @@ from coordinator.commands import Commands
 from coordinator.jobs import Jobs
 from coordinator.part import FEW, Count, Text, handed_on
 from coordinator.step_collector import StepCollector
-from protocol.codec import decoded
+from protocol.conversion import decoded
 from protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9

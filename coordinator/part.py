@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 import msgspec
 from msgspec import Meta
 
-from protocol.codec import decoded
+from protocol.conversion import decoded
 
 MAX_ITEMS = 2_000
 """Largest number of clusters, jobs, places or causes: fifty times a large robot's."""

@@ -20,7 +20,8 @@ from urllib.parse import quote
 import msgspec
 
 from coordinator.checkpoint import state_in
-from protocol.codec import decode, decoded, encode, max_bytes
+from protocol.codec import decode, encode, max_bytes
+from protocol.conversion import decoded
 from protocol.errors import MalformedMessageError
 from protocol.terms import check_term
 from protocol.work import Checkpoint

@@ -8,7 +8,7 @@ import yaml
 
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
-from protocol.codec import converted
+from protocol.conversion import converted
 from protocol.errors import LandmarksFileError
 from protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from protocol.steps import MAX_LANDMARKS, Landmark, Sigma

@@ -25,7 +25,7 @@ from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
-from protocol.codec import converted
+from protocol.conversion import converted
 from protocol.errors import MapFileError
 from protocol.message import Finite
 

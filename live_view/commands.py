@@ -6,7 +6,7 @@ from typing import Annotated, TypeAlias, get_args
 import msgspec
 
 from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
-from protocol.codec import converted, decoded
+from protocol.conversion import converted, decoded
 from protocol.errors import MalformedMessageError
 
 _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
-from protocol.codec import decoded
+from protocol.conversion import decoded
 
 MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000

@@ -14,7 +14,7 @@ import msgspec
 from process_runtime.compressed import os_problem
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, SettingInfo
-from protocol.codec import converted
+from protocol.conversion import converted
 from protocol.errors import InputFileError, SettingsError
 
 _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})

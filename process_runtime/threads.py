@@ -1,13 +1,20 @@
 """Several parts of one process, each in a thread of its own."""
 
+import logging
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 
 from process_runtime.stop import StopFlag, StoppedError
+from process_runtime.supervisor import Backoff
+from protocol.errors import ClusterMclError
 
 _POLL_S = 0.2
+_LOG_AGAIN_S = 60.0
+
+_log = logging.getLogger(__name__)
 
 
 def run_in_threads(
@@ -46,3 +53,33 @@ def run_in_threads(
     for part in running:
         with suppress(StoppedError):
             part.result()
+
+
+def restarted(
+    part: Callable[[StopFlag], object], name: str, logged: str = ""
+) -> Callable[[StopFlag], None]:
+    """Return a part for `run_in_threads` that begins again, ever later, when an error ends it.
+
+    Args:
+        part: the work, which returns when its stop flag is set.
+        name: its name in the log.
+        logged: error that is logged already, as is one that comes again within a minute.
+    """
+
+    def run(stop: StopFlag) -> None:
+        backoff, known = Backoff(), logged
+        while not stop.is_set():
+            began_s = time.monotonic()
+            try:
+                part(stop)
+            except StoppedError:
+                return
+            except Exception as error:  # noqa: BLE001 - the outermost loop of one robot's work
+                problem, lived_s = str(error), time.monotonic() - began_s
+                if problem != known or lived_s > _LOG_AGAIN_S:
+                    bug = None if isinstance(error, ClusterMclError) else error
+                    _log.warning("%s is tried again: %s", name, problem, exc_info=bug)
+                known = problem
+                stop.wait(backoff.after_death(lived_s))
+
+    return run

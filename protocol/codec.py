@@ -5,13 +5,12 @@ faster, but would allocate a list of four billion items.
 """
 
 from functools import cache
-from threading import Lock
-from types import ModuleType
 from typing import Any, TypeVar, get_args
 
 import msgpack
 import msgspec
 
+from protocol.conversion import converted
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
 from protocol.validity import problem_of
@@ -33,10 +32,6 @@ _NOT_MESSAGEPACK = (
 )
 
 M = TypeVar("M")
-T = TypeVar("T")
-
-_prepared: set[object] = set()
-_preparing = Lock()
 
 
 @cache
@@ -85,39 +80,6 @@ def refusal_of(message: Message) -> str | None:
     except OverflowError as error:  # an integer of more than 64 bits
         return str(error)
     return None
-
-
-def converted(value: object, kind: type[T], *, strict: bool = True) -> T:
-    """Do as `msgspec.convert`, in any thread.
-
-    Raises:
-        msgspec.ValidationError: a field is missing, of the wrong type or out of its range.
-    """
-    prepare(kind)
-    return msgspec.convert(value, kind, strict=strict)  # noqa: TID251 - prepared
-
-
-def decoded(data: bytes | str, kind: type[T], encoding: ModuleType = msgspec.msgpack) -> T:
-    """Do as `msgspec.msgpack.decode` or that of another encoding, in any thread.
-
-    Only for data whose size was checked, and that no other process can send: see `decode`.
-
-    Raises:
-        msgspec.DecodeError: the data is not of this encoding, or not a valid `kind`.
-        RecursionError: it is nested too deeply.
-    """
-    prepare(kind)
-    value: T = encoding.decode(data, type=kind)
-    return value
-
-
-def prepare(*kinds: Any) -> None:
-    """Have msgspec inspect types in one thread: two that do it at once crash the process."""
-    for kind in kinds:
-        if kind not in _prepared:
-            with _preparing:
-                msgspec.msgpack.Decoder(kind)  # noqa: TID251 - the lock is held
-                _prepared.add(kind)
 
 
 def _unpacked(data: bytes) -> Any:

@@ -18,7 +18,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
 from process_runtime.compressed import os_problem
 from process_runtime.output_files import OutputError, check_output_file
-from protocol import codec
+from protocol import conversion
 from protocol.answers import Belief
 from protocol.errors import RecordingError
 from protocol.pose_arrays import pose_tuple
@@ -260,7 +260,7 @@ def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
         RecordingError: the message is not of this type.
     """
     try:
-        content = codec.decoded(message.data, kind, msgspec.json)
+        content = conversion.decoded(message.data, kind, msgspec.json)
         problem = problem_of(content)
     except (ValueError, RecursionError) as error:  # of msgspec, or of invalid strings
         problem = str(error)

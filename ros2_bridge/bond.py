@@ -17,7 +17,7 @@ import msgspec
 
 from process_runtime.settings import Settings
 from process_runtime.state_folder import state_folder
-from protocol.codec import decoded
+from protocol.conversion import decoded
 from ros2_bridge.lifecycle import State
 from ros2_bridge.message_types import BOND_STATUS, new
 from ros2_bridge.messages_out import header

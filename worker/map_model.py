@@ -19,7 +19,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.sensor_model import MapArrays, SensorModel
 from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
-from protocol.codec import decoded
+from protocol.conversion import decoded
 
 CACHE_VERSION = 7
 """To be increased when the same map and settings give other arrays."""

@@ -19,7 +19,7 @@ from typing import TypeVar
 from grid_maps.map_message import from_message
 from particle_filter.branch_and_bound import free_leaves
 from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import SensorSettings
+from particle_filter.settings import FilterSettings, SensorSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -30,10 +30,11 @@ from process_runtime.supervisor import (
     run_forked,
     work_without_preempting,
 )
-from process_runtime.threads import run_in_threads
+from process_runtime.threads import restarted, run_in_threads
 from protocol import keys
 from protocol.advice import AdviceQuestion
 from protocol.codec import decode
+from protocol.conversion import prepare
 from protocol.errors import ClusterMclError, MalformedMessageError, SettingsError, UnreachableError
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
@@ -54,6 +55,7 @@ from worker.worker import (
     Worker,
 )
 from zenoh_link.node import Node
+from zenoh_link.tls import check_files
 from zenoh_link.wire import Asked, Received
 
 SPARE = 1
@@ -75,6 +77,8 @@ REPEAT_FOR_S = 0.5
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T", WorkOrder, TakeOver, Checkpoint)
+
+_RECEIVED = WorkOrder, TakeOver, Checkpoint, AdviceQuestion, MapMessage, Scan, ScanHistory
 
 
 def main() -> None:
@@ -103,16 +107,17 @@ def run_workers(invocation: Invocation) -> None:
     """
     settings, prefix = invocation.settings, invocation.process
     folder, overrides = invocation.arguments.fleet, invocation.arguments.set
-    robots = [settings] if folder is None else fleet_of(folder, overrides)
+    fleet = None if folder is None else Fleet(folder, overrides)
     cache = chosen_cache_folder(settings.worker.cache_folder)
     compile_kernels(SensorSettings())
+    prepare(FilterSettings, *_RECEIVED)  # once for all children, and before they have threads
 
     def child(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:
         name = f"{prefix}-{index}"
-        if folder is None:
+        if fleet is None:
             serve(name, settings, cache, report_jobs, stop)
         else:
-            serve_robots(name, robots, cache, report_jobs, stop)
+            serve_robots(name, fleet, cache, report_jobs, stop)
 
     fixed = invocation.arguments.count or settings.worker.count
     # Linux also knows which cores this process may use.
@@ -122,28 +127,50 @@ def run_workers(invocation: Invocation) -> None:
     run_forked(count, child, invocation.stop, name=prefix)
 
 
-def fleet_of(folder: Path, overrides: Sequence[str]) -> list[Settings]:
-    """Return the settings of each robot of a fleet.
+class Fleet:
+    """The settings files of a fleet, ``NAME.toml``, one for each robot.
+
+    An unusable file is logged, and is no other robot's problem.
 
     Args:
-        folder: folder with a settings file, ``NAME.toml``, for each robot.
+        folder: folder of the files.
         overrides: settings as for ``--set``, which hold for all robots.
 
+    Attributes:
+        problems: why a file cannot be used; empty: it can.
+
     Raises:
-        SettingsError: there is no settings file, one is invalid, or two name the same robot.
+        SettingsError: there is no settings file.
     """
-    files = sorted(folder.glob("*.toml"))
-    if not files:
-        problem = f"{folder} is not a folder with settings files (*.toml), one for each robot"
-        raise SettingsError(key="--fleet", problem=problem)
-    robots = dict[tuple[str, str], Path]()
-    fleet = [load_settings(file, overrides) for file in files]
-    for file, one in zip(files, fleet, strict=True):
-        first = robots.setdefault((one.zenoh.router, one.robot.name), file)
-        if first is not file:
-            problem = f"{first} and {file} are both of robot {one.robot.name!r}: remove one"
+
+    def __init__(self, folder: Path, overrides: Sequence[str]) -> None:
+        self._overrides, self._files = overrides, dict[tuple[str, str], Path]()
+        self.problems = dict.fromkeys(sorted(folder.glob("*.toml")), "")
+        if not self.problems:
+            problem = f"{folder} is not a folder with settings files (*.toml), one for each robot"
             raise SettingsError(key="--fleet", problem=problem)
-    return fleet
+        for file in self.problems:
+            try:
+                self.settings(file)
+            except ClusterMclError as error:
+                self.problems[file] = str(error)
+                _log.warning("%s is left out, and tried again: %s", file, error)
+
+    def settings(self, file: Path) -> Settings:
+        """Read and check a robot's file.
+
+        Raises:
+            ClusterMclError: the file or a certificate is unusable, or another is of this robot.
+        """
+        settings = load_settings(file, self._overrides)
+        if settings.zenoh.router.startswith("tls/"):
+            check_files(settings.zenoh)  # before the fork, so that one line tells of it
+        robot = settings.robot.name
+        first = self._files.setdefault((settings.zenoh.router, robot), file)
+        if first != file:
+            problem = f"{first} and {file} are both of robot {robot!r}: remove one"
+            raise SettingsError(key="--fleet", problem=problem)
+        return settings
 
 
 def serve(
@@ -157,14 +184,22 @@ def serve(
 
 
 def serve_robots(
-    name: str, robots: Sequence[Settings], cache: Path, report_jobs: ReportJobs, stop: StopFlag
+    name: str, fleet: Fleet, cache: Path, report_jobs: ReportJobs, stop: StopFlag
 ) -> None:
-    """Serve several robots, each in a thread, until the process is stopped or one thread ends."""
-    jobs = dict.fromkeys(range(len(robots)), 0)
+    """Serve several robots, each in a thread, until the process is stopped.
+
+    An error ends the work for one robot, which then begins again with its file.
+    """
+    jobs = dict.fromkeys(fleet.problems, 0)
+
+    def serve_robot(file: Path, stop: StopFlag) -> None:
+        jobs[file] = 0
+        serve(name, fleet.settings(file), cache, partial(jobs.__setitem__, file), stop)
+
     run_in_threads(
         [
-            partial(serve, name, settings, cache, partial(jobs.__setitem__, index))
-            for index, settings in enumerate(robots)
+            restarted(partial(serve_robot, file), str(file), logged=problem)
+            for file, problem in fleet.problems.items()
         ],
         stop,
         on_turn=lambda: report_jobs(sum(jobs.values())),

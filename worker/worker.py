@@ -10,7 +10,8 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings, filter_with
 from particle_filter.view_memory import ViewMemory
 from protocol.advice import Advice, AdviceQuestion
-from protocol.codec import converted, encode
+from protocol.codec import encode
+from protocol.conversion import converted
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
 from protocol.steps import Landmark, MapMessage, Scan

@@ -18,7 +18,7 @@ from coordinator.recorder.records import (
     happened_to,
 )
 from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
-from protocol import codec
+from protocol import conversion
 from protocol.answers import Belief
 from protocol.codec import encode
 from protocol.errors import RecordingError
@@ -178,7 +178,7 @@ def _head(path: Path, message: LogMessage, version: str) -> Head:
 
 def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
     try:
-        return codec.decoded(data, kind)
+        return conversion.decoded(data, kind)
     except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
         raise RecordingError(path, f"{what}: {error}") from None
 

@@ -4,7 +4,7 @@ import time
 import pytest
 
 from process_runtime.stop import StopFlag
-from process_runtime.threads import run_in_threads
+from process_runtime.threads import restarted, run_in_threads
 
 PATIENCE_S = 20.0
 
@@ -55,3 +55,19 @@ def test_no_sign_of_life_is_given_while_one_part_hangs() -> None:
     run_in_threads([until_stopped, hanging], stop, on_turn)
     assert counts[0] > 0
     assert counts[-1] <= counts[0] + 1, "what it checked before it hung may give one more"
+
+
+def test_an_error_of_one_part_ends_its_turn_and_not_the_others(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stop, turns = StopFlag(), list[int]()
+
+    def failing(_stop: StopFlag) -> None:
+        turns.append(1)
+        if len(turns) == 4:
+            stop.set()
+        raise ValueError("no map")
+
+    run_in_threads([until_stopped, restarted(failing, "robot 2")], stop)
+    assert caplog.messages == ["robot 2 is tried again: no map"], "logged once, with its traceback"
+    assert caplog.records[0].exc_info

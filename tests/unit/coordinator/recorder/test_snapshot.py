@@ -13,7 +13,7 @@ from coordinator.part import Part
 from coordinator.recorder.records import freeze, without_bulk
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
-from protocol.codec import decoded
+from protocol.conversion import decoded
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 
