@@ -1,6 +1,7 @@
 """Converts messages to lines of text."""
 
 import math
+import time
 from collections.abc import Iterator
 
 from protocol.advice import Advice, Way
@@ -15,6 +16,8 @@ OFF_MAP = 0.5
 """Probability of off the map above which the text contains a warning."""
 SAME_RANGE_M = 0.5
 """Ranges at two places that are nearer to each other are listed as one [m]."""
+CLOCK_SET_NS = 1_000_000_000_000_000_000
+"""A later stamp is a date after 2001 [ns]."""
 DOUBT = 0.01
 """Probability of elsewhere above which the text mentions it."""
 
@@ -154,8 +157,14 @@ def is_unweighed(belief: Belief) -> bool:
 
 
 def event_line(numbered: NumberedEvent) -> str:
-    """Return an event as text, such as ``step 200: c3 merged into c1 (0.02)``."""
-    return f"step {numbered.step}: {event_text(numbered.event)}"
+    """Return an event as text, such as ``11:45:51 step 200: c3 merged into c1 (0.02)``.
+
+    The time is that of the robot's clock, in local time, if it is a date and no count from 0.
+    """
+    clock = ""
+    if numbered.stamp_ns > CLOCK_SET_NS:
+        clock = time.strftime("%H:%M:%S ", time.localtime(numbered.stamp_ns // 1_000_000_000))
+    return f"{clock}step {numbered.step}: {event_text(numbered.event)}"
 
 
 def status_lines(status: Status) -> Iterator[str]:

@@ -13,6 +13,7 @@ import zenoh
 from clustermcl.robot_commands import RobotCommands, new_id
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message
+from process_runtime.caller import caller
 from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from process_runtime.settings_file import with_setting
 from process_runtime.stop import StopFlag
@@ -44,7 +45,6 @@ R = TypeVar("R")
 _PAUSE_S = 0.1
 _POLL_S = 0.1
 _KEPT_MESSAGES = 256
-_SENDER = "client"
 
 
 class NotLocalizedError(ClusterMclError):
@@ -197,7 +197,7 @@ class Client(RobotCommands):
 
     def update(self) -> None:
         """Use the next scan for a step, even if the robot stands still."""
-        self._carry_out(Update(sender=_SENDER, command_id=new_id()))
+        self._carry_out(Update(sender=caller(), command_id=new_id()))
 
     def kidnap(self, pose: PoseTuple | None = None) -> None:
         """Move the simulated robot without letting its odometry show the motion.
@@ -205,7 +205,7 @@ class Client(RobotCommands):
         Args:
             pose: the new pose: x [m], y [m], heading [rad]; None: a random pose far away.
         """
-        self._carry_out(Kidnap(sender=_SENDER, command_id=new_id(), pose=pose))
+        self._carry_out(Kidnap(sender=caller(), command_id=new_id(), pose=pose))
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
         """Wait until the robot is localized and its pose is fresh, then return the pose.

@@ -3,6 +3,7 @@
 import math
 import uuid
 
+from process_runtime.caller import caller
 from protocol.answers import Relocalize, SetPose
 from protocol.codec import refusal_of
 from protocol.message import Circle, Covariance, PoseTuple
@@ -41,7 +42,7 @@ class RobotCommands:
                 covariance is not positive semi-definite.
         """
         command = SetPose(
-            sender="client",
+            sender=caller(),
             command_id=new_id(),
             pose=pose,
             position_sigma_m=position_sigma_m,
@@ -67,7 +68,7 @@ class RobotCommands:
         """
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
-        self._carry_out(Relocalize(sender="client", command_id=new_id(), near=near, region=region))
+        self._carry_out(Relocalize(sender=caller(), command_id=new_id(), near=near, region=region))
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         raise NotImplementedError

@@ -15,7 +15,7 @@ from live_view.admission import parsed_address
 from process_runtime.main import outermost
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
-from process_runtime.state_folder import default_state_folder
+from process_runtime.state_folder import default_state_folder, recording_folder
 from process_runtime.stop import stop_on_signals
 from process_runtime.supervisor import ChildExit
 from protocol.errors import SettingsError
@@ -27,11 +27,14 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
-        stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
+        recorded = _recorded(settings)
+        stack = Stack(recorded, folder, logs_in_folder=False, page_arguments=page)
         with closing(stack):
             stack.start_all()
             say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
             say(f"query it with: {_query_command(settings)}")
+            if (recording := recording_folder(recorded)) is not None:
+                say(f"see what happened with: clustermcl replay {shlex.quote(str(recording))}")
             while not stack.supervisor.wait(stop):
                 for ended in stack.supervisor.poll(time.monotonic()):
                     if ended.restart_in_s is None:

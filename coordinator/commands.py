@@ -1,5 +1,6 @@
 """Commands of clients: the robot's pose, and the start of a search."""
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -16,6 +17,7 @@ from particle_filter.regions import parsed_regions
 from particle_filter.trajectory import Trajectory
 from protocol.answers import Relocalize, SetPose
 from protocol.errors import printable
+from protocol.job_events import MAX_DETAIL_CHARACTERS, Remark
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 
@@ -151,6 +153,27 @@ class Commands(Part):
     def _remember(self, command: SetPose | Relocalize, problem: str) -> None:
         known = self.problems | {command.command_id: problem}
         self.problems = dict(list(known.items())[-KEPT_COMMANDS:])
+
+
+def command_remark(command: SetPose | Relocalize, problem: str = "") -> Remark:
+    """Return a command in words, with its sender and the reason if it was refused."""
+    match command:
+        case SetPose(pose=(x, y, heading)):
+            sigma_m = math.sqrt(max(_covariance(command)[0], _covariance(command)[4]))
+            cause, what = (
+                "pose given",
+                (
+                    f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg  "
+                    f"+-{sigma_m:.2f} m"
+                ),
+            )
+        case Relocalize(near=None, region=region):
+            cause, what = "search requested", f"region {printable(region)}" if region else ""
+        case Relocalize(near=(x, y, radius)):
+            cause, what = "search requested", f"within {radius:g} m of x {x:.2f} m  y {y:.2f} m"
+    refused = f"refused: {problem}" if problem else ""
+    parts = (what, f"by {printable(command.sender)}", refused)
+    return Remark(cause=cause, detail=", ".join(filter(None, parts))[:MAX_DETAIL_CHARACTERS])
 
 
 def _with_odometry(

@@ -4,8 +4,6 @@ import argparse
 import logging
 import time
 from contextlib import closing
-from pathlib import Path
-from urllib.parse import quote
 
 from coordinator.coordinator import Started
 from coordinator.loop import Loop
@@ -16,7 +14,7 @@ from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
-from process_runtime.state_folder import state_folder
+from process_runtime.state_folder import recording_folder, state_folder
 from process_runtime.version import VERSION
 from protocol import keys
 from protocol.errors import AlreadyRunningError
@@ -112,11 +110,8 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
 
 def recorder_ring(settings: Settings, series: int) -> Ring | None:
     """Return the files of the flight recording; None: nothing is recorded."""
-    folder, max_bytes = settings.recorder.folder, int(settings.recorder.max_mb * 1e6)
-    if folder in ("", "off"):
-        return None
-    robot = quote(settings.robot.name, safe="")
-    return Ring(Path(folder).expanduser() / robot, series, max_bytes)
+    folder = recording_folder(settings)
+    return Ring(folder, series, int(settings.recorder.max_mb * 1e6)) if folder else None
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:

@@ -16,7 +16,7 @@ from coordinator.belief.given_places import PriorPose, candidate
 from coordinator.belief.outcome import Outcome
 from coordinator.change_detectors import MapChangeDetector, OverloadDetector
 from coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, CheckpointState, state_in
-from coordinator.commands import Commands
+from coordinator.commands import Commands, command_remark
 from coordinator.dead_reckoning import DeadReckoning, carried
 from coordinator.free_ground import FreeGround
 from coordinator.part import Part
@@ -51,7 +51,7 @@ class EventLog(Part):
             self.count += 1
             self.kept.append(numbered)
             self.unpublished.append(numbered)
-        del self.kept[:-KEPT_EVENTS]
+        del self.kept[:-KEPT_EVENTS], self.unpublished[:-KEPT_EVENTS]
 
     def news(self) -> tuple[NumberedEvent, ...]:
         """Return the events since the last call."""
@@ -217,6 +217,7 @@ class CoordinatorState(Part):
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         self._use(ready.scan.settings)
         self._detect_overload(ready, now_ns)
+        self.event_log.add(ready.scan.remarks, ready.scan.step, ready.scan.stamp_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
@@ -262,7 +263,14 @@ class CoordinatorState(Part):
         self.changed = True
         applied, history, ground = self.collector.applied, self.pose.history, self._free_ground
         outcome = self.commands.carry_out(command, self.ensemble, applied, history, ground)
+        self._remark(command, self.commands.problems[command.command_id])
         return self._follow_command(outcome, applied)
+
+    def _remark(self, command: SetPose | Relocalize, problem: str) -> None:
+        """Keep a command among the events."""
+        applied, stamp_ns = self.collector.applied, self.pose.history.newest_ns or 0
+        stamp_ns = applied.stamp_ns if applied else stamp_ns
+        self.event_log.add([command_remark(command, problem)], self.applied_step, stamp_ns)
 
     def on_steps_restarted(self, scan: Scan) -> None:
         """Search for the robot: the bridge was restarted, and numbers steps from a new start."""

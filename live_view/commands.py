@@ -53,8 +53,8 @@ _COMMANDS: dict[str, type[Command]] = {
 """Commands by their schemas."""
 
 
-def parsed_request(text: str | bytes) -> Request:
-    """Parse a request of a browser.
+def parsed_request(text: str | bytes, sender: str = SENDER) -> Request:
+    """Parse a request of a browser; `sender` is that of its commands.
 
     Raises:
         MalformedMessageError: the text is not a request of the page.
@@ -65,6 +65,6 @@ def parsed_request(text: str | bytes) -> Request:
         if command is None:
             own: Request = converted(fields, _OWN)  # type: ignore[arg-type] # a union
             return own
-        return converted(fields | {"sender": SENDER, "command_id": uuid.uuid4().hex}, command)
+        return converted(fields | {"sender": sender, "command_id": uuid.uuid4().hex}, command)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:  # nested too deeply
         raise MalformedMessageError(expected="request of the page", problem=str(error)) from None

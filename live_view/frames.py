@@ -147,7 +147,7 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
         {
             "number": numbered.number,
             "step": numbered.step,
-            "job": numbered.event.job_id,
+            "job": getattr(numbered.event, "job_id", ""),
             "cause": numbered.event.cause,
             "kind": type(numbered.event).__name__.lower(),
             "text": event_text(numbered.event),

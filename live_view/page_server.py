@@ -24,14 +24,17 @@ from live_view.commands import (
     MAX_REQUEST_BYTES,
     SENDER,
     Drawn,
+    Request,
     ShowEarlier,
     ShowPast,
     parsed_request,
 )
 from live_view.room import Browser, FromBrowser, PageOpened, Room, encoded
 from live_view.saved_page import static_files
+from process_runtime.caller import caller
 from protocol.answers import Drive
 from protocol.errors import MalformedMessageError, SettingsError
+from protocol.message import MAX_ID_CHARACTERS
 
 SOCKET_PATH = "live"
 ROBOT_PATH = "robot/"
@@ -182,7 +185,7 @@ class PageServer:
         try:
             room.on_event(FromBrowser(browser, PageOpened()))
             async for text in connection:
-                self._on_request(room, browser, text)
+                self._on_request(room, browser, parsed_request(text, _sender(connection)))
         except MalformedMessageError as error:
             await connection.close(1008, str(error)[:100])
         except ConnectionClosed:
@@ -192,8 +195,7 @@ class PageServer:
             if browser.drives:  # so that the robot drives on by itself
                 room.on_event(FromBrowser(browser, Drive(sender=SENDER, by_hand=False)))
 
-    def _on_request(self, room: Room, browser: Browser, text: str | bytes) -> None:
-        request = parsed_request(text)
+    def _on_request(self, room: Room, browser: Browser, request: Request) -> None:
         if isinstance(request, Drawn):
             browser.on_drawn(request)
         elif self._commands or isinstance(request, ShowPast | ShowEarlier):
@@ -203,6 +205,13 @@ class PageServer:
         else:
             problem = "this page is read-only: start it with --allow-commands"
             browser.offer(encoded({"done": {"problem": problem}}))
+
+
+def _sender(connection: ServerConnection) -> str:
+    """Return who commands, such as ``live_view of robot@r1, browser at 10.0.0.7``."""
+    address = connection.remote_address
+    browser = f", browser at {address[0]}" if address else ""
+    return f"{caller('live_view')}{browser}"[:MAX_ID_CHARACTERS]
 
 
 def _send(connection: ServerConnection, data: bytes) -> None:

@@ -3,6 +3,9 @@
 import logging
 import os
 from pathlib import Path
+from urllib.parse import quote
+
+from process_runtime.settings import Settings
 
 _log = logging.getLogger(__name__)
 
@@ -30,3 +33,11 @@ def state_folder(named: str) -> Path | None:
     except RuntimeError as error:  # a service without a home
         _log.warning("the state is not kept: %s; set coordinator.state_folder", error)
         return None
+
+
+def recording_folder(settings: Settings) -> Path | None:
+    """Return the folder of the robot's flight recording; None: nothing is recorded."""
+    folder = settings.recorder.folder
+    if folder in ("", "off"):
+        return None
+    return Path(folder).expanduser() / quote(settings.robot.name, safe="")

@@ -1,12 +1,15 @@
-"""Events of clusters and searches: what began or ended, and why."""
+"""Events of a run: what began or ended, and why; commands; faults of sensors."""
 
 from collections.abc import Iterable, Iterator
 from itertools import groupby
-from typing import ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import msgspec
+from msgspec import Meta
 
 from protocol.message import LIST_BYTES, Id, Message, Number, Probability
+
+MAX_DETAIL_CHARACTERS = 400
 
 BeganCause: TypeAlias = Literal[
     "first search", "restart", "observed", "prior pose", "given", "split"
@@ -59,12 +62,33 @@ class Ended(
     """Its last probability; 0 for a search."""
 
 
-JobEvent: TypeAlias = Began | Ended
+class Remark(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="event",
+    tag="remark",
+):
+    """Something else that explains a belief: a command, or a fault of the robot's sensors."""
+
+    cause: Id
+    """Such as ``pose given`` or ``odometry jumped``; docs/wire.md lists them."""
+    detail: Annotated[str, Meta(max_length=MAX_DETAIL_CHARACTERS)] = ""
+    """Numbers and names, in words."""
+
+
+JobEvent: TypeAlias = Began | Ended | Remark
 
 
 def is_of_search(event: JobEvent) -> bool:
     """Return whether an event is of a search, whose start is not an event."""
     return event.cause in ("search over", "search stopped")
+
+
+def probability_of(event: JobEvent) -> float:
+    """Return the probability of a place that began or ended; 1 for all other events."""
+    return 1.0 if isinstance(event, Remark) or is_of_search(event) else event.probability
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -81,7 +105,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
-    """Events of clusters and searches.
+    """Events of clusters and searches, commands, and faults of the robot's sensors.
 
     The coordinator publishes new events on ``events``, before the belief that they lead to. It
     answers queries there with the last 200 of its term: query after a gap in the numbers.
@@ -99,6 +123,8 @@ def event_text(event: JobEvent) -> str:
     match event:
         case Began(job_id, cause, probability):
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
+        case Remark(cause=cause, detail=detail):
+            return ": ".join(filter(None, (cause, detail)))
         case Ended(job_id, cause, by, probability):
             what = f"{job_id} {_ENDED[cause]} {' and '.join(by)}".rstrip()
             return what if is_of_search(event) else f"{what} ({probability:.2g})"
@@ -113,16 +139,17 @@ def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
         events, lambda n: (n.step, type(n.event), n.event.cause)
     ):
         alike = [numbered.event for numbered in group]
+        of_jobs = [event for event in alike if not isinstance(event, Remark)]
         if is_of_search(alike[0]):  # one event for each shard
-            searches = dict.fromkeys(event.job_id.partition(".")[0] for event in alike)
-            yield from (f"step {step}: search {search} {_ENDED[cause]}" for search in searches)
+            searches = dict.fromkeys(event.job_id.partition(".")[0] for event in of_jobs)
+            yield from (f"step {step}: search {search} {_TEXTS[cause]}" for search in searches)
             continue
-        if len(alike) < _ALIKE:
+        if len(of_jobs) < _ALIKE:
             yield from (f"step {step}: {event_text(event)}" for event in alike)
             continue
-        what = (_BEGAN | _ENDED)[cause].replace("was ", "were ", 1)
+        what = _TEXTS[cause].replace("was ", "were ", 1)
         others = " others" if isinstance(alike[0], Ended) and alike[0].by else ""
-        most, least = (pick(event.probability for event in alike) for pick in (max, min))
+        most, least = (pick(event.probability for event in of_jobs) for pick in (max, min))
         yield f"step {step}: {len(alike)} places {what}{others} ({most:.2g} to {least:.2g})"
 
 
@@ -146,3 +173,4 @@ _ENDED: dict[EndedCause, str] = {
     "search over": "is over",
     "search stopped": "was stopped",
 }
+_TEXTS: dict[str, str] = {str(cause): text for cause, text in (_BEGAN | _ENDED).items()}

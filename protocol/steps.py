@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from protocol.arrays import ArrayBlob
+from protocol.job_events import Remark
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import (
     LARGEST_BYTES,
@@ -58,6 +59,8 @@ Reading: TypeAlias = OdometryReading | LaserReading
 
 MAX_OBSERVATIONS = 32
 """Observations of one step."""
+MAX_REMARKS = 16
+"""Remarks of one step."""
 MAX_LANDMARKS = 500
 """Landmarks of one map."""
 Numbers: TypeAlias = Annotated[tuple[Finite, ...], Meta(min_length=2, max_length=9)]
@@ -192,6 +195,8 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     """What other sensors have observed since the step before."""
     landmarks: Annotated[tuple[Landmark, ...], Meta(max_length=MAX_LANDMARKS)] = ()
     """All landmarks of the map, if one was observed."""
+    remarks: Annotated[tuple[Remark, ...], Meta(max_length=MAX_REMARKS)] = ()
+    """What the bridge refused, bridged or missed since the step before."""
 
 
 def mirrored(scan: Scan) -> Scan:

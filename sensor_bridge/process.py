@@ -41,6 +41,7 @@ from protocol.steps import (
 from recordings.map_file import load_map, map_file_of
 from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.recorded import Source, recorded_source
+from sensor_bridge.refused import Refused, cause_text
 from sensor_bridge.step_maker import StepMaker
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received, Token, ask, is_alive
@@ -252,11 +253,12 @@ class Bridge:
             self._maker = self._new_maker(self._map)
         return self._maker
 
-    def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
+    def _count_refused(self, dropped: Refused, stamp_ns: int) -> None:
         if dropped != self._refused:
             for cause in (dropped - self._refused).elements():
-                self._warn(f"reading refused: {cause.replace('_', ' ')}", f"stamp {stamp_ns} ns")
-            self._refused = dropped.copy()
+                detail = dropped.details.get(cause, f"stamp {stamp_ns} ns")
+                self._warn(cause_text(cause), detail)
+            self._refused = Counter(dropped)
 
     def _finish(self) -> None:
         """Send the source's last steps, which may still wait for later odometry."""

@@ -5,7 +5,7 @@ list of stages in `StepMaker`. No stage knows a clock or a network.
 """
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -19,11 +19,10 @@ from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.reading_checks import MAX_LASERS, laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Reading
+from sensor_bridge.refused import CLOCK_RESTARTED, ODOMETRY_JUMPED, SILENT, Refused
 
 STAMP_STEPS_BACK = "stamp_steps_back"
-CLOCK_RESTARTED = "clock_restarted"
 NO_ODOMETRY = "no_odometry"
-ODOMETRY_JUMPED = "odometry_jumped"
 OUTLIER = "outlier_in_time_or_place"
 TOO_MANY_LASERS = "too_many_lasers"
 
@@ -36,6 +35,8 @@ CONFIRMED_BY = 3
 RESTART_AFTER = 20
 """After this many late readings in a row, the robot's clock is taken to be set back. After this
 many readings that contradict the reference laser, their laser becomes the reference."""
+SILENT_NS = 2_000_000_000
+"""A laser or odometry without a reading for longer than this was silent [ns]."""
 MAX_WAITING_SCANS = 8
 """Scans of a laser that wait for later odometry; with one more, the first uses the newest."""
 MAX_SPEED_M_PER_S, MAX_TURN_RATE_RAD_PER_S = 10.0, 10.0
@@ -89,29 +90,53 @@ def _jumps(before: Reading | None, reading: Reading) -> bool:
     )
 
 
+def _apart(before: Reading, reading: Reading) -> float:
+    """Return the distance and turn between two readings, [m] plus [rad]; infinite without poses."""
+    start, end = before.odom_from_robot, reading.odom_from_robot
+    if start is None or end is None:
+        return math.inf
+    return math.dist(start[:2], end[:2]) + abs(wrap_angle(end[2] - start[2]))
+
+
 class Clock:
     """Drops late readings; if all are late, the robot's clock was set back."""
 
-    def __init__(self, dropped: Counter[str]) -> None:
+    def __init__(self, dropped: Refused) -> None:
         self._dropped = dropped
         self.newest_ns: int | None = None
-        self._late_in_a_row = 0
+        self._late_in_a_row, self._late_s = 0, 0.0
+        self._last_ns: dict[tuple[str, str], int] = {}
+        """Stamp of the newest reading of odometry, and of each laser [ns]."""
 
     def __call__(self, reading: Reading) -> Iterator[Item]:
         stamp_ns = reading.stamp_ns
         if self.newest_ns is None or stamp_ns >= self.newest_ns - MAX_STEP_BACK_NS:
             self.newest_ns = stamp_ns if self.newest_ns is None else max(stamp_ns, self.newest_ns)
             self._late_in_a_row = 0
+            self._check_gap(reading)
             yield reading
             return
         self._late_in_a_row += 1
+        if self._late_in_a_row == 1:
+            self._late_s = (self.newest_ns - stamp_ns) / 1e9
         if self._late_in_a_row < RESTART_AFTER:
             self._dropped[STAMP_STEPS_BACK] += 1
             return
-        self._dropped[CLOCK_RESTARTED] += 1
+        self._dropped.add(CLOCK_RESTARTED, f"{self._late_s:.1f} s back")
         self.newest_ns, self._late_in_a_row = stamp_ns, 0
+        self._last_ns.clear()
         yield ClockRestarted()
         yield reading
+
+    def _check_gap(self, reading: Reading) -> None:
+        kind, name = "odometry", ""
+        if isinstance(reading, LaserReading):
+            kind, name = "laser", reading.laser
+        last_ns = self._last_ns.get((kind, name), reading.stamp_ns)
+        self._last_ns[kind, name] = max(last_ns, reading.stamp_ns)
+        if (gap_ns := reading.stamp_ns - last_ns) > SILENT_NS:
+            which = f"{name}, " if name else ""
+            self._dropped.add(kind + SILENT, f"{which}for {gap_ns / 1e9:.1f} s")
 
 
 class OutlierFilter:
@@ -125,7 +150,7 @@ class OutlierFilter:
     not fit is dropped. When the first laser falls silent, another replaces it.
     """
 
-    def __init__(self, clock: Clock, lasers: Lasers, dropped: Counter[str]) -> None:
+    def __init__(self, clock: Clock, lasers: Lasers, dropped: Refused) -> None:
         self._clock, self._lasers, self._dropped = clock, lasers, dropped
         self._held: list[Reading] = []
         """At most `CONFIRMED_BY` - 1."""
@@ -179,7 +204,7 @@ class OutlierFilter:
         newest_ns = self._clock.newest_ns
         ahead = newest_ns is not None and reading.stamp_ns > newest_ns + MAX_AHEAD_NS
         has_pose = reading.odom_from_robot is not None
-        if not ahead and not _jumps(self._last_pose, reading):
+        if not (ahead or _jumps(self._last_pose, reading) or self._continues_held(reading)):
             # A reading without a pose does not contradict a held one that is far away.
             self._drop([one for one in self._held if has_pose or not _jumps(self._last_pose, one)])
             self._last_pose = reading if has_pose else self._last_pose
@@ -193,6 +218,17 @@ class OutlierFilter:
         if outliers:
             self._dropped[OUTLIER] += len(outliers)
             self._held = [held for held in self._held if held not in outliers]
+
+    def _continues_held(self, reading: Reading) -> bool:
+        """Return whether a reading is nearer to a held jump than to the last pose.
+
+        While readings are held, time passes, and a robot could have driven any jump.
+        """
+        last = self._last_pose
+        held = [one for one in self._held if _jumps(last, one)]
+        if not held or last is None or not self._agrees(reading):
+            return False
+        return _apart(held[-1], reading) < _apart(last, reading)
 
     def _agrees(self, reading: Reading) -> bool:
         with_pose = [held for held in self._held if held.odom_from_robot is not None]
@@ -209,8 +245,8 @@ class OdometryContinuity:
     motion noise covers a small one.
     """
 
-    def __init__(self, dropped: Counter[str] | None = None) -> None:
-        self._dropped = Counter[str]() if dropped is None else dropped
+    def __init__(self, dropped: Refused | None = None) -> None:
+        self._dropped = Refused() if dropped is None else dropped
         self._last: tuple[int, PoseTuple] | None = None
         self._ours_from_theirs: PoseTuple | None = None
 
@@ -218,8 +254,11 @@ class OdometryContinuity:
         pose = reading.odom_from_robot
         if pose is None:
             return [reading]
-        if self.jumped(reading.stamp_ns, pose):
-            self._dropped[ODOMETRY_JUMPED] += 1
+        last = self._last
+        if self.jumped(reading.stamp_ns, pose) and last is not None:
+            moved_m, turned = math.dist(last[1][:2], pose[:2]), wrap_angle(pose[2] - last[1][2])
+            detail = f"by {moved_m:.2f} m and {abs(math.degrees(turned)):.0f} deg"
+            self._dropped.add(ODOMETRY_JUMPED, detail)
         if self._ours_from_theirs is None:
             return [reading]
         return [replace(reading, odom_from_robot=self.continuous(pose))]
@@ -251,7 +290,7 @@ class Synchroniser:
     A scan without an odometry pose waits for the first odometry after it.
     """
 
-    def __init__(self, lasers: Lasers, dropped: Counter[str]) -> None:
+    def __init__(self, lasers: Lasers, dropped: Refused) -> None:
         self._lasers, self._dropped = lasers, dropped
         self._buffer = Trajectory(most=200)
         self.odometry: tuple[int, PoseTuple] | None = None

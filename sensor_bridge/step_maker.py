@@ -1,7 +1,7 @@
 """Makes numbered steps from a robot's readings: checks, synchronises and gates them."""
 
 import math
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Any
@@ -26,6 +26,7 @@ from protocol.steps import (
     Scan,
 )
 from sensor_bridge.pending_observations import PendingObservations
+from sensor_bridge.refused import Refused
 from sensor_bridge.sources import Sources
 from sensor_bridge.stages import Clock, Lasers, OdometryContinuity, OutlierFilter, Synchroniser
 
@@ -105,8 +106,8 @@ class StepMaker:
         landmarks: landmarks of the map; others cannot be observed.
 
     Attributes:
-        dropped: readings that were not used, by cause; jumps of odometry and restarts of the
-            clock are counted here too. Scans that the gate held back are not.
+        dropped: readings that were not used, by cause; jumps of odometry, restarts of the
+            clock and gaps are counted here too. Scans that the gate held back are not.
         gate: decides which scans become steps.
     """
 
@@ -120,7 +121,7 @@ class StepMaker:
         live: bool = False,
         landmarks: Sequence[Landmark] = (),
     ) -> None:
-        self.dropped: Counter[str] = Counter()
+        self.dropped = Refused()
         self._map_digest, self._sender = map_digest, sender
         self._lockstep, self._live = lockstep, live
         self._next_step = first_step
@@ -223,6 +224,7 @@ class StepMaker:
             settings=self._live_settings,
             observations=seen,
             landmarks=self._pending_observations.landmarks_of(seen),
+            remarks=self.dropped.remarks(reading.stamp_ns),
         )
 
     def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:

@@ -52,6 +52,10 @@ AllowCommands = Annotated[
 ]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+Above = Annotated[
+    float,
+    typer.Option(min=0.0, max=1.0, metavar="P", help="Only places with a probability above P."),
+]
 Output = Annotated[
     Path | None,
     typer.Option("--output", metavar="FILE.csv", help="Write the results, one row for each run."),

@@ -13,8 +13,9 @@ import typer
 
 from clustermcl import as_text as text
 from clustermcl.as_json import json_object
-from clustermcl.commands.options import AsJson, client_command, connected, print_answer
+from clustermcl.commands.options import Above, AsJson, client_command, connected, print_answer
 from process_runtime.settings import Settings
+from protocol.job_events import NumberedEvent, probability_of
 
 EXIT_NO_POSE = 4
 
@@ -35,9 +36,7 @@ def pose(settings: Settings, as_json: AsJson = False) -> None:
 @client_command
 def hypotheses(
     settings: Settings,
-    above: Annotated[
-        float, typer.Option(min=0.0, max=1.0, metavar="P", help="Only places above P.")
-    ] = 0.0,
+    above: Above = 0.0,
     as_json: AsJson = False,
 ) -> None:
     """Print all places where the robot may be, with their probabilities."""
@@ -62,16 +61,22 @@ def events(
     follow: Annotated[
         bool, typer.Option("--follow", help="Also print new events, until Ctrl-C.")
     ] = False,
+    above: Above = 0.0,
     as_json: AsJson = False,
 ) -> None:
-    """Print which clusters and searches began and ended, and why."""
+    """Print what began and ended and why, commands, and faults of sensors."""
+
+    def is_shown(numbered: NumberedEvent) -> bool:
+        return probability_of(numbered.event) >= above
+
     if follow:
         with _until_interrupted(), connected(settings) as client:
-            for event in client.follow_events():
+            for event in filter(is_shown, client.follow_events()):
                 print_answer(json_object(event) if as_json else [text.event_line(event)])
         return
     with connected(settings) as client:
         answer = client.events()
+    answer = msgspec.structs.replace(answer, events=tuple(filter(is_shown, answer.events)))
     print_answer(json_object(answer) if as_json else map(text.event_line, answer.events))
 
 

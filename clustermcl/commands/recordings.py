@@ -9,6 +9,7 @@ import typer
 from clustermcl.commands import options as common
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
+from protocol.errors import SettingsError
 
 EXIT_DIFFERENT = 1
 MOST_RUNS, MOST_JOBS = 10_000, 256
@@ -142,21 +143,34 @@ def record_landmarks(
 
 
 def replay(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A robot's flight recording.")],
-    first_step: Annotated[
-        int | None, typer.Option("--from", metavar="STEP", help="Print from this step on.")
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", help="A robot's flight recording, or a file of it."),
+    ],
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="WHEN", help="Print from this step or time on.")
     ] = None,
-    last_step: Annotated[
-        int | None, typer.Option("--to", metavar="STEP", help="Print up to this step.")
+    last: Annotated[
+        str | None, typer.Option("--to", metavar="WHEN", help="Print up to this step or time.")
     ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="WHEN", help="Print 5 seconds, or steps, around it.")
+    ] = None,
+    above: common.Above = 0.0,
 ) -> None:
     """Recompute a flight recording, and print what happened.
 
-    Exit code 1 if a belief differs from the recorded one.
+    WHEN is a step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a
+    belief differs from the recorded one.
     """
-    from clustermcl.replay import print_replay  # noqa: PLC0415 - see the package
+    from clustermcl.replay import Moment, Shown, print_replay  # noqa: PLC0415 - see the package
 
-    same = print_replay(folder, first_step=first_step, last_step=last_step)
+    around = Moment.parsed("--at", at)
+    if around and (first or last):
+        problem = "--at with --from or --to: leave one out"
+        raise SettingsError(key="--at", problem=problem)
+    shown = Shown(Moment.parsed("--from", first), Moment.parsed("--to", last), above)
+    same = print_replay(folder, Shown.around(around, above) if around else shown)
     sys.exit(0 if same else EXIT_DIFFERENT)
 
 

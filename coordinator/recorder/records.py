@@ -14,11 +14,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator import events
+from coordinator.commands import command_remark
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
-from protocol.job_events import Began, event_text
+from protocol.job_events import Began, Remark, event_text, probability_of
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Particles
@@ -54,6 +55,8 @@ class Happened:
 
     kind: str
     about: str
+    probability: float = 1.0
+    """Of the cluster that began or ended."""
 
 
 def happened(event: events.Event) -> Iterator[Happened]:
@@ -70,7 +73,15 @@ def happened(event: events.Event) -> Iterator[Happened]:
         case events.OrderAnswered(worker, answer) if answer.problem:
             yield Happened("order refused", f"by {worker}: {answer.problem}")
         case events.CommandArrived(command):
-            yield Happened("command", repr(command))
+            yield _of_remark(command_remark(command))
+        case events.ScanArrived(scan):
+            yield from map(_of_remark, scan.remarks)
+        case events.HistoryArrived(scans):
+            yield from (_of_remark(remark) for scan in scans for remark in scan.remarks)
+
+
+def _of_remark(remark: Remark) -> Happened:
+    return Happened(remark.cause, remark.detail)
 
 
 def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
@@ -84,8 +95,10 @@ def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
                 yield Happened("command refused", done.problem)
             case PublishEvents(published):
                 for one in published.events:
+                    if isinstance(one.event, Remark):
+                        continue  # `happened` has yielded it
                     what = "began" if isinstance(one.event, Began) else "ended"
-                    yield Happened(what, event_text(one.event))
+                    yield Happened(what, event_text(one.event), probability_of(one.event))
 
 
 def freeze(coordinator: Coordinator) -> bytes:

@@ -51,7 +51,7 @@ def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     """Replay the recordings in a folder, one coordinator after another by their start.
 
     Args:
-        folder: folder of the recordings.
+        folder: folder of the recordings; a file in it, or the folder above it, will do.
         version: version of this software.
 
     Yields:
@@ -60,7 +60,7 @@ def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     Raises:
         RecordingError: the folder holds no recording, or an unreadable one.
     """
-    files, is_empty = files_in(folder), True
+    files, is_empty = _files_at(folder), True
     if not files:
         raise RecordingError(folder, _nothing_in(folder))
     for _, series in groupby(files, series_of):
@@ -183,12 +183,26 @@ def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
         raise RecordingError(path, f"{what}: {error}") from None
 
 
+def _files_at(path: Path) -> list[Path]:
+    """Return the files of the recording at a path, oldest first."""
+    if path.is_file():
+        beside = files_in(path.parent)
+        return beside if path in beside else [path]  # any other kind is refused when it is read
+    if found := files_in(path):
+        return found
+    below = [files_in(each) for each in path.iterdir() if each.is_dir()] if path.is_dir() else []
+    recordings = [files for files in below if files]
+    return recordings[0] if len(recordings) == 1 else []
+
+
 def _nothing_in(folder: Path) -> str:
     if not folder.is_dir():
-        return "a file; name its folder" if folder.exists() else "no such folder; check the path"
-    for below in sorted(folder.iterdir()):
-        if below.is_dir() and files_in(below):
-            return f"it contains no flight recording; {below} does"
+        return (
+            "neither a folder nor a file" if folder.exists() else "no such folder; check the path"
+        )
+    robots = [each.name for each in sorted(folder.iterdir()) if each.is_dir() and files_in(each)]
+    if robots:
+        return f"it contains several flight recordings: name one of {', '.join(robots)}"
     return "it contains no flight recording"
 
 

@@ -112,6 +112,7 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
     ]  # fmt: skip
     with typed(*words, folder=folder, environment=environment) as second:
         second.wait_for(f"query it with: clustermcl pose --robot r1 --router {router}")
+        second.wait_for("see what happened with: clustermcl replay ")
         monkeypatch.setenv("CLUSTERMCL_ROBOT", "r1")
         monkeypatch.setenv("CLUSTERMCL_ROUTER", router)
         with Client(timeout_s=60.0) as named:

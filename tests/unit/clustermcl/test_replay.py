@@ -1,6 +1,6 @@
 import os
 import re
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import msgspec
@@ -17,11 +17,14 @@ from live_view.admission import parsed_address
 from live_view.recorded_run import view_recording
 from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
-from protocol.errors import ClusterMclError, RecordingError
+from protocol.answers import SetPose
+from protocol.errors import ClusterMclError, RecordingError, SettingsError
 from recordings.run_log import RunLog
 from robot_simulator.worlds.catalogue import world
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, head, write_file
+
+GIVEN = SetPose(sender="set-pose of anna@laptop", command_id="1", pose=(2.0, 2.0, 0.5))
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +34,13 @@ def model() -> SensorModel:
 
 @pytest.fixture(scope="module")
 def recording(model: SensorModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten steps, and five more of a second coordinator."""
+    """Ten steps, and five more of a second coordinator; a pose is given after the fourth."""
     folder = tmp_path_factory.mktemp("flight")
     living = Living(model, made=Recordings(folder).make)
     for step in range(10):
         living.drive(step)
+        if step == 3:
+            living.command(GIVEN)
     living.revive()
     for step in range(10, 15):
         living.drive(step)
@@ -71,16 +76,53 @@ def test_replay_prints_what_happened_as_text(recording: Path) -> None:
     assert any(re.fullmatch(taken_over, line) for line in lines)
     assert any(line.startswith("step 14: ") for line in lines)
     assert any(" was found by the first search " in line for line in lines)
-    assert last == "16 beliefs, 2 coordinators: all as recorded, bit for bit"
+    given = "pose given: x 2.00 m  y 2.00 m  heading 28.6 deg  +-0.50 m, by set-pose of anna@laptop"
+    assert given in lines
+    assert last == "17 beliefs, 2 coordinators: all as recorded, bit for bit"
 
 
 def test_replay_prints_only_the_requested_steps(recording: Path) -> None:
     whole, result = run(recording), run(recording, "--from", 3, "--to", 6)
     *lines, last = result.stdout.splitlines()
     beliefs = [line[24:] for line in lines if line[24:].startswith("step ")]
-    assert [line.partition(":")[0] for line in beliefs] == [f"step {step}" for step in range(3, 7)]
+    steps = dict.fromkeys(line.partition(":")[0] for line in beliefs)  # step 3 twice: a command
+    assert list(steps) == [f"step {step}" for step in range(3, 7)]
     assert set(lines) < set(whole.stdout.splitlines())
-    assert last == "16 beliefs, 2 coordinators: all as recorded, bit for bit"
+    assert last == "17 beliefs, 2 coordinators: all as recorded, bit for bit"
+
+
+def test_replay_prints_only_the_requested_time(recording: Path) -> None:
+    *whole, last = run(recording).stdout.splitlines()
+    begin, end = whole[10][:23], whole[30][:23]
+    expected = [line for line in whole if begin <= line[:23] < end]
+    assert 0 < len(expected) < len(whole)
+    for first in (0, 11):  # with its date, or on any day
+        words = ("--from", begin[first:], "--to", end[first:])
+        assert run(recording, *words).stdout.splitlines() == [*expected, last]
+        assert run(recording, "--at", begin[first:]).stdout.splitlines() == [*whole, last]
+    later = datetime.fromisoformat(end) + timedelta(seconds=10)
+    assert run(recording, "--at", later.time()).stdout.splitlines() == [last]
+
+
+def test_replay_refuses_a_time_that_is_none(recording: Path) -> None:
+    for words in (("--at", "noon"), ("--at", "11:45", "--from", "3")):
+        assert isinstance(run(recording, *words).exception, SettingsError)
+
+
+def test_replay_leaves_out_improbable_places(recording: Path) -> None:
+    lines, fewer = (run(recording, "--above", p).stdout.splitlines() for p in (0, 1))
+    places = [line for line in lines if re.search(r": c\d+ .* \(", line)]
+    assert [line for line in lines if line not in places] == fewer
+    assert places
+
+
+def test_a_file_of_the_recording_or_the_folder_above_will_do(
+    recording: Path, tmp_path: Path
+) -> None:
+    whole = run(recording).stdout
+    assert run(files_in(recording)[-1]).stdout == whole
+    (tmp_path / "r1").symlink_to(recording)
+    assert run(tmp_path).stdout == whole
 
 
 def test_a_belief_that_differs_has_exit_code_1(
@@ -94,19 +136,13 @@ def test_a_belief_that_differs_has_exit_code_1(
     assert result.stdout.splitlines()[-1].endswith("differ from the recorded ones")
 
 
-def test_folders_without_a_recording_are_refused_in_one_line(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_folders_without_a_recording_are_refused_in_one_line(tmp_path: Path) -> None:
     assert "no such folder" in complaint(tmp_path / "nowhere")
-    (tmp_path / "file").touch()
-    assert "a file; name its folder" in complaint(tmp_path / "file")
     assert "it contains no flight recording" in complaint(tmp_path)
-    inner = tmp_path / "robot"
-    recording.rename(inner)
-    try:
-        assert f"{inner} does" in complaint(tmp_path)
-    finally:
-        inner.rename(recording)
+    for robot in ("r1", "r2"):
+        (tmp_path / robot).mkdir()
+        write_file(tmp_path / robot / f"{7:017d}-000000.mcap", head())
+    assert "several flight recordings: name one of r1, r2" in complaint(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -30,11 +30,12 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
+from coordinator.state import KEPT_EVENTS
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
 from protocol.codec import decode, encode
-from protocol.job_events import Began, Ended, JobEvents
+from protocol.job_events import Began, Ended, JobEvents, Remark
 from protocol.message import PoseTuple
 from protocol.steps import OdometryReading
 from protocol.work import Checkpoint, OrderAnswer, Report, SearchJob
@@ -203,10 +204,34 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
     forgotten = story.reported[3]
     assert forgotten.term == events.term == story.coordinator.pose(SECOND).term
     assert [one.event for one in forgotten.events] == [
+        Remark(cause="search requested", detail="by client"),
         Ended("c0", "forgotten", (), pytest.approx(0.75)),
         Ended("c1", "forgotten", (), pytest.approx(0.25)),
     ]
     assert story.coordinator.events().events == (*events.events, *forgotten.events)
+
+
+def test_commands_and_faults_of_sensors_are_events() -> None:
+    story, silent = Story("a").bootstrapped(), Remark(cause="laser silent", detail="for 3.1 s")
+    story.scan(1, remarks=(silent,))
+    for job_id, place in (("c0", NORTH), ("c1", SOUTH)):
+        story.report(tracked(job_id, 1, 0.1, place), at_s=1.1)
+    problem = story.command(Relocalize(sender="page", command_id="1", region="lab"))
+    assert problem
+    story.command(given("2", 1.0, 2.0, 0.5), 2.0)
+    remarks = [one for one in story.coordinator.events().events if isinstance(one.event, Remark)]
+    assert [(one.step, one.event.cause, one.event.detail) for one in remarks] == [
+        (1, "laser silent", "for 3.1 s"),
+        (1, "search requested", f"region lab, by page, refused: {problem}"),
+        (1, "pose given", "x 1.00 m  y 2.00 m  heading 28.6 deg  +-0.50 m, by client"),
+    ]
+
+
+def test_commands_before_the_first_step_do_not_pile_up() -> None:
+    story = Story("a")
+    for number in range(2 * KEPT_EVENTS):
+        story.command(given(str(number), 1.0, 2.0, 0.5))
+    assert len(story.coordinator.state.event_log.unpublished) == KEPT_EVENTS
 
 
 def tracking_story(rules: CoordinatorSettings = CoordinatorSettings()) -> Story:  # noqa: B008 - frozen

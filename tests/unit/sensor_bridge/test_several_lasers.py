@@ -102,7 +102,8 @@ def test_a_second_laser_with_a_wrong_clock_changes_no_step(
         )
 
     quiet, maker = [one for one in drive() if not is_rear(one)], a_maker()
-    assert made_of(*map(wrong, drive()), maker=maker) == made_of(*quiet)
+    disturbed = made_of(*map(wrong, drive()), maker=maker)
+    assert [msgspec.structs.replace(one, remarks=()) for one in disturbed] == made_of(*quiet)
     assert maker.dropped == {"outlier_in_time_or_place": sum(map(is_rear, drive()))}
 
 
