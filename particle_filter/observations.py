@@ -129,6 +129,19 @@ def factors(seen: Observation, landmarks: Landmarks, grid: Grid) -> tuple[float,
     return odds * area * (math.tau if len(seen.mean) == 3 else 1.0), 0.0
 
 
+def largest_log_ratio(seen: Observation, landmarks: Landmarks, grid: Grid) -> float:
+    """Return the log-likelihood ratio of an observation at the pose that it fits best [nat]."""
+    if seen.field is not None:
+        weights, false = seen.field.weights(seen.covariance), seen.outlier_probability
+        return math.log(ratios(weights, np.full_like(weights, 1.0 / weights.size), false).max())
+    right, any_landmark = factors(seen, landmarks, grid)
+    covariance = seen.covariance
+    if seen.landmark:
+        named = np.array(landmarks.names) == seen.landmark
+        covariance = covariance + landmarks.variances[named].min() * np.eye(2)
+    return math.log1p((right + any_landmark) / math.sqrt(np.linalg.det(math.tau * covariance)))
+
+
 def outlier_probability(pose: Pose, seen: Observation, landmarks: Landmarks, grid: Grid) -> float:
     """Return the probability that an observation is false if the robot is at a (3,) pose.
 

@@ -11,7 +11,7 @@ MAX_WORDS = 500
 """Entries of one table; processes have about twenty."""
 
 MAX_SOURCES = 100
-"""Largest number of sources of observations whose outlier rate is estimated."""
+"""Sources of observations that are shown; of more, those that are wrong most often."""
 
 _Word: TypeAlias = Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
 _Counts: TypeAlias = Annotated[dict[_Word, int], Meta(max_length=MAX_WORDS)]

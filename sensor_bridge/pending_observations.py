@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
 
 from particle_filter.arrays import Pose
@@ -23,12 +24,13 @@ from protocol.steps import (
     PositionField,
     Seen,
 )
-from sensor_bridge.sources import Source, Sources, source_name
+from sensor_bridge.sources import Senders, Source, Sources, source_name
 from sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
 
 UNKNOWN_LANDMARK = "unknown_landmark"
 OBSERVATION_AHEAD = "observation_from_the_future"
 TOO_MANY_OBSERVATIONS = "too_many_observations"
+TOO_MANY_SOURCES = "too_many_sources"
 OTHER_MAP = "field_of_another_map"
 TOO_FAR = "observation_too_far_back"
 BROKEN_SOURCE = "broken_source"
@@ -44,6 +46,9 @@ LEAST_SHARE = 0.02
 """An observation with a smaller new share is neither used nor remembered."""
 FIRST_SHARE = 0.5
 """An observation with a larger new share makes a step, even if the robot stands."""
+MAX_NAT = 30.0
+"""Most that the observations of one step together add to the log-likelihood of a pose [nat]; in
+worlds with tags, reflectors or fixes it is up to 24."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +68,8 @@ class PendingObservations:
     """The observations since the last step.
 
     A source errs in the same way for some time and some distance. So an
-    observation counts only by its new share since the last one of the same thing by this source.
+    observation counts only by its new share since the last one of the same thing: of a landmark by
+    any sender, and of the robot's pose by this one; poses of several senders share one weight.
 
     Args:
         landmarks: landmarks of the map.
@@ -80,7 +86,7 @@ class PendingObservations:
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
         self._placed: list[tuple[Source, Placed, Pose, float]] = []
-        self.sources = Sources(landmarks)
+        self.sources, self._senders = Sources(landmarks), Senders()
         self._past: deque[_Sight] = deque(maxlen=256)
 
     def on_observation(self, observation: Observation) -> None:
@@ -92,6 +98,8 @@ class PendingObservations:
             self._dropped[OTHER_MAP] += 1
         elif newest_ns is not None and observation.stamp_ns > newest_ns + MAX_AHEAD_NS:
             self._dropped[OBSERVATION_AHEAD] += 1
+        elif not self._senders.admits(observation.sender, newest_ns or 0):
+            self._dropped[TOO_MANY_SOURCES] += 1
         else:
             self._waiting.append(observation)
         if len(self._waiting) > MAX_WAITING:  # so that no clock ahead takes the places of others
@@ -113,9 +121,9 @@ class PendingObservations:
     def take(self, step: int, odom_from_robot: PoseTuple) -> tuple[Seen, ...]:
         """Return the observations for the next step, relative to the robot's pose there."""
         after, placed = np.array(odom_from_robot), self._placed
-        self._placed, usable = [], []
+        self._placed, usable, nat = [], [], 0.0
         for source, there, before, weight in placed:
-            here = there.moved(between(before, after))
+            here = self.sources.as_known(source, there).moved(between(before, after))
             seen = Seen(
                 landmark=here.landmark,
                 mean=tuple(here.mean.tolist()),
@@ -134,6 +142,9 @@ class PendingObservations:
                 self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
             else:
                 usable.append(seen)
+                nat += weight * self.sources.most_nat(here)
+        if nat > MAX_NAT:
+            usable = [msgspec.structs.replace(e, share=e.share * MAX_NAT / nat) for e in usable]
         return tuple(usable)
 
     def landmarks_of(self, seen: Sequence[Seen]) -> tuple[Landmark, ...]:
@@ -162,6 +173,8 @@ class PendingObservations:
             self._dropped[TOO_MANY_OBSERVATIONS] += 1
             return 0.0
         self._past.append(replace(sight, share=share))
+        if place is None:
+            self._senders.on_pose(observation.sender, stamp_ns)
         covariance = np.reshape(observation.covariance, (len(mean), len(mean)))
         odds = observation.outlier_probability
         seen = Placed(mean, covariance, observation.landmark, odds, share)
@@ -173,13 +186,18 @@ class PendingObservations:
 
     def _share(self, sight: _Sight, correlation_s: float) -> tuple[float, float]:
         """Return the new share of an observation, and the weight of that share in the belief."""
-        before = [past for past in self._past if self._is_same(past, sight)]
-        if not before:
-            return 1.0, 1.0
-        last, apart = before[-1], 0.0
+        before, weight, apart = [p for p in self._past if self._is_same(p, sight)], 1.0, 0.0
+        if sight.place is None:
+            last_ns = self._senders.last_pose_ns(sight.source)
+            weight /= 1.0 + self._senders.poses_besides(sight.source, sight.stamp_ns)
+        else:
+            last_ns = before[-1].stamp_ns if before else None
+        if last_ns is None:
+            return 1.0, weight
         if sight.place is not None:
-            apart = math.dist(last.odom_from_robot[:2], sight.odom_from_robot[:2]) / VIEW_M
-        waited_s = abs(sight.stamp_ns - last.stamp_ns) * 1e-9
+            here = sight.odom_from_robot[:2]
+            apart = math.dist(before[-1].odom_from_robot[:2], here) / VIEW_M
+        waited_s = abs(sight.stamp_ns - last_ns) * 1e-9
         share = -math.expm1(-apart - waited_s / correlation_s)
         # Every observation of a moved landmark is wrong, so later ones weigh less. One
         # with another name is no repetition: the names before may have been false.
@@ -187,16 +205,14 @@ class PendingObservations:
             here = sight.odom_from_robot[:2]
             before = [p for p in before if math.dist(p.odom_from_robot[:2], here) <= SAME_FIELD_M]
         elif sight.place is None:
-            return share, 1.0
+            return share, weight
         repeated = math.fsum(each.share for each in before if each.name == sight.name)
-        return share, 1.0 / (1.0 + repeated)
+        return share, weight / (1.0 + repeated)
 
     @staticmethod
     def _is_same(past: _Sight, sight: _Sight) -> bool:
-        if past.source != sight.source or (past.place is None) != (sight.place is None):
-            return False
         if past.place is None or sight.place is None:
-            return True
+            return past.source == sight.source and past.place is sight.place
         return math.dist(past.place[:2], sight.place[:2]) <= SAME_M
 
 

@@ -6,23 +6,31 @@ import msgspec
 import numpy as np
 import pytest
 
+from particle_filter.grid import Grid
+from particle_filter.observation_likelihood import log_likelihood_ratio
+from particle_filter.observations import Landmarks
+from particle_filter.observations import Observation as Placed
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.steps import MAX_FIELDS, MAX_OBSERVATIONS, Landmark, Observation, PositionField
 from sensor_bridge.pending_observations import (
+    MAX_NAT,
     MAX_WAITING,
     OBSERVATION_AHEAD,
     OTHER_MAP,
     TOO_FAR,
     TOO_MANY_OBSERVATIONS,
+    TOO_MANY_SOURCES,
     UNKNOWN_LANDMARK,
     PendingObservations,
 )
+from sensor_bridge.sources import LEAST_OUTLIER_PROBABILITY, NEW_SENDERS
 from sensor_bridge.stages import NO_ODOMETRY
 
 SECOND = 1_000_000_000
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
+GRID = Grid(np.zeros((1, 1), np.int8), 100.0, np.zeros(3))
 EVEN = (0.01, 0.0, 0.0, 0.01)
 
 
@@ -116,12 +124,70 @@ def test_a_flood_of_observations_is_bounded() -> None:
 def test_clocks_that_are_ahead_take_no_place_from_other_sensors() -> None:
     sights, dropped = sights_after_5_s()
     for number in range(100):
-        ahead = msgspec.structs.replace(seen(14.0), sender=f"ahead {number}")
+        ahead = msgspec.structs.replace(seen(14.0), sender="ahead", mean=(number, 0.0))
         sights.on_observation(ahead)
     sights.on_observation(seen(5.5))
     driven(sights, 6)
     assert len(sights.take(0, (6.0, 0.0, 0.0))) == 1
     assert dropped == {TOO_MANY_OBSERVATIONS: 101 - MAX_WAITING}
+
+
+def fix(sender: str, **change: object) -> Observation:
+    return msgspec.structs.replace(seen(5.0), sender=sender, landmark="", **change)
+
+
+def test_poses_of_all_senders_share_the_weight_of_one() -> None:
+    sights, _ = sights_after_5_s()
+    for number in range(4):
+        sights.on_observation(fix(f"gnss {number}"))
+    driven(sights, 6)
+    shares = [each.share for each in sights.take(0, (6.0, 0.0, 0.0))]
+    assert shares == pytest.approx([1.0, 1.0 / 2.0, 1.0 / 3.0, 1.0 / 4.0])
+
+
+def test_two_senders_that_see_the_same_landmark_count_once() -> None:
+    sights, _ = sights_after_5_s()
+    for sender in ("left eye", "right eye"):
+        sights.on_observation(msgspec.structs.replace(seen(5.0), sender=sender))
+    driven(sights, 6)
+    assert [each.share for each in sights.take(0, (6.0, 0.0, 0.0))] == [1.0]
+
+
+def test_a_new_source_is_not_believed_to_be_never_wrong() -> None:
+    sights, _ = sights_after_5_s()
+    sights.on_observation(fix("gnss", outlier_probability=1e-6))
+    driven(sights, 6)
+    (taken,) = sights.take(0, (6.0, 0.0, 0.0))
+    assert taken.outlier_probability == LEAST_OUTLIER_PROBABILITY
+
+
+def test_the_observations_of_one_step_add_a_bounded_log_likelihood() -> None:
+    """A camera whose mount is wrong sees all its tags in wrong places."""
+    tags = [Landmark(name=str(n), x=3.0 * n, y=0.0, sigma=0.05) for n in range(MAX_OBSERVATIONS)]
+    sights = PendingObservations(tags, Counter())
+    for tag in tags:
+        sights.on_observation(seen(0.0, x=tag.x, name=tag.name))
+    driven(sights, 1, speed=0.0)
+    taken = sights.take(0, (0.0, 0.0, 0.0))
+    assert len(taken) == MAX_OBSERVATIONS
+    observed = [
+        Placed(np.array(e.mean), np.reshape(e.covariance, (2, 2)), e.landmark, 0.05, e.share)
+        for e in taken
+    ]
+    landmarks = Landmarks.of((tag.name, tag.x, tag.y, tag.sigma) for tag in tags)
+    at_the_best = log_likelihood_ratio(np.zeros((1, 3)), observed, landmarks, GRID)
+    assert at_the_best == pytest.approx(MAX_NAT, rel=1e-2)
+
+
+def test_more_than_a_few_new_senders_a_minute_are_dropped() -> None:
+    sights, dropped = sights_after_5_s()
+    for number in range(50_000):
+        sights.on_observation(fix(f"name {number}"))
+    assert dropped[TOO_MANY_SOURCES] == 50_000 - NEW_SENDERS
+    sights.on_observation(fix("name 0"))
+    driven(sights, 65)
+    sights.on_observation(fix("a late one", stamp_ns=65 * SECOND))
+    assert dropped == {TOO_MANY_SOURCES: 50_000 - NEW_SENDERS}
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,8 +9,16 @@ from particle_filter.observations import Observation
 from protocol.answers import Belief
 from protocol.health import MAX_SOURCES
 from protocol.message import Covariance
-from protocol.steps import Landmark
-from sensor_bridge.sources import RECENT_STEPS, Source, Sources, beta_below_half, source_name
+from protocol.steps import MAX_LANDMARKS, Landmark
+from sensor_bridge.sources import (
+    LEAST_OUTLIER_PROBABILITY,
+    MAX_KNOWN,
+    RECENT_STEPS,
+    Source,
+    Sources,
+    beta_below_half,
+    source_name,
+)
 from tests.unit.evaluation import places
 
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
@@ -76,14 +85,33 @@ def test_a_belief_without_spread_is_used() -> None:
     assert [broken_after(sources, sight(WRONG), flat) for _ in range(2)][-1]
 
 
+def test_the_last_of_many_tags_is_judged_and_health_shows_the_worst() -> None:
+    sources, count = Sources(TAGS), MAX_LANDMARKS
+    names = [("eye", f"tag {number}") for number in range(count)]
+    for of in names[:-1]:
+        assert not broken_after(sources, sight(RIGHT), of=of)
+    assert [broken_after(sources, sight(WRONG), of=names[-1]) for _ in range(2)][-1]
+    shown = sources.health()
+    assert (len(shown), shown[0].name) == (MAX_SOURCES, source_name(names[-1]))
+
+
 def test_a_flood_of_senders_is_bounded() -> None:
     sources = Sources(TAGS)
-    names = [(f"eye{number}", "tag") for number in range(MAX_SOURCES + 5)]
-    broken = [
-        [broken_after(sources, sight(WRONG), of=name) for _ in range(2)][-1] for name in names
-    ]
-    assert broken == [True] * MAX_SOURCES + [False] * 5
+    for number in range(MAX_KNOWN + 5):
+        assert [broken_after(sources, sight(WRONG), of=(f"eye{number}", "tag")) for _ in range(2)][
+            -1
+        ]
+    assert [sources.is_broken((f"eye{number}", "tag")) for number in (4, 5)] == [False, True]
     assert len(source_name(("e\n" * 200, "tag"))) < 70
+
+
+def test_what_a_source_states_is_believed_once_it_was_compared() -> None:
+    sources, stated = Sources(TAGS), dataclasses.replace(sight(RIGHT), outlier_probability=1e-6)
+    believed = []
+    for _ in range(5):
+        believed.append(sources.as_known(EYE, stated).outlier_probability)
+        broken_after(sources, stated)
+    assert believed == [LEAST_OUTLIER_PROBABILITY] * 3 + [1e-6] * 2
 
 
 def test_health_shows_what_each_source_contributed_and_whether_it_is_broken() -> None:
