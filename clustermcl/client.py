@@ -356,16 +356,27 @@ class Client(RobotCommands):
     def _unreachable(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
         bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
         peer = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
-        router = self._settings.zenoh.router
-        denied = "; if the router has access control: does this certificate's role allow it?"
-        return UnreachableError(
-            peer=peer,
-            endpoint=router,
-            waited_s=waited_s,
-            problem=f"no {peer} of robot {self._settings.robot.name!r} answers at "
-            f"{router} ({error}): start one with 'clustermcl up', or name another robot or router"
-            f"{denied if router.startswith('tls/') else ''}",
+        router, robot = self._settings.zenoh.router, self._settings.robot.name
+        problem = (
+            f"no {peer} of robot {robot!r} answers at {router} ({error}): "
+            "start one with 'clustermcl up', or name another robot or router"
         )
+        if certificate := self._settings.zenoh.tls_certificate:
+            doubt = _doubt(certificate, key, robot)
+            hint = f"{certificate} may not ask for {key!r} where access is controlled: {doubt}"
+            problem = f"{hint}; or {problem}" if doubt else problem
+        return UnreachableError(peer=peer, endpoint=router, waited_s=waited_s, problem=problem)
+
+
+def _doubt(certificate: str, key: str, robot: str) -> str:
+    """Return why a router with access control would not let a certificate ask; empty: it would."""
+    from zenoh_link.access_control import (  # noqa: PLC0415 - see the next
+        doubt_of_certificate,
+        roles_that_ask,
+    )
+    from zenoh_link.tls import common_name  # noqa: PLC0415 - only where there is TLS
+
+    return doubt_of_certificate(common_name(certificate), roles_that_ask(key), "", robot)
 
 
 def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:

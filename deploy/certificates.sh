@@ -12,6 +12,7 @@ NAME is a role, or ROLE.ROBOT for one robot alone:
   bridge, coordinator    the processes of these names
   worker, worker-X       workers of one machine; the name is their --name
   recorder               'clustermcl record': hears scans, odometry and beliefs
+  ros2                   the bridge to ROS 2
   viewer, operator       people: who may look, and who may command as well
 
 Makes NAME.pem, NAME.key (readable by its owner alone) and, for clients, NAME.toml with the
@@ -31,8 +32,8 @@ TEXT
 set -euo pipefail
 umask 077
 
-readonly ROLES='robot|bridge|coordinator|recorder|viewer|operator|worker(-[A-Za-z0-9_]+)*'
-readonly NAME_PATTERN="^(router|($ROLES)(\.[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*)?)$"
+readonly ROLES='robot bridge coordinator recorder ros2 viewer operator worker'
+readonly NAME_PATTERN="^(router|(${ROLES// /|}(-[A-Za-z0-9_]+)*)(\.[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*)?)$"
 readonly AUTHORITY_DAYS=7300
 
 folder=certificates days=365 renew_before=30 router_endpoint='' force=no list=no
@@ -76,7 +77,7 @@ read_arguments() {
     local name
     for name in "${names[@]}"; do
         [[ $name =~ $NAME_PATTERN ]] ||
-            fail "'$name' is no role: router, robot, bridge, coordinator, worker, worker-X, recorder, viewer or operator, or one of these with .ROBOT"
+            fail "'$name' is no role: router, ${ROLES// /, } or worker-X, or one of these with .ROBOT"
         ((${#name} <= 64)) || fail "'$name': a common name has at most 64 letters"
     done
 }

@@ -139,6 +139,34 @@ _ROLES = {
 ROLES = (*_ROLES, WORKER)
 
 
+def doubt_of_certificate(name: str, roles: Sequence[str], process: str, robot: str) -> str:
+    """Return why a process with this certificate would not be heard; empty if it would be.
+
+    Args:
+        name: common name of the certificate, ``ROLE`` or ``ROLE.ROBOT``; other names raise no
+            doubt, because an access control of one's own may know them.
+        roles: roles that the process may have.
+        process: its name, which matters for a worker.
+        robot: name of its robot.
+    """
+    owner, _, of_robot = name.partition(".")
+    role = WORKER if owner.startswith(f"{WORKER}-") else owner
+    if role not in (*ROLES, "router"):
+        return ""
+    if role not in roles:
+        return f"its role is {role}, and this needs {' or '.join(roles)}"
+    if of_robot and of_robot != robot:
+        return f"it is of robot {of_robot!r}, and this is robot {robot!r}"
+    if role == WORKER and not process.startswith(f"{owner}-"):
+        return f"it is of the processes {owner}-0, {owner}-1 and so on, and this is {process}"
+    return ""
+
+
+def roles_that_ask(key: str) -> list[str]:
+    """Return the roles that may query a key."""
+    return [role for role, rights in _ROLES.items() if key in rights.asks]
+
+
 def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, Any]:
     """Return Zenoh's ``access_control`` section; the default is deny.
 

@@ -39,7 +39,7 @@ class HealthReporter:
         inbox: Inbox[Any],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._name, self._role, self._version = name, role, VERSION
+        self._name, self.role, self._version = name, role, VERSION
         self._causes, self._inbox, self._clock = causes, inbox, clock
         self._started_s, self._published_s = clock(), -_EVERY_S
         self.sources: tuple[SourceHealth, ...] = ()
@@ -61,7 +61,7 @@ class HealthReporter:
         elapsed_s = max(now_s - since_s, 1e-3)
         return Health(
             sender=self._name,
-            role=self._role,
+            role=self.role,
             version=self._version,
             uptime_s=now_s - self._started_s,
             memory_bytes=memory_bytes(),

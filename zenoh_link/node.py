@@ -23,11 +23,15 @@ from protocol.message import SMALL_BYTES, Message
 from zenoh_link import wire
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
+from zenoh_link.session import open_session, refusal
 from zenoh_link.stale_session import STALE, StaleSessionDetector
 
 LOOK_S = 1.0
 """Time-out of opening another session, and of looking for peers through it [s]."""
+ASK_WHY_AFTER_S, ASK_WHY_EVERY_S = 3.0, 60.0
+"""A lost link is diagnosed after this time, and again after each of the other [s]."""
+ROLES = {"page": ("viewer", "operator"), "ros2_bridge": ("ros2",)}
+"""Roles of certificates for processes that are not called after theirs."""
 REPEAT_S = 0.01
 """Longest turn while a query has to be repeated [s]."""
 
@@ -125,6 +129,8 @@ class Node:
         self._on_link: Callable[[wire.Link], object] = self.on_other
         self._health_publisher: wire.Publisher | None = None
         self._unanswered: deque[Callable[[], None]] = deque()
+        self._ask_why_s: float | None = None
+        """When to find out why there is no link [s]; None: there is one."""
         if session is None:  # the links of a shared one are those of its clients
             self.declare(lambda session: wire.watch_link(session, self.inbox))
 
@@ -142,7 +148,22 @@ class Node:
         with ExitStack() as opening:
             session = opening.enter_context(self._opening(wait_s))
             self._use(session, opening.pop_all())
+        if self._shared is None and self._settings.zenoh.tls_certificate:
+            self._check_role(self._settings.zenoh.tls_certificate)
         return session
+
+    def _check_role(self, certificate: str) -> None:
+        """Warn if this process needs another certificate: a router drops messages silently."""
+        from zenoh_link.access_control import doubt_of_certificate  # noqa: PLC0415 - see the next
+        from zenoh_link.tls import common_name  # noqa: PLC0415 - only where there is TLS
+
+        name, role = common_name(certificate), self.health.role
+        robot, roles = self._settings.robot.name, ROLES.get(role, (role,))
+        if doubt := doubt_of_certificate(name, roles, self.name, robot):
+            _log.warning(
+                "%s is the certificate %r: %s; a router with access control drops its messages",
+                certificate, name, doubt,
+            )  # fmt: skip
 
     def _opening(self, wait_s: float | None) -> AbstractContextManager[zenoh.Session]:
         if self._shared is not None:
@@ -333,11 +354,18 @@ class Node:
             self.heap.trim_if_due(time.monotonic())
         for _ in range(len(self._unanswered)):
             self._unanswered.popleft()()
+        if self._ask_why_s is not None and time.monotonic() >= self._ask_why_s:
+            self._ask_why_s = time.monotonic() + ASK_WHY_EVERY_S
+            self.in_background(partial(refusal, self._settings.zenoh), self._on_refusal)
         if self._stale.is_suspect(time.monotonic_ns()):
             self._replace_session()
         if self._health_publisher is not None:
             self.health.publish_if_due(self._health_publisher)
         return event
+
+    def _on_refusal(self, asked: Future[str | None]) -> None:
+        if self._ask_why_s is not None and (problem := asked.result()):
+            _log.warning("%s", problem)
 
     def attempt(self, handler: Callable[[T], object], event: T) -> None:
         """Call a handler; count and log a malformed message, and refuse a malformed query."""
@@ -361,7 +389,8 @@ class Node:
                 self._on_asked[key](event)
             case wire.Token():
                 self._on_token(event)
-            case wire.Link():
+            case wire.Link(up=up):
+                self._ask_why_s = None if up else time.monotonic() + ASK_WHY_AFTER_S
                 self._on_link(event)
             case Call():
                 event.act()

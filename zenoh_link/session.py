@@ -112,27 +112,32 @@ def _connect(
             with receiving_threads(ONE_LINK):
                 return zenoh.open(config)
         except zenoh.ZError as error:
-            refusal = _refusal(settings)
+            refused = refusal(settings)
             if time.monotonic() >= deadline_s:
                 raise UnreachableError(
                     peer="router",
                     endpoint=settings.router,
                     waited_s=time.monotonic() - started_s,
-                    problem=refusal
+                    problem=refused
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'clustermcl router', or set zenoh.router",
                 ) from error
-            if (problem := refusal or f"waiting for a router at {settings.router}") != logged:
+            if (problem := refused or f"waiting for a router at {settings.router}") != logged:
                 _log.info("%s", problem)
             logged = problem
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
 
 
-def _refusal(settings: ZenohSettings) -> str | None:
+def refusal(settings: ZenohSettings) -> str | None:
     """Return why the router refuses us; Zenoh raises the same ZError for an absent router."""
-    if not settings.router.startswith("tls/"):
+    if not settings.router.startswith(("tls/", "tcp/")):
         return None
-    from zenoh_link.tls import why_refused  # noqa: PLC0415 - import takes 10 ms
+    from zenoh_link.tls import requires_tls, why_refused  # noqa: PLC0415 - import takes 10 ms
 
-    refused = why_refused(settings)
+    if settings.router.startswith("tls/"):
+        refused = why_refused(settings)
+    elif requires_tls(settings.router):
+        refused = "the router there has TLS: set zenoh.router = tls/... and a certificate"
+    else:
+        return None
     return f"{settings.router}: {refused}" if refused else None

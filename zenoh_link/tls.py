@@ -7,6 +7,9 @@ import re
 import socket
 import ssl
 import stat
+import time
+from _ssl import _test_decode_cert  # type: ignore[attr-defined] # the only parser in Python
+from contextlib import suppress
 from pathlib import Path
 
 from process_runtime.settings import ZenohSettings
@@ -22,7 +25,7 @@ _REFUSALS = {
     "TLSV1_ALERT_DECRYPT_ERROR": _UNKNOWN_AUTHORITY,
     "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the router requires a certificate: set "
     "zenoh.tls_certificate and zenoh.tls_private_key",
-    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired",  # or is not valid yet
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is not a client's certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the router cannot read it",
 }
@@ -56,11 +59,10 @@ def why_refused(settings: ZenohSettings) -> str | None:
     Returns:
         The problem with the certificates; None if they are valid or no server listens there.
     """
-    host, _, port = settings.router.removeprefix("tls/").rpartition(":")
-    host, port = host.strip("[]"), re.sub(r"[?#].*", "", port)
     try:
+        host, port = _address(settings.router)
         with (
-            socket.create_connection((host, int(port)), _PROBE_S) as raw,
+            socket.create_connection((host, port), _PROBE_S) as raw,
             _context(settings).wrap_socket(raw, server_hostname=host) as connection,
         ):
             connection.settimeout(_ALERT_S)  # in TLS 1.3 the refusal follows the handshake
@@ -69,12 +71,58 @@ def why_refused(settings: ZenohSettings) -> str | None:
         return f"the router's certificate is not trusted: {error.verify_message}"
     except ssl.SSLError as error:
         meaning = _REFUSALS.get(error.reason or "", f"TLS fails with {error.reason}")
+        if error.reason == "SSLV3_ALERT_CERTIFICATE_EXPIRED":
+            meaning = _not_yet_valid(settings.tls_certificate) or meaning
         given = f"zenoh.tls_certificate = {settings.tls_certificate!r}"
         refused = given if settings.tls_certificate else "a client without a certificate"
         return f"the router refuses {refused}: {meaning}"
     except (OSError, ValueError):
         return None
     return None
+
+
+def requires_tls(endpoint: str) -> bool:
+    """Return whether a server at an endpoint ``tcp/HOST:PORT`` speaks TLS."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        host, port = _address(endpoint)
+        with (
+            socket.create_connection((host, port), _PROBE_S) as raw,
+            context.wrap_socket(raw) as connection,
+        ):
+            return connection.version() is not None
+    except (OSError, ValueError):  # an SSLError is an OSError: it speaks no TLS
+        return False
+
+
+def common_name(certificate: str) -> str:
+    """Return the common name of a certificate file; empty if it has none."""
+    with suppress(OSError, ValueError):
+        for part in _test_decode_cert(certificate).get("subject", ()):
+            for key, value in part:
+                if key == "commonName":
+                    return str(value)
+    return ""
+
+
+def _not_yet_valid(certificate: str) -> str:
+    """Return when a certificate becomes valid, if that is in the future; TLS has no such alert."""
+    with suppress(OSError, ValueError):
+        begin = str(_test_decode_cert(certificate)["notBefore"])
+        if ssl.cert_time_to_seconds(begin) > time.time():
+            return f"it is not valid before {begin}: is this machine's clock right?"
+    return ""
+
+
+def _address(endpoint: str) -> tuple[str, int]:
+    """Return host and port of an endpoint ``PROTOCOL/HOST:PORT``.
+
+    Raises:
+        ValueError: the port is no number.
+    """
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    return host.strip("[]"), int(re.sub(r"[?#].*", "", port))
 
 
 def _check_readable(name: str, file: str) -> None:

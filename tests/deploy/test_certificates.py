@@ -1,3 +1,4 @@
+import re
 import shutil
 import stat
 import subprocess
@@ -14,6 +15,7 @@ from tests.integration.security.certificates import (
     require_openssl,
     with_lifetime,
 )
+from zenoh_link.access_control import ROLES
 
 require_openssl()
 
@@ -130,6 +132,7 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
         ([], "no NAME given"),
         (["admin"], "'admin' is no role"),
         (["worker--a"], "'worker--a' is no role"),
+        (["ros2-a"], "'ros2-a' is no role: router, robot, bridge, coordinator, recorder, ros2,"),
         (["router.r-7"], "'router.r-7' is no role"),
         (["bridge.r/7"], "'bridge.r/7' is no role"),
         (["viewer." + "x" * 60], "at most 64 letters"),
@@ -161,4 +164,12 @@ def test_robots_and_workers_have_the_names_that_settings_allow() -> None:
     allowed = NAME_PATTERN.removeprefix(r"\A").removesuffix(r"\Z")
     text = SCRIPT.read_text()
     assert rf"(\.{allowed})?)$" in text
-    assert f"worker{allowed.removeprefix('[A-Za-z0-9_]+')}" in text
+    assert f"ROLES// /|}}{allowed.removeprefix('[A-Za-z0-9_]+')}" in text, "worker is the last role"
+
+
+def test_the_script_has_the_roles_of_the_access_control() -> None:
+    roles = re.search(r"^readonly ROLES='(.*)'$", SCRIPT.read_text(), re.MULTILINE)
+    assert roles is not None
+    assert sorted(roles[1].split()) == sorted(ROLES)
+    usage = make_certificates(Path(), "--help").stdout.partition("Makes NAME.pem")[0]
+    assert set(ROLES) <= set(re.findall(r"[a-z0-9]+", usage))

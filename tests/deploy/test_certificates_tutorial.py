@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from process_runtime.settings_file import load_settings
 from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import require_openssl
@@ -42,7 +43,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(REPOSITORY / "deploy", folder / "deploy")
     endpoint = f"tls/localhost:{free_port()}"
     text = MAKE.replace("certificates.sh router", f"certificates.sh --router {endpoint} router")
-    text = text.replace("secure_router ", f"secure_router --listen {endpoint} ")
+    assert "--listen tls/localhost:7447" in text, "on one machine"
+    text = text.replace("tls/localhost:7447", endpoint)
     text = text.replace("python ", f"{shlex.quote(sys.executable)} ")
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", text],
@@ -57,20 +59,20 @@ class System:
     """All processes of the page, in the folder of the certificates; ended with the stack."""
 
     def __init__(self, folder: Path, ended: ExitStack) -> None:
-        self._folder, self._ended, self._started = folder, ended, 0
+        self.folder, self._ended, self._started = folder, ended, 0
         *_, self.coordinator = [self.start(line) for line in START.splitlines()]
 
     def start(self, line: str) -> RunningProcess:
         """Start a process; a coordinator keeps no state on disk, that others could read there."""
         small = [] if "router" in line else [*SMALL_FILTER, "--set", "coordinator.state_folder=off"]
         command, self._started = [*argv(line), *small], self._started + 1
-        process = RunningProcess(command, self._folder, str(self._started), cwd=self._folder)
+        process = RunningProcess(command, self.folder, str(self._started), cwd=self.folder)
         self._ended.callback(process.kill)
         return process
 
     def typed(self, line: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            argv(line), cwd=self._folder, capture_output=True, text=True, timeout=60, check=False
+            argv(line), cwd=self.folder, capture_output=True, text=True, timeout=60, check=False
         )
 
     def asked(self, line: str) -> dict[str, Any]:
@@ -86,7 +88,8 @@ def system(folder: Path) -> Iterator[System]:
 
 def assert_denied(done: subprocess.CompletedProcess[str]) -> None:
     assert done.returncode == 3
-    assert "does this certificate's role allow it?" in done.stderr
+    assert re.search(r"certificates/.*\.pem may not ask for '.*: its role is", done.stderr)
+    assert done.stderr.index("its role is") < done.stderr.index("no coordinator")
     assert done.stderr.count("\n") == 1
 
 
@@ -101,7 +104,11 @@ def test_the_tutorial_holds_as_it_is_typed_and_a_standby_takes_over_with_the_bel
     assert_denied(system.typed(refused))
     assert_denied(system.typed(refused.replace("relocalize", "set-pose 1 2 0")))
     assert_denied(system.typed(look.replace("viewer", "worker-1")))
-    assert system.typed(without + " --set zenoh.connect_timeout_s=0.5").returncode == 3
+    router = load_settings(system.folder / "certificates" / "viewer.toml", ()).zenoh.router
+    without += f" --router {router.replace('tls/', 'tcp/')} --set zenoh.connect_timeout_s=0.5"
+    answer = system.typed(without)
+    assert answer.returncode == 3
+    assert "the router there has TLS: set zenoh.router = tls/... and a certificate" in answer.stderr
 
     standby = system.start(START.splitlines()[-1] + " --name standby --standby")
     standby.wait_for("standing by")

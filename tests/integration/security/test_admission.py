@@ -1,12 +1,13 @@
 import shutil
 from collections.abc import Callable
+from contextlib import closing
 from datetime import timedelta
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.settings import RobotSettings, Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import UnreachableError
 from tests.integration.security.certificates import (
@@ -17,6 +18,7 @@ from tests.integration.security.certificates import (
     without_certificate,
 )
 from tests.integration.waiting import PATIENCE_S, wait_until
+from zenoh_link.node import Node
 from zenoh_link.session import open_session
 
 require_openssl()
@@ -62,11 +64,17 @@ def test_certificates_of_unknown_authorities_are_refused_by_router_and_client(
     assert "it is not signed by the router's authority" in refusal(theirs)
 
 
-def test_an_expired_certificate_is_refused(client_of: ClientOf, scratch: Path) -> None:
-    with_lifetime(scratch, "viewer", -timedelta(days=9), -timedelta(days=1))
+@pytest.mark.parametrize(
+    ("begin_days", "end_days", "expected"),
+    [(-9, -1, "it has expired"), (1, 9, "it is not valid before "), (1, 9, "clock right?")],
+)
+def test_a_certificate_of_another_time_is_refused(
+    client_of: ClientOf, scratch: Path, begin_days: int, end_days: int, expected: str
+) -> None:
+    with_lifetime(scratch, "viewer", timedelta(days=begin_days), timedelta(days=end_days))
     settings = client_with(scratch, "viewer", client_of("viewer").router)
     output = refusal(settings)
-    assert "it has expired" in output
+    assert expected in output
     assert settings.tls_certificate in output
 
 
@@ -76,9 +84,27 @@ def test_the_routers_certificate_makes_no_client_and_other_errors_blame_no_certi
     viewer = client_of("viewer")
     assert "it is not a client's certificate" in refusal(client_of("router"))
     plain = viewer.router.replace("tls/", "tcp/")
-    assert "no router at tcp/" in refusal(ZenohSettings(router=plain))
+    assert "the router there has TLS" in refusal(ZenohSettings(router=plain))
+    assert "no router at tcp/" in refusal(ZenohSettings(router="tcp/localhost:1"))
     away = msgspec.structs.replace(viewer, router="tls/localhost:1")
     assert refusal(away).startswith("no router at tls/localhost:1 within")
+
+
+def test_a_process_reports_why_its_certificate_ended_the_link(
+    client_of: ClientOf, scratch: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=8))
+    zenoh = client_with(scratch, "viewer", client_of("viewer").router)
+    settings = msgspec.structs.replace(Settings(), zenoh=zenoh)
+    with closing(Node("c", "coordinator", settings, StopFlag(), peers=None)) as node:
+        node.open(wait_s=8.0)
+        assert "viewer.pem is the certificate 'viewer': its role is viewer" in caplog.text
+
+        def is_reported() -> bool:
+            node.turn(0.1)
+            return "it has expired" in caplog.text
+
+        wait_until(is_reported)
 
 
 def test_a_link_ends_when_its_certificate_does_and_comes_back_with_a_new_one(
