@@ -292,7 +292,12 @@ class BridgeLoop:
             detail = f"{command.key}: {problem or 'no answer'}"
             self._refused(Refused("command not carried out", detail))
 
-        limit_s = _COMMAND_TIMEOUT_S
         self._node.ask(
-            command.key, CommandDone, on_done, on_failure, timeout_s=limit_s, message=command
+            command.key,
+            CommandDone,
+            on_done,
+            on_failure,
+            timeout_s=_COMMAND_TIMEOUT_S,
+            message=command,
+            repeat_for_s=_COMMAND_TIMEOUT_S,  # the system may have just begun, or begin again
         )

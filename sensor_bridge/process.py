@@ -23,6 +23,7 @@ from protocol.errors import (
     ClusterMclError,
     RefusedError,
     SettingsError,
+    UnreachableError,
     printable,
 )
 from protocol.live_settings import AS_STARTED, LiveSettings
@@ -306,13 +307,14 @@ class Bridge:
         return maker
 
     def _status(self) -> Status:
-        """Query the coordinator's status; repeat if refused because a link was just restored."""
+        """Query the coordinator's status; repeat it for one that has a link but no answer yet."""
         until_s = time.monotonic() + STATUS_TIMEOUT_S
         while True:
             try:
                 return ask(self._node.session, keys.STATUS, Status, timeout_s=STATUS_TIMEOUT_S)
-            except RefusedError:
-                if time.monotonic() > until_s:
+            except UnreachableError as error:
+                is_there = isinstance(error, RefusedError) or self._has_coordinator
+                if not is_there or time.monotonic() > until_s:
                     raise
                 time.sleep(POLL_S)
 

@@ -4,11 +4,18 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 import pytest
+import zenoh
 from msgspec.structs import replace
 
 from process_runtime.settings import Settings, ZenohSettings
+from protocol.errors import RefusedError, UnreachableError
+from protocol.message import Message
+from zenoh_link.wire import ask
+
+M = TypeVar("M", bound=Message)
 
 PATIENCE_S = 90.0
 """Time-out of whatever ends by itself [s]; a passing test does not wait it out."""
@@ -30,6 +37,30 @@ def wait_until(condition: Callable[[], object], deadline_s: float = PATIENCE_S) 
         if time.monotonic() >= until_s:
             pytest.fail(f"{condition} did not hold within {deadline_s:g} s")
         nap.wait(_POLL_S)
+
+
+def answered(
+    session: zenoh.Session, key: str, answer: type[M], message: Message | None = None
+) -> M:
+    """Query `key` until a process answers or refuses; return the answer or raise `RefusedError`.
+
+    A query that is sent before the declaration of the answering process has spread fails at once,
+    or reaches only a process that never answers.
+    """
+    answers: list[M] = []
+
+    def is_answered() -> bool:
+        timeout_s = stretched_s(1.0)
+        try:
+            answers.append(ask(session, key, answer, timeout_s=timeout_s, message=message))
+        except RefusedError:
+            raise
+        except UnreachableError:
+            return False
+        return True
+
+    wait_until(is_answered)
+    return answers[0]
 
 
 def stretched_s(promised_s: float) -> float:

@@ -28,9 +28,8 @@ from protocol.job_events import JobEvent
 from protocol.message import Message
 from protocol.steps import Scan, ScanHistory
 from tests.integration.processes import RunningProcess
-from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
+from tests.integration.waiting import PATIENCE_S, answered, patient_client, wait_until
 from zenoh_link.session import open_session
-from zenoh_link.wire import ask
 
 M = TypeVar("M", bound=Message)
 
@@ -93,8 +92,7 @@ class System:
 
     def history(self) -> tuple[Scan, ...]:
         """All scans that the bridge has made."""
-        key = keys.scan_history(0, None)
-        return ask(self.session, key, ScanHistory, timeout_s=PATIENCE_S).scans
+        return answered(self.session, keys.scan_history(0, None), ScanHistory).scans
 
     def next_message(
         self, key: str, kind: type[M], is_wanted: Callable[[M], object] = lambda _: True

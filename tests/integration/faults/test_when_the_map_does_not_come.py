@@ -13,14 +13,13 @@ from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode, encode
-from protocol.errors import ClusterMclError
 from protocol.health import Health
 from protocol.steps import ScanHistory
 from protocol.work import OrderAnswer, WorkOrder
 from robot_simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
 from tests.integration.running import running
-from tests.integration.waiting import stretched_s, wait_until
+from tests.integration.waiting import answered, stretched_s, wait_until
 from tests.unit.worker.test_job_table import cloud, track
 from worker.process import WorkerLoop
 from zenoh_link.node import Node
@@ -53,7 +52,7 @@ class Coordinator:
     """Sends orders without waiting and collects the worker's reports."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
+        self.session = session
         self.answers: dict[int, OrderAnswer] = {}
         self.healths: list[Health] = []
         session.declare_subscriber(
@@ -68,7 +67,7 @@ class Coordinator:
             snapshot_every_steps=0, keep=(), begin=begin,
         )  # fmt: skip
         ask_later(
-            self._session,
+            self.session,
             keys.worker_order(NAME),
             lambda got: self.answers.update({number: decode(got.payload, OrderAnswer)}),
             lambda _refused: None,
@@ -78,7 +77,7 @@ class Coordinator:
 
     def state(self) -> OrderAnswer:
         key = keys.worker_state(NAME)
-        return ask(self._session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
+        return ask(self.session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
 
 
 @pytest.fixture
@@ -103,16 +102,8 @@ def coordinator(
 
     made = Coordinator(open_client())
     with running(work):
-        wait_until(lambda: _answers(made))
+        answered(made.session, keys.worker_state(NAME), OrderAnswer)
         yield made
-
-
-def _answers(coordinator: Coordinator) -> bool:
-    try:
-        coordinator.state()
-    except ClusterMclError:
-        return False  # its queryable is not yet known
-    return True
 
 
 def test_a_worker_that_waits_for_its_map_answers_queries_and_other_orders(

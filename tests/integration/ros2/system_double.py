@@ -16,6 +16,7 @@ from protocol.codec import decode, encode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from protocol.work import TrackReport
+from tests.integration.waiting import answered
 from tests.unit.ros2_bridge.beliefs import belief
 
 
@@ -65,9 +66,7 @@ class SystemDouble:
 
     def ask_for_map(self) -> PoseTuple:
         """Ask the robot for its map, as a bridge does that comes later; its origin."""
-        (reply,) = self._session.get(keys.MAP_READING, timeout=5.0)
-        assert reply.ok is not None
-        return map_in(reply.ok.payload.to_bytes()).map_from_grid
+        return answered(self._session, keys.MAP_READING, MapReading).map_from_grid
 
     def put(self, key: str, payload: bytes) -> None:
         self._session.put(key, payload)

@@ -14,8 +14,7 @@ from ros2_bridge.topics import BOND
 from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system
-from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from zenoh_link.wire import ask
+from tests.integration.waiting import answered, stretched_s, wait_until
 
 EXPECTED = LiveSettings(
     gate_distance_m=0.1, turn_noise_per_turn=0.5, max_beams=31, hit_sigma_m=0.3, hit_weight=0.6
@@ -68,10 +67,8 @@ def test_live_parameters_apply_from_the_next_step_and_with_the_bond_survive_ever
             tested.wait_for_steps(3)
             assert tested.history()[-1].settings == EXPECTED
             # A restarted process receives them again.
-            done = ask(
-                tested.session, keys.CONFIGURE, CommandDone, timeout_s=PATIENCE_S,
-                message=Configure(sender="test", settings=LiveSettings()),
-            )  # fmt: skip
+            command = Configure(sender="test", settings=LiveSettings())
+            done = answered(tested.session, keys.CONFIGURE, CommandDone, command)
             assert not done.problem
             wait_until(lambda: tested.history()[-1].settings == LiveSettings())
             wait_until(lambda: tested.history()[-1].settings == EXPECTED)

@@ -44,6 +44,18 @@ def test_commands_of_ros_reach_the_system(active: Active) -> None:
     wait_until(lambda: len(system.commands) == 4)
 
 
+def test_a_command_before_the_system_answers_reaches_it(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot = open_robot()
+    robot.put_mounts(("laser", IDENTITY))
+    start_bridge(ACTIVE)
+    robot.call("request_nomotion_update", types.EMPTY)
+    system = open_system()
+    wait_until(lambda: system.commands)
+    assert system.commands[0][0] == "command/update"
+
+
 def test_advice_is_published_as_a_path_in_the_odometry_frame(active: Active) -> None:
     robot, system = active
     paths = robot.listen(ADVICE)

@@ -10,9 +10,9 @@ from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from tests.integration.processes import RunningProcess
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import answered, wait_until
 from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Events, Received, ask, subscribe
+from zenoh_link.wire import Events, Received, subscribe
 
 NOT_READ = (
     "reading before the map",
@@ -62,8 +62,7 @@ class Robot:
 
     def steps(self) -> list[Scan]:
         """The bridge's steps up to now."""
-        history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S)
-        return list(history.scans)
+        return list(answered(self._session, keys.scan_history(0, None), ScanHistory).scans)
 
     def put(self, key: str, data: bytes) -> None:
         self._readings += key in (keys.LASER_READING, keys.ODOMETRY_READING)

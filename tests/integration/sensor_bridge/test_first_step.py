@@ -1,3 +1,4 @@
+from functools import partial
 from threading import Timer
 
 import zenoh
@@ -50,6 +51,28 @@ def test_steps_continue_although_a_coordinator_whose_link_just_returned_refuses_
     open_client().declare_queryable(keys.STATUS, refuse_at_first)
     assert first_step(start_bridge, open_client) == GOES_ON
     assert len(asked) > REFUSALS
+
+
+def test_steps_continue_although_a_coordinator_that_just_began_answers_a_moment_later(
+    start_bridge: StartBridge, open_client: OpenClient
+) -> None:
+    """Its token is there, its answers are not: steps began at 0, and all places were forgotten."""
+    coordinator = open_client()
+    token = coordinator.liveliness().declare_token(keys.COORDINATOR_ALIVE)
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.STATUS, encode(STATUS))
+
+    late = Timer(LATE_S, partial(coordinator.declare_queryable, keys.STATUS, answer))
+
+    def on_reading(_sample: zenoh.Sample) -> None:
+        if late.ident is None:
+            late.start()
+
+    coordinator.declare_subscriber(keys.LASER_READING, on_reading)
+    assert first_step(start_bridge, open_client) == GOES_ON
+    token.undeclare()
 
 
 def test_near_the_highest_possible_step_numbering_restarts(

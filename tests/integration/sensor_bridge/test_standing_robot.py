@@ -6,10 +6,9 @@ from protocol.message import PoseTuple
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot
-from tests.integration.waiting import PATIENCE_S
+from tests.integration.waiting import answered
 from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import laser_reading, odometry_reading
-from zenoh_link.wire import ask
 
 
 class Standing:
@@ -36,9 +35,6 @@ def test_an_update_requested_twice_makes_one_step(
     standing.scan()
     update = Update(sender="test", command_id="once")
     for _ in range(2):
-        assert (
-            ask(session, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S, message=update).problem
-            == ""
-        )
+        assert answered(session, keys.UPDATE, CommandDone, update).problem == ""
         standing.scan()
     assert len(robot.steps()) == 2

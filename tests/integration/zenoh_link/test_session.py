@@ -18,7 +18,7 @@ from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
 from tests.integration.routers import open_router
 from tests.integration.running import running
-from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
+from tests.integration.waiting import PATIENCE_S, answered, stretched_s, wait_until
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import VARIABLE, open_session
 from zenoh_link.wire import Asked, Event, Events, Link, Unread, ask, serve, watch_link
@@ -192,14 +192,7 @@ def test_a_process_that_never_answers_delays_no_answer_of_another(
             if isinstance(asked := answers.get(0.05), Asked):
                 asked.answer(CommandDone(sender="speaks"))
 
-    def is_known() -> bool:
-        """Whether the router knows it; a query that was sent before does not reach it."""
-        try:
-            return bool(ask(asks, keys.UPDATE, CommandDone, timeout_s=0.5).sender)
-        except UnreachableError:
-            return False
-
     with running(answer):
-        wait_until(is_known)
+        answered(asks, keys.UPDATE, CommandDone)  # the router knows it now
         for _ in range(5):
             assert ask(asks, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S).sender == "speaks"
