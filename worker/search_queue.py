@@ -4,12 +4,10 @@ from collections import deque
 from collections.abc import Iterable
 
 from particle_filter.slices import Slices
-from protocol.steps import Scan
+from protocol.steps import KEPT_STEPS, Scan
 from protocol.work import SearchReport
 from worker.jobs import RunningJob, Searching
 
-KEPT_SCANS = 64
-"""Number of scans kept for a search; a search that is further behind skips the oldest."""
 LONGEST_NS = 100_000_000
 """Longest pause after the first undecided scan [ns]. A step that takes longer may itself wait for
 a search, so searches must go on."""
@@ -47,7 +45,8 @@ class SearchQueue:
     """The scans that searches have not taken yet, oldest first.
 
     A search takes its scans in order, a slice at a time. The time between slices changes no
-    result, unless more than `KEPT_SCANS` wait.
+    result. A search skips no scan, else its evidence would not be that of the other shards; it
+    ends before it needs more than `KEPT_STEPS`.
     """
 
     def __init__(self) -> None:
@@ -60,9 +59,9 @@ class SearchQueue:
         return self._slices is not None or any(scans for _, scans in self._left.values())
 
     def add(self, search: Searching, scan: Scan) -> None:
-        """Queue one more scan for a search; ignore the same or an older one."""
-        scans = self._left.setdefault(id(search), (search, deque(maxlen=KEPT_SCANS)))[1]
-        if not scans or scan.step > scans[-1].step:
+        """Queue one more scan for a search, unless it is not newer or too many wait."""
+        scans = self._left.setdefault(id(search), (search, deque()))[1]
+        if len(scans) < KEPT_STEPS and (not scans or scan.step > scans[-1].step):
             scans.append(scan)
 
     def keep_only(self, jobs: Iterable[RunningJob]) -> None:

@@ -21,7 +21,8 @@ from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
-"""Steps whose reports are kept while shards are at different steps."""
+"""Steps whose reports are kept while shards are at different steps: those that the slowest shard
+reaches next. Of the newest ones, a shard that is further behind would reach none in time."""
 _PATIENCE = 4
 """Factor on the maximum length of a search while not all its places can be tracked."""
 _NO_WEIGHT = 0.01
@@ -88,7 +89,7 @@ class Pool:
 class SearchPool(Part):
     """Collects the shards' reports and pools the newest step that all shards have reached."""
 
-    local: ClassVar = frozenset({"settings", "mirrored", "reports"})
+    local: ClassVar = frozenset({"settings", "mirrored", "reports", "reached"})
     search: Count
     first_step: NumberOrNone
     """The first step whose scan it uses."""
@@ -97,6 +98,8 @@ class SearchPool(Part):
     progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Progress of the search at the last call of `finished`."""
     reports: dict[int, dict[str, SearchReport]] = {}
+    reached: dict[str, int] = {}
+    """The step that each shard has reported last."""
 
     @property
     def job_ids(self) -> tuple[str, ...]:
@@ -107,9 +110,23 @@ class SearchPool(Part):
         """Keep the report of a shard, unless its step is before the search."""
         if report.step < self.first_step:
             return
+        self.reached[report.job_id] = report.step
         self.reports.setdefault(report.step, {})[report.job_id] = report
+        done = max(self._complete(), default=0)
+        for step in [step for step in self.reports if step < done or self._is_passed(step)]:
+            del self.reports[step]
         while len(self.reports) > KEPT_STEPS:
-            del self.reports[min(self.reports)]
+            del self.reports[max(self.reports)]
+
+    def _complete(self) -> list[int]:
+        """Return the kept steps that every shard has reported."""
+        shards = self.settings.shards
+        return [step for step, reports in self.reports.items() if len(reports) == shards]
+
+    def _is_passed(self, step: int) -> bool:
+        """Return whether a shard has reported a later step without this one."""
+        absent = self.reached.keys() - self.reports[step].keys()
+        return any(self.reached[job_id] > step for job_id in absent)
 
     def pooled(self) -> Pool | None:
         """Return the pool of the newest step that every shard has reported.
@@ -119,9 +136,7 @@ class SearchPool(Part):
         Returns:
             None if there is no such step since the last call.
         """
-        shards = self.settings.shards
-        complete = [step for step, reports in self.reports.items() if len(reports) == shards]
-        if not complete:
+        if not (complete := self._complete()):
             return None
         step = max(complete)
         reports = self.reports[step]

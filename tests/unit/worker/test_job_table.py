@@ -146,6 +146,14 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
         assert of(kind, reported[in_slices]) == of(kind, reported[at_once])
 
 
+def test_a_search_that_is_far_behind_skips_no_scan(model: SensorModel) -> None:
+    """Its evidence would be that of fewer scans, and count for more than the other shards'."""
+    table = table_with(model, search())
+    for step in range(80):
+        table.on_scan(scan(step))
+    assert [report.step for report in searched(table)] == list(range(80))
+
+
 def test_a_search_that_has_ended_is_not_continued(model: SensorModel) -> None:
     table = table_with(model, search())
     table.on_scan(scan(0))

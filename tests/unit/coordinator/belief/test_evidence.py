@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.search_pool import SearchPool
+from coordinator.belief.search_pool import KEPT_STEPS, SearchPool
 from particle_filter.evidence_model import residual
 from particle_filter.settings import SearchSettings, SensorSettings
 from particle_filter.view_memory import ViewMemory
@@ -96,6 +96,28 @@ def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
     pool.add(searched("s0.1", 6, {NORTH: 1.0}))
     newest = pool.pooled()
     assert newest.step == 6
+
+
+def test_shards_that_a_full_processor_lets_run_far_apart_still_meet() -> None:
+    """The fast one's reports on the steps that the slow one reached were gone: no search ended."""
+    pool, pooled, ahead = SearchPool(0, 0, SearchSettings(shards=2)), list[int](), 40
+    for step in range(3 * ahead):
+        pool.add(searched("s0.0", step, {NORTH: 1.0}))
+        if step >= ahead:
+            pool.add(searched("s0.1", step - ahead, {NORTH: 1.0}))
+        assert len(pool.reports) <= KEPT_STEPS
+        if (found := pool.pooled()) is not None:
+            pooled.append(found.step)
+    assert pooled[0] == 0
+    assert pooled[-1] > ahead
+    pool.add(searched("s0.1", 0, {NORTH: 1.0}))  # another worker begins it again
+    for step in range(ahead, 3 * ahead):
+        pool.add(searched("s0.1", step, {NORTH: 1.0}))
+    pool.add(searched("s0.0", 3 * ahead, {NORTH: 1.0}))
+    pool.add(searched("s0.1", 3 * ahead, {NORTH: 1.0}))
+    found = pool.pooled()
+    assert found is not None
+    assert found.step == 3 * ahead
 
 
 @pytest.mark.parametrize(("patient", "over"), [(True, [False, False, True]), (False, [True] * 3)])
