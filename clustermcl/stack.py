@@ -1,16 +1,18 @@
 """Starts, supervises and stops all processes of one robot on this machine."""
 
 import os
+import shutil
 import signal
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import assert_never
 
 import msgspec
 
+from process_runtime.claims import claimed
 from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import SOCKET_PATH_MAX_BYTES, Settings
 from process_runtime.settings_table import settings_as_toml
@@ -19,6 +21,7 @@ from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_
 from protocol.errors import ClusterMclError
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
+_PREFIX, _LOCK = "clustermcl-", "lock"
 
 
 class ProcessEndedError(ClusterMclError):
@@ -114,13 +117,30 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Create a folder for sockets and logs, which is removed at the end of the ``with`` block."""
+    """Create a folder for sockets and logs, which is removed at the end of the ``with`` block.
+
+    Folders that killed processes of this account left are removed too.
+    """
     # The operating system limits the length of a socket's path; the router's is the longest.
     base = Path(tempfile.gettempdir())
     room = SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
-    with tempfile.TemporaryDirectory(prefix="clustermcl-", dir=folder) as path:
-        yield Path(path)
+    with tempfile.TemporaryDirectory(prefix=_PREFIX, dir=folder) as name:
+        path = Path(name)
+        with claimed(path / "claim"):
+            (path / "claim").rename(path / _LOCK)  # others see it only once it is claimed
+            _remove_left(folder)
+            yield path
+
+
+def _remove_left(folder: Path) -> None:
+    for lock in folder.glob(f"{_PREFIX}*/{_LOCK}"):
+        with suppress(OSError):  # it is being removed
+            if lock.parent.lstat().st_uid != os.getuid():
+                continue
+            with claimed(lock) as is_left:
+                if is_left:
+                    shutil.rmtree(lock.parent)
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:

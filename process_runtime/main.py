@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from process_runtime.logs import configure_logging
 from process_runtime.memory import share_arenas
-from process_runtime.parent import die_with_parent_if_asked
+from process_runtime.parent import die_with_parent_if_asked, open_standard_files
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
@@ -66,6 +66,7 @@ def process_main(
         describe: one line for ``--help``.
         add_arguments: adds the process's own arguments.
     """
+    open_standard_files()
     die_with_parent_if_asked()
     share_arenas()
     faulthandler.enable()  # prints the stack when systemd's watchdog sends SIGABRT

@@ -1,4 +1,4 @@
-"""Ends child processes with their parent, even one killed with SIGKILL."""
+"""What a process has from the one that started it: its end, and its standard files."""
 
 import ctypes
 import os
@@ -27,6 +27,19 @@ def die_with_parent(parent_pid: int) -> None:
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG) failed")
     if os.getppid() != parent_pid:
         os._exit(1)
+
+
+def open_standard_files() -> None:
+    """Open the null device for each closed standard file, as of ``clustermcl up 2>&-``.
+
+    Else Python has no such file, and the next file that is opened takes its number.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest free number
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", encoding="utf-8"))
 
 
 def die_with_parent_if_asked() -> None:

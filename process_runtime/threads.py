@@ -1,6 +1,7 @@
 """Several parts of one process, each in a thread of its own."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +16,22 @@ _POLL_S = 0.2
 _LOG_AGAIN_S = 60.0
 
 _log = logging.getLogger(__name__)
+
+
+def started(work: Callable[[], object], name: str) -> threading.Thread:
+    """Start a thread that writes to a disk; the end of the process does not wait for it."""
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def ended(thread: threading.Thread, within_s: float) -> bool:
+    """Wait for the last write of such a thread; return False if the disk is too slow.
+
+    A process has 1.5 s to end, see `Supervisor.stop`.
+    """
+    thread.join(within_s)
+    return not thread.is_alive()
 
 
 def run_in_threads(

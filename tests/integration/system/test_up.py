@@ -1,5 +1,6 @@
 import asyncio
 import os
+import shlex
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,8 @@ from clustermcl.client import Client
 from coordinator.recorder.ring import files_in, series_of
 from process_runtime.settings import Settings, ZenohSettings
 from protocol.errors import UnreachableError
-from tests.integration.system.commands import SMALL_FILTER, TypedCommand, typed
+from tests.integration.processes import RunningProcess
+from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
 from tests.integration.system.test_start import HEAVY
 from tests.integration.waiting import wait_until
 
@@ -24,11 +26,15 @@ def settings(zenoh_settings: ZenohSettings) -> Settings:
 
 
 @pytest.fixture
-def up(settings: Settings, environment: dict[str, str], tmp_path: Path) -> Iterator[TypedCommand]:
-    words = [
+def words(settings: Settings) -> list[str]:
+    return [
         "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
     ]  # fmt: skip
+
+
+@pytest.fixture
+def up(words: list[str], environment: dict[str, str], tmp_path: Path) -> Iterator[TypedCommand]:
     with typed(*words, folder=tmp_path, environment=environment) as command:
         yield command
 
@@ -75,6 +81,34 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     assert "scipy" in loaded.pop("robot_simulator")
     assert not loaded.pop("worker") & {"numba", "llvmlite"}, "it has the library of kernels"
     assert loaded == {"coordinator": set(), "zenoh_link.router": set()}, "no mathematics"
+
+
+def test_a_killed_system_leaves_no_process_and_the_next_one_removes_its_folder(
+    up: TypedCommand,
+    words: list[str],
+    settings: Settings,
+    environment: dict[str, str],
+    tmp_path: Path,
+) -> None:
+    """The next one has no standard error: it ended with 1, without a word."""
+    up.wait_for("router listens")
+    temporary = Path(environment["TMPDIR"])
+    (left,) = temporary.glob("clustermcl-*")
+    up.meet_family()
+    os.kill(up.pid, signal.SIGKILL)
+    up.assert_nothing_runs()
+    assert left.exists()
+    command = ["sh", "-c", f"exec {shlex.join([*COMMAND, *words])} 2>&-"]
+    following = RunningProcess(command, tmp_path, "following", env=environment)
+    try:
+        with Client(settings) as client:
+            wait_until(lambda: client.pose().probability > 0.0)
+        assert not left.exists()
+        following.send_signal(signal.SIGINT)
+        assert following.wait() == 0
+    finally:
+        following.kill()
+    assert list(temporary.glob("clustermcl-*")) == []
 
 
 def test_a_second_system_at_the_same_router_address_is_refused(
