@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from io import BufferedWriter
 from pathlib import Path
 from urllib.parse import quote
@@ -20,6 +20,7 @@ from urllib.parse import quote
 import msgspec
 
 from coordinator.checkpoint import state_in
+from process_runtime.threads import ended, started
 from protocol.codec import decode, encode, max_bytes
 from protocol.conversion import decoded
 from protocol.errors import MalformedMessageError
@@ -29,6 +30,8 @@ from protocol.work import Checkpoint
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
 SYNC_EVERY_S = 1.0
 """A power cut loses at most this time; a killed process loses nothing that was written [s]."""
+LAST_WRITE_S = 0.4
+"""Longest wait for the disk at the end [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -161,19 +164,19 @@ class StateKeeper:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Write within the ``with`` block; write the newest state at its end."""
+        """Write within the ``with`` block; at its end write the newest state, and wait a moment."""
         if self._folder is None:
             yield
             return
-        thread = threading.Thread(target=self._run, args=(self._folder,), name="state-keeper")
-        thread.start()
+        thread = started(partial(self._run, self._folder), "state-keeper")
         try:
             yield
         finally:
             with self._changed:
                 self._closed = True
                 self._changed.notify()
-            thread.join()
+            if not ended(thread, LAST_WRITE_S):
+                _log.warning("%s: slow disk; a power cut now loses the last state", self._folder)
 
     def _run(self, folder: Path) -> None:
         sync_at_s, unsynced, closed = time.monotonic(), None, False
@@ -185,6 +188,8 @@ class StateKeeper:
                 closed = self._closed
             if checkpoint is not None:
                 sync = closed or time.monotonic() >= sync_at_s
+                if closed:  # first where no slow disk is waited for
+                    self._write(folder, checkpoint, sync=False)
                 self._write(folder, checkpoint, sync=sync)
                 unsynced = None if sync else checkpoint
                 if sync:

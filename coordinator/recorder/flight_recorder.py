@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -19,6 +20,7 @@ from coordinator.recorder import records
 from coordinator.recorder.ring import EVENTS, Ring
 from grid_maps.grid_map import GridMap
 from process_runtime.output_files import OutputError
+from process_runtime.threads import ended, started
 from recordings.foxglove import Json, grid, log_line
 from recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
 
@@ -26,6 +28,8 @@ FLUSH_S = 0.5
 """Time between two writes to the disk; a killed process loses at most this time [s]."""
 MAX_QUEUED = 2_048
 """Largest number of waiting entries: half a minute of ten steps a second with ten clusters."""
+LAST_WRITE_S = 0.9
+"""Longest wait for the disk at the end [s]."""
 RETRY_S = 10.0
 """Time between two attempts to write to a disk that fails [s]."""
 MAX_MAP_CELLS = 4_000_000
@@ -85,17 +89,17 @@ class FlightRecorder:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Write events within the ``with`` block, and all waiting ones at its end."""
+        """Write events within the ``with`` block, and at its end those that wait, if it is soon."""
         if self._ring is None:
             yield
             return
-        thread = threading.Thread(target=self._run, args=(self._ring,), name="flight-recorder")
-        thread.start()
+        thread = started(partial(self._run, self._ring), "flight-recorder")
         try:
             yield
         finally:
             self._closed.set()
-            thread.join()
+            if not ended(thread, LAST_WRITE_S):
+                _log.warning("the disk is slow: the end of the flight recording is lost")
 
     # --- in the thread of the loop
 

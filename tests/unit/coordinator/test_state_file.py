@@ -1,6 +1,7 @@
 import errno
 import os
 import stat
+import threading
 import time
 from pathlib import Path
 
@@ -183,3 +184,20 @@ def test_a_full_disk_leaves_no_unfinished_file(
     with pytest.raises(OSError, match="No space left"):
         write(tmp_path, "robot", STATE, sync=True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_slow_disk_does_not_delay_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It took 5 s; the process then ended with 1 and printed its stacks."""
+    returned = threading.Event()
+    monkeypatch.setattr("os.fsync", lambda _file: returned.wait(60.0))
+    newest, begun_s = replace(STATE, serial=STATE.serial + 1), time.monotonic()
+    with (keeper := StateKeeper(tmp_path, "robot", None)).running():
+        keeper.offer(STATE)
+        keeper.offer(newest)
+    took_s = time.monotonic() - begun_s
+    returned.set()
+    assert took_s < 30.0
+    assert read(tmp_path, "robot") == newest, "a later process finds it"
+    assert "slow disk" in caplog.text
