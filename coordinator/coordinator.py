@@ -151,7 +151,7 @@ class Coordinator(Part):
                     self.recovery.on_checkpoint(checkpoint)
                 return []
             case events.ReportArrived(worker, report):
-                self._on_report(report, worker)
+                self._on_report(report, worker, now_ns)
                 # Nine in ten reports complete no step; the next event does what became due.
                 if self.term.begun and self.state.awaits_reports:
                     return []
@@ -259,10 +259,10 @@ class Coordinator(Part):
         if self.term.on_worker_term(number, now_ns):
             self.recovery.ask_all_again()
 
-    def _on_report(self, report: Report, worker: str) -> None:
+    def _on_report(self, report: Report, worker: str, now_ns: int) -> None:
         """Process a report, or keep it until recovery is over."""
         if self.term.begun:
-            self.state.on_report(report, worker)
+            self.state.on_report(report, worker, now_ns)
             return
         early = self.early_reports
         bulky = sum(is_bulky(waiting) for waiting, _ in early) if is_bulky(report) else 0
@@ -357,7 +357,7 @@ class Coordinator(Part):
             else:
                 instructions.append(self._fetch(0, None))
         for report, worker in self.early_reports:
-            self.state.on_report(report, worker)
+            self.state.on_report(report, worker, None)
         self.early_reports.clear()
         return instructions
 
@@ -408,7 +408,7 @@ class Coordinator(Part):
         self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
         for report in answer.reports:
             if isinstance(report, SearchReport) or report.step > self.state.applied_step:
-                self.state.on_report(report, worker, is_recovered=True)
+                self.state.on_report(report, worker, None)
 
     # --- answers
 
@@ -448,8 +448,8 @@ class Coordinator(Part):
             overloaded=self.state.overload.is_overloaded,
         )
 
-    def advice_question(self, radius_m: float) -> tuple[str, AdviceQuestion] | Advice:
-        """Return a worker and the question for it, or the advice if no question is needed."""
+    def advice_question(self, radius_m: float) -> tuple[list[str], AdviceQuestion] | Advice:
+        """Return the workers to ask, the best first, and the question; or the known advice."""
         outcome, scan = self.state.pose.outcome, self.state.collector.applied
         jobs = {name: jobs for name, jobs in self.state.placement.workers.items() if jobs}
         if scan is None or not jobs:
@@ -459,7 +459,8 @@ class Coordinator(Part):
         question = advice_question(
             outcome, scan, views, gate, radius_m=radius_m, sender=self.sender
         )
-        return min(jobs, key=lambda name: len(jobs[name])), question
+        reports = self.state.placement.stragglers.waits_for
+        return sorted(jobs, key=lambda name: (not reports(name), len(jobs[name]))), question
 
     def events(self) -> JobEvents:
         return self._to_message(tuple(self.state.event_log.kept))

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 
@@ -44,7 +44,7 @@ from coordinator.step_collector import check_places, has_too_large_snapshot, wit
 from grid_maps.map_message import from_message
 from process_runtime.logs import CauseCounter
 from protocol import keys
-from protocol.advice import USUAL_RADIUS_M, Advice
+from protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
 from protocol.answers import Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MapMismatchError, printable
@@ -62,7 +62,10 @@ TICK_S = 0.05
 TICK_NS = int(TICK_S * 1e9)
 ASK_AGAIN_WITHIN_S = 0.5
 """A query for scans is repeated for this time: a new link does not reach the bridge at once [s]."""
-ADVICE_TIMEOUT_S = 20.0
+ADVICE_TIMEOUT_S, SILENT_AFTER_S = 20.0, 9.0
+"""Time for a worker's advice; the shorter one if there is another worker to ask [s]."""
+ADVISERS = 2
+"""Number of workers to ask, one after the other."""
 ORDER_TIMEOUT_S = 35.0
 """Time for an answer: a worker may fetch a large map first. Orders are repeated sooner [s]."""
 FORGOTTEN_AFTER_NS = 30_000_000_000
@@ -254,15 +257,27 @@ class Loop:
         match self._coordinator.advice_question(self._radius_m):
             case Advice() as known:
                 asked.answer(known)
-            case worker, question:
-                self._node.ask(
-                    keys.worker_advice(worker),
-                    Advice,
-                    asked.answer,
-                    lambda problem: asked.refuse(problem or f"{worker} did not answer"),
-                    timeout_s=ADVICE_TIMEOUT_S,
-                    message=question,
-                )
+            case workers, question:
+                self._ask_advice(asked, workers[:ADVISERS], question)
+
+    def _ask_advice(self, asked: Asked, workers: Sequence[str], question: AdviceQuestion) -> None:
+        """Ask a worker, and the next one if it is silent, as a frozen one is."""
+        worker, *others = workers
+
+        def on_failure(problem: str) -> None:
+            if others and not problem:
+                self._ask_advice(asked, others, question)
+            else:
+                asked.refuse(problem or f"{worker} did not answer")
+
+        self._node.ask(
+            keys.worker_advice(worker),
+            Advice,
+            asked.answer,
+            on_failure,
+            timeout_s=SILENT_AFTER_S if others else ADVICE_TIMEOUT_S,
+            message=question,
+        )
 
     def _status(self, now_ns: int) -> Status:
         health = self._node.health

@@ -174,15 +174,17 @@ class CoordinatorState(Part):
         applied = self.collector.applied
         return applied is not None and self._carry_out_waiting(applied)
 
-    def on_report(self, report: Report, worker: str, *, is_recovered: bool = False) -> None:
-        """Process a worker's report; `is_recovered`: see `StepCollector.has_room_for`."""
+    def on_report(self, report: Report, worker: str, now_ns: int | None) -> None:
+        """Process a worker's report; `now_ns` is None if the worker repeats it after a take-over,
+        before scans are fetched.
+        """
         if refusal := self.placement.jobs.refusal_of(report, worker):
             self.count(refusal)
             return
-        if not self.collector.has_room_for(report, is_recovered=is_recovered):
+        if not self.collector.has_room_for(report, is_recovered=now_ns is None):
             self.count(NO_ROOM)
             return
-        in_time = self.collector.on_report(report)
+        in_time = self.collector.on_report(report, now_ns)
         self.placement.on_report(report, in_time=in_time)
         if not in_time:
             self.count("report late")

@@ -68,6 +68,8 @@ class OpenStep(Part):
     scan: Scan | None = None
     arrived_ns: int = 0
     reports: dict[str, Report] = {}
+    early: dict[str, int] = {}
+    """When those reports arrived that came before the scan [ns], by job."""
 
 
 def is_bulky(report: Report) -> bool:
@@ -98,7 +100,9 @@ class ReadyStep:
 class StepCollector(Part):
     """Collects scans and reports of steps that are not applied yet."""
 
-    local: ClassVar = frozenset({"settings", "open_steps", "late", "base", "is_fetching"})
+    local: ClassVar = frozenset(
+        {"settings", "open_steps", "late", "base", "is_fetching", "link_back_ns"}
+    )
     settings: CoordinatorSettings = CoordinatorSettings()
     open_steps: dict[int, OpenStep] = {}
     late: list[SearchReport] = []
@@ -107,6 +111,8 @@ class StepCollector(Part):
     """Number before the first step; None: any step may be the first."""
     is_fetching: bool = False
     """Whether the bridge has not answered a request for scans yet."""
+    link_back_ns: int = -UNANSWERED_NS
+    """When the link came back last [ns]; workers then repeat reports, and scans are fetched."""
     applied: Scan | None = None
     """The scan of the last applied step, without its beams; None: no step was applied."""
     steps_lost: Count = 0
@@ -149,6 +155,11 @@ class StepCollector(Part):
         if opened.scan is not None:
             return False
         opened.scan, opened.arrived_ns = scan, now_ns
+        # A forged report on a step to come would make the step complete before the true one.
+        for job_id, early_ns in opened.early.items():
+            if now_ns - early_ns > UNANSWERED_NS:
+                del opened.reports[job_id]
+        opened.early = {}
         return True
 
     def lost_before(self, scan: Scan) -> tuple[int, int] | None:
@@ -161,6 +172,7 @@ class StepCollector(Part):
 
     def restart_deadlines(self, now_ns: int) -> None:
         """Restart the deadlines: no report could arrive while the link was lost."""
+        self.link_back_ns = now_ns
         for opened in self.open_steps.values():
             opened.arrived_ns = now_ns
 
@@ -186,11 +198,20 @@ class StepCollector(Part):
         of_job = (opened.reports.get(report.job_id) for opened in others)
         return sum(kept is not None and is_bulky(kept) for kept in of_job) < BULKY_REPORTS
 
-    def on_report(self, report: Report) -> bool:
-        """Store a report; return False if it is useless because its step was applied."""
+    def on_report(self, report: Report, now_ns: int | None = None) -> bool:
+        """Store a report; return False if it is useless because its step was applied.
+
+        Args:
+            report: report of a job's present worker.
+            now_ns: time by the clock of `on_scan` [ns]. A report counts only if its scan arrives
+                before, or soon after; None: the scan may arrive at any time.
+        """
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
+            is_early = opened.scan is None
+            if is_early and now_ns is not None and now_ns >= self.link_back_ns + UNANSWERED_NS:
+                opened.early[report.job_id] = now_ns
             return True
         if not isinstance(report, SearchReport):
             return False

@@ -42,8 +42,7 @@ class Adviser:
         """Compute an advice in the background, and answer its query."""
         if self._is_busy:
             if self._waiting is not None:
-                note = "a newer question arrived"
-                self._waiting.question.answer(Advice(sender=self._node.name, note=note))
+                self._waiting.question.refuse("a newer question arrived; ask again")
             self._waiting = task
             return
         if self._child is None or not self._child.serves(task):

@@ -15,6 +15,7 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
+from clustermcl.client import Client
 from clustermcl.stack import COORDINATOR, WORKERS
 from coordinator.belief.ensemble import ELSEWHERE
 from process_runtime.settings import CoordinatorSettings, WorkerSettings
@@ -23,7 +24,7 @@ from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.work import Particles, Reported, TrackReport, reports_in
-from tests.integration.faults.system import IMPATIENT, SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, SIMULATOR, SMALL, System, system
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from zenoh_link.session import open_session
@@ -89,6 +90,24 @@ def test_a_frozen_worker_delays_the_others_by_one_deadline_and_is_replaced() -> 
         tested.wait_for_steps(10)
         assert not any(belief.missing for belief in tested.since(step))
         assert tested.clusters() == clusters
+        assert_another_worker_advises(tested)
+
+
+def assert_another_worker_advises(tested: System) -> None:
+    """Of a silent worker, a client that waits 20 s got no answer."""
+    tested.hurt(SIMULATOR, signal.SIGSTOP)  # no step shows who is silent
+    silent = next(name for name, jobs in sorted(tested.jobs().items()) if jobs)
+    held = list[zenoh.Query]()  # its link does not end
+    queryable = tested.session.declare_queryable(keys.worker_advice(silent), held.append)
+    pid = tested.worker_pids()[int(silent.removeprefix("worker-"))]
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        with Client(tested.settings) as client:
+            assert client.advice().sender not in ("coordinator", silent)
+    finally:
+        queryable.undeclare()
+        os.kill(pid, signal.SIGCONT)
+    assert held
 
 
 def test_without_workers_status_and_pose_report_this_until_a_worker_appears() -> None:

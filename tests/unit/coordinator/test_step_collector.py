@@ -1,5 +1,7 @@
 from collections.abc import Sequence
 
+import pytest
+
 from coordinator.jobs import HAND_OVER_NS
 from coordinator.step_collector import (
     BULKY_REPORTS,
@@ -41,6 +43,27 @@ def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     made.on_report(tracked("c1", 0, 1.0, HERE))
     ready = given_out(made, "c0", "c1", now_ns=1)
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
+
+
+@pytest.mark.parametrize(("age_ns", "counts"), [(UNANSWERED_NS, True), (UNANSWERED_NS + 1, False)])
+def test_a_report_that_came_long_before_its_scan_does_not_count(age_ns: int, counts: bool) -> None:
+    """Forged ones on steps to come made each step complete before the true report came."""
+    made, forged, true = collector(), tracked("c0", 7, 9.0, HERE), tracked("c0", 7, 1.0, HERE)
+    made.on_report(forged, 0)
+    made.on_scan(scan(7), age_ns)
+    assert (made.ready(["c0"], never_placed, age_ns) is not None) == counts
+    if not counts:
+        made.on_report(true, age_ns)
+        assert given_out(made, "c0", now_ns=age_ns).reports == (true,)
+
+
+def test_reports_that_workers_repeat_after_an_outage_wait_for_their_scans() -> None:
+    made, repeated, now_ns = collector(), tracked("c0", 7, 1.0, HERE), 60 * UNANSWERED_NS
+    made.restart_deadlines(now_ns)
+    made.on_report(repeated, now_ns + 1)
+    now_ns += 3 * UNANSWERED_NS
+    made.on_scan(scan(7), now_ns)
+    assert given_out(made, "c0", now_ns=now_ns).reports == (repeated,)
 
 
 def test_a_step_is_ready_without_missing_reports_after_its_deadline() -> None:

@@ -174,7 +174,7 @@ def test_a_child_process_answers_and_only_the_newest_waiting_question_is_compute
         turn_until(lambda: all(query.answers for query in queries), node)
     first, replaced, newest = (query.answers for query in queries)
     assert first == newest == [answer_to(asked)]
-    assert replaced == [Advice(sender="worker-0", note="a newer question arrived")]
+    assert replaced == ["a newer question arrived; ask again"], "a refusal, no advice"
 
 
 def test_a_killed_child_process_costs_one_answer(node: Node) -> None:
