@@ -17,8 +17,8 @@ from benchmarks.experiments.case import AfterStep, Case, RecordedRobot, Simulate
 from benchmarks.experiments.task import Run, Task
 from benchmarks.wean import WeanRobot
 from coordinator.belief.outcome import Outcome
+from process_runtime.folders import kept_folder
 from process_runtime.settings import Settings
-from worker.map_model import default_cache_folder
 
 
 def cases(data: Path) -> list[Case]:
@@ -49,7 +49,7 @@ def digest(work: tuple[Case, int]) -> str:
         algorithm="cluster-mcl",
         seed=seed,
         settings=Settings(),
-        cache_folder=default_cache_folder(),
+        cache_folder=kept_folder("maps"),
     )
     whole, count = hashlib.sha256(), 0
     for outcome in Run(task).outcomes():

@@ -39,6 +39,7 @@ from evaluation.pose_error import CONFIDENT_PROBABILITY
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from particle_filter.kernels import to_cells
+from process_runtime.folders import kept_folder
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
 from protocol.arrays import ArrayBlob
@@ -51,7 +52,7 @@ from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.world import World
 from worker.jobs import scan_beams
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 
 STEPS, STEPS_OF_A_START = 160, 60
 WEAN = ("wean-1", "wean-2", "wean-3")
@@ -390,7 +391,7 @@ def run(condition: Condition, settings: Settings, baseline: Settings | None = No
         baseline: the settings of a second filter, which has the same steps in turn; None: none.
     """
     grid_map, steps = condition.begin()
-    model = sensor_model(grid_map, settings.sensor, default_cache_folder())
+    model = sensor_model(grid_map, settings.sensor, kept_folder("maps"))
     process = _Timed(model, settings)
     other = _Timed(model, baseline) if baseline else None
     rows: list[Row] = []

@@ -40,6 +40,7 @@ from evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE
 from particle_filter.random_streams import Purpose
+from process_runtime.folders import kept_folder
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple
@@ -48,7 +49,7 @@ from protocol.work import Place
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 
 STEPS, CHANGED_AT = 100, 60
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08
@@ -334,7 +335,7 @@ def outcomes(
 ) -> Iterator[tuple[Outcome, PoseTuple | None]]:
     """Yield the belief after each step, and the true pose."""
     grid_map, steps = begun(trial, data)
-    model = sensor_model(grid_map, settings.sensor, default_cache_folder())
+    model = sensor_model(grid_map, settings.sensor, kept_folder("maps"))
     settings = msgspec.structs.replace(settings, seed=trial.number)
     process: InProcess | mcl.OrdinaryMCL
     if algorithm == "ours":

@@ -29,6 +29,7 @@ from coordinator.belief.search_pool import SearchPool
 from evaluation.in_process import InProcess
 from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.sensor_model import SensorModel
+from process_runtime.folders import kept_folder
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple
@@ -40,7 +41,7 @@ from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.world import World
 from worker.jobs import running
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 
 OFFICES = {"5,900": (5, 18), "13,000": (7, 28), "50,000": (14, 54)}
 """Area in square metres: number of wings, and rooms on a side of a wing."""
@@ -58,9 +59,7 @@ class Place:
     def __init__(self, name: str, settings: Settings) -> None:
         self.settings = settings
         self.world: World = office(*OFFICES[name]) if name in OFFICES else named_world(name)
-        self.model: SensorModel = sensor_model(
-            self.world.map, settings.sensor, default_cache_folder()
-        )
+        self.model: SensorModel = sensor_model(self.world.map, settings.sensor, kept_folder("maps"))
         self._turns, self._middle = SYMMETRIES.get(name, 1), middle_of(self.world.map)
 
     def steps(

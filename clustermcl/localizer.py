@@ -23,6 +23,7 @@ from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
 from process_runtime.compressed import os_problem
+from process_runtime.folders import kept_folder
 from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
@@ -38,7 +39,7 @@ from protocol.message import PoseTuple
 from protocol.steps import Landmark, Observation, PositionField, Scan
 from sensor_bridge.step_maker import StepMaker
 from worker.advising import advice
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 from worker.warm_up import compile_kernels
 
 if TYPE_CHECKING:
@@ -249,7 +250,7 @@ class ClusterMCL(RobotCommands):
         Raises:
             ValueError: the map has no obstacle.
         """
-        self._model = sensor_model(grid_map, self._settings.sensor, default_cache_folder())
+        self._model = sensor_model(grid_map, self._settings.sensor, kept_folder("maps"))
         self.map = grid_map.with_landmarks(landmarks)
         self._ground = FreeGround.of(self.map)
         self._maker.change_map(self.map.digest, landmarks)

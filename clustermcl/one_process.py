@@ -13,6 +13,7 @@ from dataclasses import replace
 from coordinator.process import follow_and_lead
 from coordinator.replica import Replica
 from particle_filter.settings import SensorSettings
+from process_runtime.folders import kept_folder
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
@@ -20,7 +21,6 @@ from process_runtime.stop import StopFlag
 from process_runtime.threads import run_in_threads
 from protocol.errors import SettingsError
 from sensor_bridge.process import run_bridge
-from worker.map_model import chosen_cache_folder
 from worker.process import WorkerLoop
 from worker.warm_up import compile_kernels
 from zenoh_link.configuration import as_zenoh, router_configuration
@@ -66,7 +66,7 @@ def run_parts(invocation: Invocation) -> None:
 
         # It declares its token before the coordinator looks for workers.
         node = _node(part(stop), "worker")
-        cache = chosen_cache_folder(settings.worker.cache_folder)
+        cache = kept_folder("maps", settings.worker.cache_folder)
         worker = WorkerLoop(node, cache, lambda _jobs: None)
 
         def work(stop: StopFlag) -> None:

@@ -12,10 +12,10 @@ import msgspec
 from clustermcl.stack import ProcessEndedError, Stack, temporary_folder
 from clustermcl.verbosity import say
 from live_view.admission import parsed_address
+from process_runtime.folders import kept_folder, recording_folder
 from process_runtime.main import outermost
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
-from process_runtime.state_folder import default_state_folder, recording_folder
 from process_runtime.stop import stop_on_signals
 from process_runtime.supervisor import ChildExit
 from protocol.errors import SettingsError
@@ -63,11 +63,7 @@ def _recorded(settings: Settings) -> Settings:
     """Return settings with a folder for the flight recorder, the default if they have none."""
     if settings.recorder.folder:
         return settings
-    try:
-        folder = str(default_state_folder() / "flight-recorder")
-    except RuntimeError as error:  # the user has no home directory
-        say(f"nothing is recorded: {error}; set recorder.folder")
-        return settings
+    folder = str(kept_folder("state") / "flight-recorder")
     recorder = msgspec.structs.replace(settings.recorder, folder=folder)
     return msgspec.structs.replace(settings, recorder=recorder)
 

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from clustermcl.verbosity import say
 from particle_filter import kernel_library, kernels
+from process_runtime.folders import kept_folder
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.sources import is_published
 from recordings.map_file import load_map_with_obstacles, map_file_of
-from worker.map_model import chosen_cache_folder, sensor_model
+from worker.map_model import sensor_model
 from worker.warm_up import compile_kernels
 
 
@@ -29,5 +30,5 @@ def run_warm_up(settings: Settings) -> None:
     if not file or is_published(file, bridge.source, ros2=settings.ros2.enabled):
         return
     grid_map, begun_s = load_map_with_obstacles(file), time.monotonic()
-    sensor_model(grid_map, settings.sensor, chosen_cache_folder(settings.worker.cache_folder))
+    sensor_model(grid_map, settings.sensor, kept_folder("maps", settings.worker.cache_folder))
     say(f"the likelihood field of {file} is ready after {time.monotonic() - begun_s:.1f} s")

@@ -12,9 +12,9 @@ from coordinator.recorder.ring import Ring
 from coordinator.replica import NewestState, Replica
 from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
+from process_runtime.folders import recording_folder, state_folder
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
-from process_runtime.state_folder import recording_folder, state_folder
 from process_runtime.version import VERSION
 from protocol import keys
 from protocol.errors import AlreadyRunningError

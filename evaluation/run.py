@@ -18,6 +18,7 @@ from evaluation import in_process
 from evaluation.course import Case, Course, course_of
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
+from process_runtime.folders import kept_folder
 from process_runtime.parent import die_with_parent
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
@@ -25,7 +26,7 @@ from process_runtime.supervisor import use_one_thread_for_arithmetic
 from protocol.errors import ClusterMclError, MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
 
@@ -58,7 +59,7 @@ class Run:
         """
         course = course_of(self.case, self.seed, self.settings.bridge, self.start_step)
         settings = msgspec.structs.replace(self.settings, seed=self.seed)
-        folder = cache_folder or default_cache_folder()
+        folder = cache_folder or kept_folder("maps")
         try:
             model = sensor_model(course.map, settings.sensor, folder)
         except ValueError as error:  # the map has no obstacle

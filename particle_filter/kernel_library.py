@@ -16,6 +16,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
+from particle_filter.folders import is_usable, remarks, user_folder, why_untrusted
+
 Entries: TypeAlias = dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]
 """By name in the library: a kernel's Python function, and numba's types of its arguments."""
 
@@ -36,7 +38,13 @@ def library() -> ModuleType | None:
 
     After it was built, `library.cache_clear()` has it looked for again.
     """
-    if os.environ.get("NUMBA_DISABLE_JIT") == "1" or not _is_whole(file := path()):
+    if os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        return None
+    file = path()
+    if problem := why_untrusted(file.parent) or why_untrusted(file):
+        remarks[f"the library of kernels is not loaded: {problem}"] = None
+        return None
+    if not _is_whole(file):
         return None
     loader = importlib.machinery.ExtensionFileLoader(MODULE, str(file))
     spec = importlib.util.spec_from_loader(MODULE, loader)
@@ -59,19 +67,32 @@ def _is_whole(file: Path) -> bool:
 def path() -> Path:
     """Return where the library of these sources, for this Python and processor, is on disk.
 
-    In the folder ``NUMBA_CACHE_DIR``, or else the package's; or else, if that cannot be written,
-    the user's.
+    In the folder ``NUMBA_CACHE_DIR``, or else the package's; or else, if it is not there and that
+    folder cannot be written, the user's.
     """
     here = Path(__file__).parent
     digest = sha256(sys.version.encode() + _processor())
     for source in sorted(here.glob("*.py")):
         digest.update(source.read_bytes())
     file = f"kernels-{digest.hexdigest()[:16]}.so"
-    if folder := os.environ.get("NUMBA_CACHE_DIR"):
-        return Path(folder) / file
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    if named and is_usable(Path(named, file), "NUMBA_CACHE_DIR"):
+        return Path(named, file)
     if (own := here / "__pycache__" / file).exists() or os.access(here, os.W_OK):
         return own
-    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "clustermcl" / file
+    return user_folder("kernels") / file
+
+
+def trusted_folder() -> Path:
+    """Return the folder of `path`, where numba's files, which name code to run, are as well.
+
+    Raises:
+        PermissionError: others may have changed it.
+    """
+    folder = path().parent
+    if problem := why_untrusted(folder):
+        raise PermissionError(problem)
+    return folder
 
 
 def _processor() -> bytes:

@@ -51,14 +51,19 @@ class Kernel:
     @cached_property
     def by_numba(self) -> Any:
         """The kernel as numba's dispatcher, which compiles it for any types of arguments."""
-        from numba import njit  # noqa: PLC0415 - 130 MB, only where the library does not do
+        from numba import config, njit  # noqa: PLC0415 - 130 MB, only where the library does not do
 
         compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
+        named = config.CACHE_DIR
         try:
+            config.CACHE_DIR = str(kernel_library.trusted_folder())
             compiled = compile_lazily(cache=True)(self.function)
-        except RuntimeError:  # of numba, which finds no folder for its files
-            cache_problems.append("no folder for them can be written")
+        except (PermissionError, RuntimeError) as error:  # of numba, which finds no folder
+            untrusted = isinstance(error, PermissionError)
+            cache_problems.append(str(error) if untrusted else "no folder for them can be written")
             return compile_lazily()(self.function)
+        finally:
+            config.CACHE_DIR = named
         if hasattr(compiled, "_cache"):  # it is compiled, not plain Python
             _stamp_with_callees(compiled, self.function)
             for method in ("load_overload", "save_overload"):

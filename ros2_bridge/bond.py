@@ -15,8 +15,8 @@ from urllib.parse import quote
 
 import msgspec
 
+from process_runtime.folders import state_folder
 from process_runtime.settings import Settings
-from process_runtime.state_folder import state_folder
 from protocol.conversion import decoded
 from ros2_bridge.lifecycle import State
 from ros2_bridge.message_types import BOND_STATUS, new

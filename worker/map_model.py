@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from grid_maps.grid_map import GridMap
+from particle_filter.folders import why_untrusted
 from particle_filter.sensor_model import MapArrays, SensorModel
 from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
@@ -34,17 +35,6 @@ _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
-
-
-def default_cache_folder() -> Path:
-    """Return the user's cache folder, by the XDG rule."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "clustermcl"
-
-
-def chosen_cache_folder(named: str) -> Path:
-    """Return the folder that `worker.cache_folder` names; empty: the user's cache folder."""
-    return Path(named).expanduser() if named else default_cache_folder()
 
 
 def sensor_model(
@@ -71,7 +61,7 @@ def sensor_model(
             with _one_at_a_time(cache_folder):
                 if not entry.is_dir():
                     _write(entry, _computed(grid_map, settings))
-                    _remove_oldest(cache_folder)
+                    _remove_oldest(cache_folder, entry)
                 with suppress(OSError):  # the entry may belong to another account
                     os.utime(entry)  # marks the entry as recently used
                 arrays = _read(entry)
@@ -90,6 +80,8 @@ def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
     left by killed processes, and are removed.
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
+    if problem := why_untrusted(cache_folder):
+        raise OSError(problem)
     with (cache_folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # held until the file is closed
         for left in cache_folder.glob(f"*{_PART}"):
@@ -136,10 +128,14 @@ def _write(entry: Path, arrays: MapArrays) -> None:
         shutil.rmtree(part, ignore_errors=True)  # exists only if writing failed
 
 
-def _remove_oldest(cache_folder: Path) -> None:
-    """Remove the least recently used entries; a process that has mapped one keeps it."""
+def _remove_oldest(cache_folder: Path, written: Path) -> None:
+    """Remove the least recently used entries but the one just `written`, whatever the clock says.
+
+    A process that has mapped one keeps it.
+    """
     entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
-    for entry in entries[:-KEPT_ENTRIES]:
+    entries.remove(written)
+    for entry in entries[: 1 - KEPT_ENTRIES]:
         shutil.rmtree(entry, ignore_errors=True)
 
 
@@ -159,15 +155,17 @@ def _file(entry: Path, name: str) -> Path:
 def _read(entry: Path) -> MapArrays:
     """Map all arrays from disk.
 
-    Damaged files are refused: a power cut may leave zeros, and kernels use the numbers as indices
-    without bounds checks.
+    Damaged files are refused, and those that others may write: a power cut may leave zeros, and
+    kernels use the numbers as indices without bounds checks.
 
     Raises:
-        _BrokenEntryError: a file is damaged.
+        _BrokenEntryError: a file is damaged, or others may write it.
     """
     try:
         sums = decoded((entry / _SUMS).read_bytes(), dict[str, int], msgspec.json)
         _check(entry, sums)
+        if problem := next(filter(None, (why_untrusted(_file(entry, name)) for name in sums)), ""):
+            raise _BrokenEntryError(problem)
         return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
     except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8
         raise _BrokenEntryError(f"{entry.name}: {error}") from error

@@ -20,6 +20,7 @@ from grid_maps.map_message import from_message
 from particle_filter.branch_and_bound import free_leaves
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings
+from process_runtime.folders import kept_folder
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -40,7 +41,7 @@ from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
 from protocol.work import Checkpoint, Report, TakeOver, WorkOrder, in_few_messages
 from worker.adviser import Adviser
-from worker.map_model import chosen_cache_folder, sensor_model
+from worker.map_model import sensor_model
 from worker.search_queue import SearchPause
 from worker.warm_up import compile_kernels
 from worker.worker import (
@@ -108,7 +109,7 @@ def run_workers(invocation: Invocation) -> None:
     settings, prefix = invocation.settings, invocation.process
     folder, overrides = invocation.arguments.fleet, invocation.arguments.set
     fleet = None if folder is None else Fleet(folder, overrides)
-    cache = chosen_cache_folder(settings.worker.cache_folder)
+    cache = kept_folder("maps", settings.worker.cache_folder)
     compile_kernels(SensorSettings())
     prepare(FilterSettings, *_RECEIVED)  # once for all children, and before they have threads
 

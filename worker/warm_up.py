@@ -15,6 +15,7 @@ from particle_filter.grid import Grid
 from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, MotionSettings, SearchSettings, SensorSettings
+from process_runtime.folders import log_remarks
 from protocol.arrays import ArrayBlob
 from protocol.steps import Landmark, PositionField, Scan, Seen
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
@@ -42,7 +43,9 @@ def compile_kernels(sensor: SensorSettings) -> None:
 
     Where it cannot be built, numba compiles them now rather than at the first scan.
     """
-    if kernel_library.library() is not None or os.environ.get("NUMBA_DISABLE_JIT") == "1":
+    is_built = kernel_library.library() is not None
+    log_remarks()
+    if is_built or os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return
     _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
     try:
@@ -68,6 +71,7 @@ def _build_library() -> None:
     """Build it, unless another process has built it meanwhile."""
     file = kernel_library.path()
     file.parent.mkdir(parents=True, exist_ok=True)
+    kernel_library.trusted_folder()
     with (file.parent / "kernels.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         kernel_library.library.cache_clear()

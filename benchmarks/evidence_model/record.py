@@ -24,11 +24,12 @@ from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import finished
+from process_runtime.folders import kept_folder
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from worker.jobs import scan_beams
-from worker.map_model import default_cache_folder, sensor_model
+from worker.map_model import sensor_model
 
 MERGE_EVERY = 5
 PLANTED_SPREAD = np.array([0.2, 0.2, 0.1])
@@ -49,7 +50,7 @@ def recorded(
         settings: those of the filter; `cluster.particles` are those of one cluster.
     """
     course = course_of(case, seed, settings.bridge, start_step)
-    model = sensor_model(course.map, settings.sensor, default_cache_folder())
+    model = sensor_model(course.map, settings.sensor, kept_folder("maps"))
     middle, symmetry = middle_of(course.map), case.symmetry
     first, truth = next(course.steps)
     assert truth is not None, f"{case.name}: the true pose is unknown at step {start_step}"

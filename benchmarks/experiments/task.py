@@ -11,8 +11,8 @@ from benchmarks.experiments.measures import Counts, RunMeasures
 from benchmarks.experiments.observer import Observer
 from coordinator.belief.outcome import Outcome
 from evaluation import run
+from process_runtime.folders import kept_folder
 from process_runtime.settings import Settings
-from worker.map_model import default_cache_folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Task:
     seed: int
     settings: Settings
     """Settings including the case's, except for the seed."""
-    cache_folder: Path = field(default_factory=default_cache_folder)
+    cache_folder: Path = field(default_factory=lambda: kept_folder("maps"))
     """Folder for computed likelihood fields."""
     start_step: int = 0
     """First step of a recording, as if the robot had been switched on there."""

@@ -53,4 +53,4 @@ def test_warm_up_prepares_kernels_and_the_map(tmp_path: Path, environment: dict[
     warm = ran(*command, environment=environment, timeout_s=COMPILING_S)
     assert (warm.returncode, warm.stdout) == (0, "")
     assert "all kernels are on disk" in warm.stderr
-    assert list((tmp_path / "clustermcl").glob("field-*"))
+    assert list((tmp_path / "clustermcl" / "maps").glob("field-*"))

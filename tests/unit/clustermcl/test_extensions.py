@@ -101,7 +101,7 @@ def test_an_installed_model_is_found_by_its_entry_point(
     monkeypatch.syspath_prepend(str(tmp_path))
     mcl = ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
     assert type(mcl._model).__name__ == "Own"
-    assert not list((tmp_path / "clustermcl").glob("field-*")), "its arrays are not kept"
+    assert not list((tmp_path / "clustermcl" / "maps").glob("field-*")), "its arrays are not kept"
     with pytest.raises(ValueError, match=r"sensor_model 'gone' cannot be loaded: .*Gone"):
         extensions.extension("sensor_model", "gone")
 

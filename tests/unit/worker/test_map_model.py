@@ -176,6 +176,19 @@ def test_a_folder_that_cannot_be_written_costs_only_a_warning(
     assert field_of(model).codes.shape == (32, 42)
 
 
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_arrays_that_others_may_write_are_not_used(
+    tmp_path: Path, is_folder: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    model = sensor_model(grid_map(), SETTINGS, tmp_path)
+    written = tmp_path if is_folder else next(tmp_path.glob("field-*/codes.npy"))
+    written.chmod(0o777)
+    with caplog.at_level(logging.WARNING):
+        again = sensor_model(grid_map(), SETTINGS, tmp_path)
+    assert f"cannot be used: other accounts may write {written}" in caplog.text
+    np.testing.assert_array_equal(field_of(again).codes, field_of(model).codes)
+
+
 def test_one_of_many_processes_computes_the_field_and_the_others_read_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

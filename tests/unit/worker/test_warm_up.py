@@ -2,11 +2,13 @@ import logging
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 from particle_filter import kernel_library, kernels
+from particle_filter.folders import remarks
 from particle_filter.settings import MotionSettings, SensorSettings
 from tests.unit.programs import ran
 from worker.warm_up import compile_kernels, run_kernels
@@ -75,6 +77,29 @@ def test_half_a_library_of_kernels_is_not_loaded(built_before: Path, kept: int) 
         assert (kernel_library.library() is not None) is is_loaded
 
 
+@needs_compiler
+@pytest.mark.parametrize("planted", ["file", "folder"])
+def test_a_library_that_others_may_write_is_neither_loaded_nor_built(
+    built_before: Path, planted: str, tmp_path: Path
+) -> None:
+    file = kernel_library.path()
+    shutil.copyfile(built_before, file)
+    (file if planted == "file" else tmp_path).chmod(0o777)
+    assert kernel_library.library() is None
+    assert f"is not loaded: other accounts may write {tmp_path}" in str(remarks)
+    with nullcontext() if planted == "file" else pytest.raises(PermissionError, match="chmod"):
+        assert kernel_library.trusted_folder() == tmp_path, "it is built anew there"
+
+
+def test_a_relative_folder_of_kernels_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "here")
+    (tmp_path / "here").mkdir()
+    assert kernel_library.path().parent == Path(kernel_library.__file__).parent / "__pycache__"
+
+
 def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -84,4 +109,4 @@ def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
     (tmp_path / "installed").mkdir()
     assert kernel_library.path().parent == tmp_path / "installed" / "__pycache__"
     monkeypatch.setattr(os, "access", lambda _file, _mode: False)
-    assert kernel_library.path().parent == tmp_path / "clustermcl"
+    assert kernel_library.path().parent == tmp_path / "clustermcl" / "kernels"
