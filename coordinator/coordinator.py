@@ -435,7 +435,7 @@ class Coordinator(Part):
             steps_applied=self.state.steps_applied,
             steps_lost=self.state.collector.steps_lost,
             reports_missing=self.state.reports_missing,
-            map_digest=self.state.map_digest,
+            map_digest=self.state.known_map,
             clusters=len(self.state.ensemble.clusters),
             searching=self.state.pose.outcome.searching,
             search_progress=self.state.pose.outcome.search_progress,

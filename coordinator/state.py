@@ -147,7 +147,8 @@ class CoordinatorState(Part):
 
         The first scan sets the map.
         """
-        self.map_digest = self.map_digest or scan.map_digest
+        if not self.map_digest:
+            self.map_digest, self.map_asked_ns = scan.map_digest, None
         if self.map_changes.has_changed(scan, self.map_digest):
             self._change_map(scan)
         if scan.map_digest != self.map_digest:
@@ -157,13 +158,18 @@ class CoordinatorState(Part):
     @property
     def _free_ground(self) -> FreeGround | None:
         known = self.ground
-        return known if known and known.map_digest == self.map_digest else None
+        return known if known and self.map_digest in ("", known.map_digest) else None
+
+    @property
+    def known_map(self) -> str:
+        """Digest of the map of the steps, or of the bridge before the first; empty: unknown."""
+        return self.map_digest or (self.ground.map_digest if self.ground else "")
 
     def wants_map(self, now_ns: int) -> bool:
         """Return whether to request the map now, against which given poses are checked."""
         asked_ns = self.map_asked_ns
         is_asked = asked_ns is not None and now_ns - asked_ns < ASK_MAP_AGAIN_NS
-        if is_asked or not self.map_digest or self._free_ground is not None:
+        if is_asked or self._free_ground is not None:
             return False
         self.map_asked_ns = now_ns
         return True

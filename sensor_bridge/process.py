@@ -1,6 +1,7 @@
 """The sensor bridge process: readings of a robot or a recording become numbered steps."""
 
 import logging
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -48,6 +49,8 @@ from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received, Token, ask, is_alive
 
 POLL_S = 0.1
+WAIT_S = 5.0
+"""A robot that has published nothing this long after the start is reported [s]."""
 ASK_MAP_EVERY_S = 1.0
 STATUS_TIMEOUT_S = 5.0
 """Time-out of querying a busy coordinator; without a coordinator the query fails at once [s]."""
@@ -187,10 +190,21 @@ class Bridge:
 
     def run(self) -> None:
         """Serve until the process is stopped; the end of a recording does not end it."""
+        waits_until_s = time.monotonic() + WAIT_S if self._is_live else math.inf
         while not self._node.stop.is_set():
             self._node.turn(self._send_due())
             if self._map is None:
                 self._ask_for_map()
+            if time.monotonic() > waits_until_s and self._map is not None:
+                waits_until_s = math.inf
+                self._report_waiting()
+
+    def _report_waiting(self) -> None:
+        """Log which readings have not arrived since the start."""
+        done = self._node.health.health().done
+        for what, key in (("scans", keys.LASER_READING), ("odometry", keys.ODOMETRY_READING)):
+            if what not in done and "steps" not in done:  # a scan may have its odometry with it
+                _log.info("waiting for %s on %s/%s", what, self._node.robot, key)
 
     # --- readings
 

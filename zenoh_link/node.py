@@ -110,7 +110,7 @@ class Node:
         peers: str | None,
         session: zenoh.Session | None = None,
     ) -> None:
-        self.name, self.stop = name, stop
+        self.name, self.stop, self.robot = name, stop, settings.robot.name
         self.inbox: Inbox[Any] = Inbox({})
         self.causes = CauseCounter()
         self.health = HealthReporter(name, role, self.causes, self.inbox)

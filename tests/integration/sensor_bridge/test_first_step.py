@@ -1,4 +1,5 @@
 from functools import partial
+from pathlib import Path
 from threading import Timer
 
 import zenoh
@@ -14,6 +15,7 @@ from tests.integration.sensor_bridge.robot import answering
 from tests.integration.sensor_bridge.test_published_map import FIRST
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import write_room
 from tests.unit.evaluation.places import STATUS
 
 LATE_S, REFUSALS = 2.0, 5
@@ -73,6 +75,15 @@ def test_steps_continue_although_a_coordinator_that_just_began_answers_a_moment_
     coordinator.declare_subscriber(keys.LASER_READING, on_reading)
     assert first_step(start_bridge, open_client) == GOES_ON
     token.undeclare()
+
+
+def test_a_bridge_without_readings_reports_what_it_waits_for(
+    start_bridge: StartBridge, tmp_path: Path
+) -> None:
+    robot = start_bridge(write_room(tmp_path))
+    assert robot.bridge
+    robot.bridge.wait_for("waiting for scans on robot/readings/laser")
+    robot.bridge.wait_for("waiting for odometry on robot/readings/odometry")
 
 
 def test_near_the_highest_possible_step_numbering_restarts(

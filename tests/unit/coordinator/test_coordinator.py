@@ -422,11 +422,24 @@ def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
 
 
 def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
-    story, early = Story("a"), given("1", *OFF_THE_MAP)
+    story, early = Story(), given("1", *OFF_THE_MAP)
+    story.has_map = False
+    story.handle(WorkerJoined("a"))
     assert story.command(early) == "", "nobody knows the map yet"
+    story.has_map = True
     assert story.bootstrapped().probabilities == [0.5, 0.5]
     assert "no free ground" in story.command(early)
     assert story.status().counters["pose off the map refused"] == 1
+
+
+def test_a_pose_before_the_first_scan_is_checked_with_the_bridges_map() -> None:
+    story = Story()
+    story.has_map = False
+    asked = [do for at_s in (10.0, 20.0) for do in story.handle(TimePassed(), at_s)]
+    assert any(isinstance(do, FetchMap) for do in asked)
+    story.handle(MapArrived(free_everywhere("digest of the bridge")))
+    assert story.status().map_digest == "digest of the bridge"
+    assert "no free ground" in story.command(given("1", *OFF_THE_MAP))
 
 
 def test_a_pose_waits_for_the_map_and_is_applied_when_the_map_arrives() -> None:
