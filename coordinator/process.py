@@ -63,7 +63,7 @@ def follow_and_lead(
 ) -> None:
     """Follow while the robot has a leader, then lead until stopped or deposed."""
     settings = invocation.settings
-    with metrics_served(settings.metrics, lambda: node.session):
+    with metrics_served(settings.metrics, settings.robot.name, lambda: node.session):
         loop = Loop(node, replica, settings.robot.radius_m)
         # After a deposition: a successor declares its liveliness token only after recovery.
         if replica.role == "deposed" or is_alive(

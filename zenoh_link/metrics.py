@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def metrics_served(
-    settings: MetricsSettings, session: Callable[[], zenoh.Session]
+    settings: MetricsSettings, robot: str, session: Callable[[], zenoh.Session]
 ) -> Iterator[None]:
     """Serve ``/metrics`` within the block, if a port is set.
 
@@ -45,7 +45,7 @@ def metrics_served(
         )
     stop = threading.Event()
     server = threading.Thread(
-        target=_serve, args=(settings, lambda: _status(session()), stop), daemon=True
+        target=_serve, args=(settings, robot, lambda: _status(session()), stop), daemon=True
     )
     server.start()
     try:
@@ -62,7 +62,10 @@ def _status(session: zenoh.Session) -> Status | None:
 
 
 def _serve(
-    settings: MetricsSettings, status: Callable[[], Status | None], stop: threading.Event
+    settings: MetricsSettings,
+    robot: str,
+    status: Callable[[], Status | None],
+    stop: threading.Event,
 ) -> None:
     # An optional dependency.
     from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415 - see above
@@ -70,7 +73,7 @@ def _serve(
     from zenoh_link.metrics_of_status import StatusCollector  # noqa: PLC0415 - see above
 
     registry = CollectorRegistry()
-    registry.register(StatusCollector(status))
+    registry.register(StatusCollector(status, robot))
     where = f"http://{settings.host}:{settings.port}/metrics"
     is_logged = False
     while not stop.is_set():

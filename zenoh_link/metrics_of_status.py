@@ -23,12 +23,21 @@ class StatusCollector(Collector):
 
     Args:
         status: returns the newest status; None if no coordinator answers.
+        robot: name of the robot, a label of all metrics.
     """
 
-    def __init__(self, status: Callable[[], Status | None]) -> None:
-        self._status = status
+    def __init__(self, status: Callable[[], Status | None], robot: str) -> None:
+        self._status, self._robot = status, robot
 
     def collect(self) -> Iterator[Metric]:
+        for metric in self._collected():
+            metric.samples = [
+                sample._replace(labels={"robot": self._robot, **sample.labels})
+                for sample in metric.samples
+            ]
+            yield metric
+
+    def _collected(self) -> Iterator[Metric]:
         status = self._status()
         yield _gauge("up", "Whether the coordinator answers.", float(status is not None))
         if status is not None:

@@ -165,7 +165,7 @@ def test_the_pool_scales_by_a_metric_that_coordinators_serve() -> None:
     assert (target["kind"], target["name"]) == (POOL["kind"], POOL["metadata"]["name"])
     external = SCALER["spec"]["metrics"][0]["external"]["metric"]["name"]
     metrics = pytest.importorskip("zenoh_link.metrics_of_status", reason="the extra metrics")
-    collector = metrics.StatusCollector(lambda: STATUS)
+    collector = metrics.StatusCollector(lambda: STATUS, "r1")
     assert external in {metric.name for metric in collector.collect()}
 
 

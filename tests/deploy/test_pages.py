@@ -76,7 +76,9 @@ def test_every_metric_is_explained() -> None:
         scan_age_s=0.1,
     )  # fmt: skip
     suffix = {"counter": "_total", "info": "_info"}
-    names = {made.name + suffix.get(made.type, "") for made in collector(lambda: status).collect()}
+    names = {
+        made.name + suffix.get(made.type, "") for made in collector(lambda: status, "").collect()
+    }
     assert len(names) > 15
     assert {name for name in names if f"`{name}`" not in OPERATIONS} == set()
 
