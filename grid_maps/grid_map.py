@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
 from particle_filter.grid import Grid
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
@@ -103,7 +103,7 @@ def _check_cells(cells: Cells) -> None:
     low, high = int(cells.min()), int(cells.max())
     if low < UNKNOWN or high > OCCUPIED:
         raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
-    if not np.any(cells == FREE):
+    if cells.all():  # all but `FREE`; a comparison would take as much memory again
         raise ValueError("no cell is free, so no pose is possible")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import yaml
 
-from process_runtime.compressed import read_decompressed
+from process_runtime.compressed import first_bytes, too_long_problem
 from process_runtime.yaml_text import refuse_aliases
 from protocol.conversion import converted
 from protocol.errors import LandmarksFileError
@@ -16,7 +16,8 @@ from protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 LANDMARKS_FILE = "landmarks.yaml"
 """Name of the file in the map's folder."""
 _DEFAULT_SIGMA_M = 0.05
-_MAX_BYTES = 1024 * 1024
+_MAX_BYTES = 2**17
+"""For `MAX_LANDMARKS` with long names; PyYAML needs 1 s for it."""
 
 
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,9 +62,9 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
             range, or an id is used twice.
     """
     path = Path(path)
-    content = read_decompressed(path, LandmarksFileError)
+    content = first_bytes(path, _MAX_BYTES + 1, LandmarksFileError)
     if len(content) > _MAX_BYTES:
-        raise LandmarksFileError(path, f"larger than {_MAX_BYTES} bytes")
+        raise LandmarksFileError(path, too_long_problem(_MAX_BYTES))
     try:
         refuse_aliases(content, path, LandmarksFileError)
         entries = converted(yaml.safe_load(content), _File).landmarks

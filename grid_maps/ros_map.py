@@ -105,7 +105,9 @@ def _header(content: bytes, path: Path) -> _Header:
 def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
     """Parse the YAML file; return its values and line numbers by key."""
     if len(content) > MAX_HEADER_BYTES:
-        raise MapFileError(path, f"{len(content)} bytes: a map_server file has a few hundred")
+        raise MapFileError(
+            path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
+        )
     try:
         refuse_aliases(content, path, MapFileError)
         loader = yaml.SafeLoader(content)
@@ -127,6 +129,7 @@ def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
     image = _open(content, path)
     try:
         cells = _cells(image, header)
+        image.close()  # it takes as much memory as the cells
     except _BROKEN_IMAGE as error:
         raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
     if not any(np.any(row == FREE) for row in cells):
@@ -161,8 +164,8 @@ def _cells(image: Image.Image, header: _Header) -> Cells:
     mode = _pixel_mode(image)
     channels = 4 if mode == "RGBA" and header.mode == "trinary" else 3
     table = _cell_of_sum({"L": 255, "I": 65_535}.get(mode, 255 * channels), header)
-    cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
     left, first, right, last = _known_box(image, table)
+    cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
     for top in range(first, last, _STRIP_ROWS):
         box = (left, top, right, min(top + _STRIP_ROWS, last))
         part = image.crop(box)

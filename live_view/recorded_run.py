@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from process_runtime.stop import StopFlag, stop_on_signals
 from protocol.answers import Belief, PoseAnswer
 from protocol.errors import RecordingError
 from protocol.job_events import JobEvents
+from protocol.reading_checks import MAX_LASERS
+from protocol.steps import KEPT_STEPS as KEPT_SCANS
 from protocol.steps import MapMessage, Scan
 from recordings import run_log
 from recordings.foxglove import LaserFields
@@ -106,7 +109,7 @@ class RecordedRun:
         self._map: MapMessage | None = None
         if grid_map is not None:
             self._show_map(grid_map)
-        self._lasers: list[LaserFields] = []
+        self._lasers: deque[LaserFields] = deque(maxlen=KEPT_SCANS)
         self._pieces = self._read(run_log.log_files(path))
 
     def run(self, stop: StopFlag) -> None:
@@ -164,8 +167,9 @@ class RecordedRun:
                 self._show_map(to_message(grid_map, "recording"))
 
     def _on_belief(self, belief: Belief) -> None:
-        lasers = [laser for laser in self._lasers if laser.step == belief.step]
-        self._lasers = [laser for laser in self._lasers if laser.step > belief.step]
+        lasers = [laser for laser in self._lasers if laser.step == belief.step][:MAX_LASERS]
+        while self._lasers and self._lasers[0].step <= belief.step:
+            self._lasers.popleft()
         if lasers:
             self.picture.on_scan(_scan(belief, lasers))
         self.picture.on_belief(belief)

@@ -13,6 +13,11 @@ from protocol.errors import InputFileError
 MAX_FILE_BYTES = 2**29
 """Longest input after decompression, five times the largest public recording: a few kilobytes of
 gzip can expand to terabytes."""
+MAX_RATIO = 100
+"""Decompressed bytes per byte of a recording: those of robots have up to 10, of one that stands
+still up to 30."""
+MAX_TEXT_BYTES = 2**24
+"""A text may have these bytes whatever its ratio."""
 
 BROKEN_STREAM_ERRORS = (
     EOFError,
@@ -44,27 +49,40 @@ def open_decompressed(path: Path) -> BinaryIO:
     return path.open("rb")
 
 
-def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
-    """Read a whole file, decompressed.
+def most_unpacked(packed_bytes: int, free_bytes: int) -> int:
+    """Return the limit for the content of a file [bytes], by its size."""
+    return free_bytes + MAX_RATIO * packed_bytes
+
+
+def first_bytes(path: Path, count: int, error: type[InputFileError]) -> bytes:
+    """Read up to `count` bytes of a file, decompressed.
 
     Raises:
-        InputFileError: of the type `error`: the file is missing, unreadable, truncated, damaged or
-            too long.
+        InputFileError: of the type `error`: the file is missing, unreadable, truncated or damaged.
     """
     try:
         with open_decompressed(path) as stream:
-            content = stream.read(MAX_FILE_BYTES + 1)
+            return stream.read(count)
     except BROKEN_STREAM_ERRORS as broken:
         raise error(path, broken_stream_problem(broken)) from broken
     except OSError as failed:
         raise error(path, os_problem(failed)) from failed
+
+
+def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
+    """Read a whole file, decompressed.
+
+    Raises:
+        InputFileError: as for `first_bytes`, or the file is too long.
+    """
+    content = first_bytes(path, MAX_FILE_BYTES + 1, error)
     if len(content) > MAX_FILE_BYTES:
-        raise error(path, too_long_problem())
+        raise error(path, too_long_problem(MAX_FILE_BYTES))
     return content
 
 
-def too_long_problem() -> str:
-    return f"longer than {MAX_FILE_BYTES // 2**20} MiB unpacked, more than any input here"
+def too_long_problem(most: int) -> str:
+    return f"longer than {most / 2**20:.3g} MiB unpacked, more than any such input"
 
 
 def broken_stream_problem(broken: BaseException) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, PoseTuple
 from protocol.steps import (
+    MAX_BEAMS,
     MAX_FIELD_SIDE,
     LaserBeams,
     LaserReading,
@@ -18,9 +19,6 @@ from protocol.steps import (
     Scan,
     Seen,
 )
-
-MAX_BEAMS = 20_000
-"""No current laser has more; a larger scan is an error."""
 
 MALFORMED = "malformed"
 NOT_FINITE = "not_finite"

@@ -24,6 +24,9 @@ from protocol.message import (
     Stamp,
 )
 
+MAX_BEAMS = 20_000
+"""No current laser has more; a larger scan is an error."""
+
 
 class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1"):
     """An odometry pose. From a robot on ``readings/odometry``; the next one repairs a loss."""

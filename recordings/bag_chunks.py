@@ -1,5 +1,6 @@
 """Unpacks chunks of run logs within limits: 92 kB of zstd may unpack to gigabytes."""
 
+import os
 import zlib
 from collections.abc import Iterator
 from contextlib import suppress
@@ -11,30 +12,34 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.stream_reader import StreamReader
 
+from process_runtime.compressed import most_unpacked
+
 MOST_BYTES = 2**26
 """Limit for one unpacked chunk or message [bytes]; recorders write chunks of some megabytes."""
 _MOST_DEFINED_BYTES = 2**24
 """Limit for all schemas and topic names of an MCAP file [bytes]."""
-_MOST_RECORD_BYTES = 2**30
+_MOST_RECORD_BYTES = MOST_BYTES + 2**16
 """Limit for an MCAP record [bytes]; the library would allocate whatever a damaged one says."""
+_FREE_BYTES = 2**27
+"""All chunks of a file may have these bytes whatever their ratio: the largest map, twice."""
 
 
-def unpacked(compression: str, packed: bytes) -> bytes:
+def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
     """Unpack a chunk.
 
     Raises:
-        ValueError: the chunk unpacks to more than `MOST_BYTES`, or the compression is unknown.
+        ValueError: the chunk unpacks to more than `most` bytes, or the compression is unknown.
         Exception: an error of the compression's library: the chunk is damaged.
     """
     match compression:
         case "":
             return packed
         case "zstd":
-            content: bytes = zstandard.ZstdDecompressor().stream_reader(packed).read(MOST_BYTES + 1)
+            content: bytes = zstandard.ZstdDecompressor().stream_reader(packed).read(most + 1)
         case other:
             raise ValueError(f"chunks are compressed by {other!r:.20}")
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"a chunk of {len(packed)} bytes unpacks to more than {MOST_BYTES}")
+    if len(content) > most:
+        raise ValueError(f"a chunk of {len(packed)} bytes unpacks to more than {most}")
     return content
 
 
@@ -46,18 +51,26 @@ def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
     """
     reader = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
     defined: dict[tuple[type, int], int] = {}
+    defined_bytes = 0
+    left = most_unpacked(os.fstat(file.fileno()).st_size, _FREE_BYTES)
     for outer in reader.records:
-        for record in _chunk_records(outer) if isinstance(outer, Chunk) else (outer,):
+        if isinstance(outer, Chunk):
+            content = unpacked(outer.compression, outer.data, min(left, MOST_BYTES))
+            left -= len(content)
+            records = _chunk_records(outer, content)
+        else:
+            records = iter((outer,))
+        for record in records:
             if isinstance(record, (Schema, Channel)):  # readers keep all of these in memory
                 size = len(record.data) if isinstance(record, Schema) else len(record.topic)
+                defined_bytes += size - defined.get((type(record), record.id), 0)
                 defined[type(record), record.id] = size
-                if size > _MOST_DEFINED_BYTES or sum(defined.values()) > _MOST_DEFINED_BYTES:
+                if defined_bytes > _MOST_DEFINED_BYTES:
                     raise ValueError("its schemas and names of topics are too long")
             yield record
 
 
-def _chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
-    content = unpacked(chunk.compression, chunk.data)
+def _chunk_records(chunk: Chunk, content: bytes) -> Iterator[McapRecord]:
     if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
         raise ValueError("the checksum of a chunk is wrong")
     with suppress(EndOfFile):

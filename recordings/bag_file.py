@@ -4,16 +4,21 @@ The library `rosbags` (extra ``ros2``) parses the files. The types read here hav
 in all ROS releases, so the library's definitions are used, and those in the bag are ignored.
 """
 
+import bz2
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from process_runtime.compressed import os_problem
+import zstandard
+
+from process_runtime.compressed import most_unpacked, os_problem
 from protocol.errors import InputFileError
+from recordings.bag_chunks import unpacked
 from recordings.log_file import SkippedLine
 
 if TYPE_CHECKING:
@@ -31,6 +36,10 @@ _RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # name before 2013; the fields are 
 _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
 _MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
+_FREE_BYTES = 2**26
+"""The requested messages of a bag may have these bytes whatever its ratio."""
+_FREE_CHUNK_BYTES = 2**28
+"""All that is unpacked may have these bytes whatever its ratio: one `OccupancyGrid`."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,7 @@ class BagFile:
         for connection in wanted:
             self._check_encoding(connection)
         stream, number = self._reader.messages(wanted) if wanted else iter(()), 0
+        left = most_unpacked(self._size, _FREE_BYTES)
         while True:
             number += 1
             try:
@@ -107,6 +117,10 @@ class BagFile:
                 problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
                 self.left_out.append(SkippedLine(number, problem))
                 return
+            if _type_of(connection) != OCCUPANCY_GRID:  # of maps, only the last is kept
+                left -= len(content)
+            if left < 0:
+                raise self._error(self._path, "its scans and odometry are too long unpacked")
             try:
                 message = self._decode(content, _type_of(connection))
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
@@ -123,6 +137,8 @@ class BagFile:
             raise self._error(self._path, problem) from missing
         try:
             path = self._as_library_wants(stack)
+            self._size = sum(one.stat().st_size for one in _storage_files(path) or [path])
+            _Unpacker(self._size).replace_library_s()
             ros1 = path.suffix == ".bag"
             store = definitions(ros1=ros1)
             self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
@@ -186,9 +202,64 @@ def _type_of(connection: "Connection") -> str:
     return _RENAMED.get(connection.msgtype, connection.msgtype)
 
 
-def _storage_files(folder: Path) -> list[Path]:
+class _Unpacker:
+    """Unpacks chunks, messages and files of a bag within limits, which the library has not."""
+
+    def __init__(self, packed_bytes: int) -> None:
+        self._left = most_unpacked(packed_bytes, _FREE_CHUNK_BYTES)
+
+    def replace_library_s(self) -> None:
+        """Have the library unpack the next bag by this."""
+        from lz4.frame import (  # type: ignore[import-untyped] # noqa: PLC0415 - an extra
+            LZ4FrameDecompressor,
+        )
+        from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415
+        from rosbags.rosbag2 import reader, storage_mcap  # noqa: PLC0415
+
+        by_bz2, by_lz4 = (
+            partial(self._by_object, kind) for kind in (bz2.BZ2Decompressor, LZ4FrameDecompressor)
+        )
+        ros1.decompressors = ros1.decompressors | {"bz2": by_bz2, "lz4": by_lz4}
+        storage_mcap.DECOMPRESSORS = storage_mcap.DECOMPRESSORS | {
+            "lz4": lambda packed, _: by_lz4(packed),
+            "zstd": lambda packed, _: self._by_zstd(packed),
+        }
+        limited = SimpleNamespace(decompress=self._by_zstd, open=self._opened)
+        vars(reader)["zstd"] = limited
+
+    def _by_zstd(self, packed: bytes) -> bytes:
+        return self._counted(unpacked("zstd", packed, self._most))
+
+    def _by_object(self, kind: Any, packed: bytes) -> bytes:
+        unpacker = kind()
+        content: bytes = unpacker.decompress(packed, self._most + 1)
+        if not unpacker.eof and len(content) <= self._most:
+            raise EOFError("a chunk is cut off")
+        return self._counted(content)
+
+    @contextmanager
+    def _opened(self, file: BinaryIO, _mode: str) -> "Iterator[SimpleNamespace]":
+        with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True) as stream:
+            yield SimpleNamespace(read=lambda count: self._counted(stream.read(count)))
+
+    @property
+    def _most(self) -> int:
+        return min(self._left, _FREE_CHUNK_BYTES)
+
+    def _counted(self, content: bytes) -> bytes:
+        if len(content) > self._most:
+            raise ValueError("it unpacks to far more than its size")
+        self._left -= len(content)
+        return content
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return the files of a rosbag2 folder; none: it is a file."""
+    files = path.iterdir() if path.is_dir() else ()
     return sorted(
-        file for file in folder.iterdir() if file.is_file() and file.suffix in (".mcap", ".db3")
+        file
+        for file in files
+        if file.is_file() and file.name.removesuffix(".zstd").endswith((".mcap", ".db3"))
     )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from protocol.message import PoseTuple
+from protocol.steps import MAX_BEAMS
 from recordings.laser_mount import fixed_mounting, mounting
 from recordings.log_file import (
     Entry,
@@ -175,6 +176,8 @@ def _beam_count(words: Sequence[str], at: int, least: int = 1) -> int:
         raise ValueError(f"a {words[0]} line without its number of readings") from None
     if not least <= count <= len(words) - at:
         raise ValueError(f"{count} readings announced, the line has {len(words)} words")
+    if count > MAX_BEAMS:
+        raise ValueError(f"{count} readings; at most {MAX_BEAMS} are read")
     return count
 
 

@@ -17,7 +17,7 @@ from particle_filter.arrays import OCCUPIED
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp, ellipse_axes
-from protocol.steps import Landmark, LaserBeams, Scan
+from protocol.steps import MAX_BEAMS, Landmark, LaserBeams, Scan
 
 Json: TypeAlias = dict[str, Any]
 
@@ -48,7 +48,7 @@ class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
     angle_min_rad: Finite
     angle_step_rad: Finite
     range_max_m: _Range
-    ranges: list[_Range]
+    ranges: Annotated[list[_Range], msgspec.Meta(max_length=MAX_BEAMS)]
     map_digest: str
 
     def beams(self) -> LaserBeams:

@@ -17,7 +17,7 @@ _MAX_LINE_BYTES = 1_000_000
 _MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into 64 bits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class SkippedLine:
     """The number of a skipped line, and why it was skipped."""
 
@@ -25,7 +25,7 @@ class SkippedLine:
     problem: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class OdometryEntry:
     """An odometry reading in a line of a log or in a message of a bag."""
 
@@ -34,7 +34,7 @@ class OdometryEntry:
     odom_from_robot: PoseTuple
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LaserEntry:
     """A scan in a line of a log, or in a message of a bag; absent values are None."""
 
@@ -67,13 +67,15 @@ def words_of_lines(
     Raises:
         InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
     """
-    number, left = 0, compressed.MAX_FILE_BYTES
+    number = 0
     try:
+        most = compressed.most_unpacked(path.stat().st_size, compressed.MAX_TEXT_BYTES)
+        most = left = min(most, compressed.MAX_FILE_BYTES)
         with compressed.open_decompressed(path) as stream:
             while line := stream.readline(_MAX_LINE_BYTES):
                 number, left = number + 1, left - len(line)
                 if left < 0:
-                    raise error(path, compressed.too_long_problem(), line=number)
+                    raise error(path, compressed.too_long_problem(most), line=number)
                 words = line.decode("utf-8", errors="replace").split()
                 if words and not words[0].startswith("#"):
                     yield number, words

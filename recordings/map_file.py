@@ -9,7 +9,7 @@ import numpy as np
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import grid_map_of
 from particle_filter.arrays import OCCUPIED
-from process_runtime.compressed import read_decompressed
+from process_runtime.compressed import first_bytes
 from protocol.errors import MapFileError, RecordingError
 from recordings.bag_file import OCCUPANCY_GRID, BagFile, is_bag
 from recordings.run_log import is_run_log, last_map
@@ -36,12 +36,12 @@ def load_map(path: Path | str) -> GridMap:
             raise MapFileError(path, error.problem) from error
     if is_bag(path):
         return _load_bag_map(path, topic)
-    content = read_decompressed(path, MapFileError)
+    # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
+    from grid_maps.ros_map import MAX_HEADER_BYTES, load_ros_map  # noqa: PLC0415 - see above
+
+    content = first_bytes(path, MAX_HEADER_BYTES + 1, MapFileError)
     if not content.strip():
         raise MapFileError(path, "empty; expected a map_server YAML file")
-    # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
-    from grid_maps.ros_map import load_ros_map  # noqa: PLC0415 - see above
-
     return load_ros_map(content, path)
 
 

@@ -39,6 +39,7 @@ MAX_DISORDER_NS = 10_000_000_000
 SENDER = "recording"
 
 _FORMAT_LINES = 1000
+_MAX_BAD_LINES = 1_000_000
 _BETWEEN_READINGS_NS = 1_000_000_000
 """Time between readings without stamps, as in `ClusterMCL` [ns]."""
 
@@ -146,6 +147,8 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
             skipped.append(SkippedLine(number, str(problem)))
             if not is_known and len(skipped) >= _FORMAT_LINES:
                 break
+            if len(skipped) > _MAX_BAD_LINES:
+                raise RecordingError(path, f"more than {_MAX_BAD_LINES} bad lines") from None
         else:
             entries += [entry] if entry else []
     if not is_known:

@@ -17,6 +17,7 @@ import numpy as np
 from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
+from protocol.steps import MAX_BEAMS
 from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
 from recordings.headers import frame_name, nanoseconds
 from recordings.laser_mount import is_upside_down
@@ -122,6 +123,9 @@ def _content(bag: BagFile, topics: set[str]) -> _Content:
     content = _Content()
     for message in bag.messages(topics):
         match bag.topics[message.topic]:
+            case kind if kind == LASER_SCAN and (beams := len(message.content.ranges)) > MAX_BEAMS:
+                problem = f"a scan of {beams} beams; at most {MAX_BEAMS} are read"
+                content.skipped.append(SkippedLine(message.number, problem))
             case kind if kind == LASER_SCAN:
                 content.scans.append(message)
             case kind if kind == ODOMETRY:

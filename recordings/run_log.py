@@ -16,7 +16,7 @@ from mcap.records import Channel, Header, Message
 
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
-from process_runtime.compressed import os_problem
+from process_runtime.compressed import most_unpacked, os_problem
 from process_runtime.output_files import OutputError, check_output_file
 from protocol import conversion
 from protocol.answers import Belief
@@ -46,10 +46,12 @@ _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BA
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
 """Limit for the cells of a written map, which as JSON fills the largest readable chunk."""
-MAX_MESSAGE_BYTES = 2**24
-"""Limit for a message other than a map [bytes]; decoding takes ten times this memory."""
+MAX_MESSAGE_BYTES = 2**22
+"""Limit for a message other than a map [bytes]; decoding takes fifty times this memory."""
 MAX_PLAYBACK_BYTES = 2**31
-"""Limit for all messages of a run that is played back [bytes]: about 30 hours."""
+"""Limit for scans and odometry of a run that is played back [bytes]: about 30 hours."""
+_FREE_PLAYBACK_BYTES = 2**25
+"""A file may have these bytes of them whatever its ratio."""
 
 
 class RunLog:
@@ -275,13 +277,15 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     Raises:
         RecordingError: a file is not a run log, a message is malformed, or the run is too long.
     """
-    entries, skipped, size = list[Entry](), list[SkippedLine](), 0
+    entries, skipped, left = list[Entry](), list[SkippedLine](), MAX_PLAYBACK_BYTES
     for file in log_files(path):
         log, number = RunLogReader(file), 0
+        most = most_unpacked(file.stat().st_size, _FREE_PLAYBACK_BYTES)
         for number, message in enumerate(log.messages(), start=1):
-            size += len(message.data)
-            if size > MAX_PLAYBACK_BYTES:
-                raise RecordingError(file, f"longer than {MAX_PLAYBACK_BYTES} bytes unpacked")
+            if message.topic.startswith((SCAN, ODOMETRY)):
+                left, most = left - len(message.data), most - len(message.data)
+                if min(left, most) < 0:
+                    raise RecordingError(file, "its scans and odometry are too long unpacked")
             if message.topic.startswith(SCAN):
                 entries.append(_laser_entry(number, message, file))
             elif message.topic == ODOMETRY:

@@ -19,15 +19,25 @@ def bomb(profile: str) -> bytes:
     """An MCAP file with one chunk of zstd, which says that it unpacks to a kilobyte."""
     packer = zstd.ZstdCompressor()
     packed = b"".join(packer.compress(bytes(2**20)) for _ in range(1024))
-    packed += packer.flush()
-    head = struct.pack("<QQQI", 0, 9, 1_000, 0) + text("zstd") + struct.pack("<Q", len(packed))
-    return b"".join(
-        [
-            MCAP,
-            record(1, text(profile) + text("")),
-            record(6, head + packed),
-            record(15, bytes(4)),
-            record(2, bytes(20)),
-            MCAP,
-        ]
-    )
+    return mcap(profile, _chunk(packed + packer.flush(), 1_000))
+
+
+def mcap(profile: str, *records: bytes) -> bytes:
+    """An MCAP file with these records."""
+    first, last = record(1, text(profile) + text("")), record(15, bytes(4)) + record(2, bytes(20))
+    return b"".join([MCAP, first, *records, last, MCAP])
+
+
+def channel(topic: str, number: int = 0) -> bytes:
+    about = text(topic) + text("json") + bytes(4)
+    return record(4, struct.pack("<HH", number, 0) + about)
+
+
+def chunk(content: bytes) -> bytes:
+    """A chunk of zstd."""
+    return _chunk(zstd.compress(content, 1), len(content))
+
+
+def _chunk(packed: bytes, unpacked_bytes: int) -> bytes:
+    head = struct.pack("<QQQI", 0, 9, unpacked_bytes, 0) + text("zstd")
+    return record(6, head + struct.pack("<Q", len(packed)) + packed)

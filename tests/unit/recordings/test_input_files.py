@@ -66,5 +66,5 @@ def test_a_file_that_unpacks_without_end_is_refused(
     monkeypatch.setattr(compressed, "MAX_FILE_BYTES", 2**23)
     path = tmp_path / "bomb.yaml"
     path.write_bytes(pack(b"# nothing at all in this remark\n" * 600_000))
-    with pytest.raises(refusal, match="MiB unpacked"):
+    with pytest.raises(refusal, match=r"MiB unpacked|a few hundred"):
         load(path)
