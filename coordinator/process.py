@@ -3,7 +3,8 @@
 import argparse
 import logging
 import time
-from contextlib import closing
+from contextlib import ExitStack, closing
+from pathlib import Path
 
 from coordinator.coordinator import Started
 from coordinator.loop import Loop
@@ -12,9 +13,9 @@ from coordinator.recorder.ring import Ring
 from coordinator.replica import NewestState, Replica
 from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
+from process_runtime.claims import owned
 from process_runtime.folders import recording_folder, state_folder
 from process_runtime.main import Invocation, process_main
-from process_runtime.settings import Settings
 from process_runtime.version import VERSION
 from protocol import keys
 from protocol.errors import AlreadyRunningError
@@ -85,33 +86,35 @@ def follow_and_lead(
 def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
     """Lead until the process is stopped or deposed."""
     settings = invocation.settings
-    folder, robot = state_folder(settings.coordinator.state_folder), settings.robot.name
-    started = Started(
-        sender=invocation.process,
-        filter_settings=filter_settings(settings),
-        settings=settings.coordinator,
-        bridge=settings.bridge,
-        version=VERSION,
-        now_ns=time.monotonic_ns(),
-        term=time.time_ns() // 1_000,
-        known=known.checkpoint,
-        usual_delay_ns=known.usual_delay_ns,
-        kept=read(folder, robot) if folder else None,
-    )
-    coordinator = started.coordinator()
-    recorder = FlightRecorder(coordinator, recorder_ring(settings, started.term))
-    loop.lead(coordinator, StateKeeper(folder, robot, started.kept), recorder)
+    robot, term = settings.robot.name, time.time_ns() // 1_000
+    with ExitStack() as claims:
+
+        def own(folder: Path | None) -> Path | None:
+            return folder if folder and claims.enter_context(owned(folder, settings)) else None
+
+        folder = own(state_folder(settings.coordinator.state_folder))
+        recorded = own(recording_folder(settings))
+        started = Started(
+            sender=invocation.process,
+            filter_settings=filter_settings(settings),
+            settings=settings.coordinator,
+            bridge=settings.bridge,
+            version=VERSION,
+            now_ns=time.monotonic_ns(),
+            term=term,
+            known=known.checkpoint,
+            usual_delay_ns=known.usual_delay_ns,
+            kept=read(folder, robot) if folder else None,
+        )
+        coordinator = started.coordinator()
+        ring = Ring(recorded, term, int(settings.recorder.max_mb * 1e6)) if recorded else None
+        keeper = StateKeeper(folder, robot, started.kept)
+        loop.lead(coordinator, keeper, FlightRecorder(coordinator, ring))
     if coordinator.term.outranked_by is not None:
         _log.warning(
             "another coordinator has acted since term %d: stepping down",
             coordinator.term.outranked_by,
         )
-
-
-def recorder_ring(settings: Settings, series: int) -> Ring | None:
-    """Return the files of the flight recording; None: nothing is recorded."""
-    folder = recording_folder(settings)
-    return Ring(folder, series, int(settings.recorder.max_mb * 1e6)) if folder else None
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:
