@@ -14,6 +14,7 @@ from clustermcl.verbosity import say
 from live_view.admission import parsed_address
 from process_runtime.folders import kept_folder, recording_folder
 from process_runtime.main import outermost
+from process_runtime.parent import die_with_parent
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
@@ -75,7 +76,9 @@ def _check_in_child(settings: Settings) -> None:
         SystemExit: the child has printed why the settings are refused.
         ProcessEndedError: the child was killed.
     """
+    parent = os.getpid()
     if (child := os.fork()) == 0:
+        die_with_parent(parent)
         code = outermost("clustermcl", lambda: _check(settings))
         sys.stderr.flush()
         os._exit(code)

@@ -4,6 +4,7 @@ It calls every kernel as plain Python, so that the types of arguments are known,
 compiles them all ahead of time. Arguments: the file to write.
 """
 
+import shutil
 import sys
 import tempfile
 from hashlib import sha256
@@ -14,7 +15,10 @@ from numba.pycc import CC, compiler
 
 from particle_filter import kernel_library, kernels
 from particle_filter.settings import MotionSettings, SensorSettings
+from process_runtime.parent import die_with_parent_if_asked
 from worker.warm_up import run_kernels
+
+_PART = ".part"
 
 
 def build(file: Path) -> None:
@@ -31,7 +35,9 @@ def build(file: Path) -> None:
         return chosen
 
     compiler.Flags = flags
-    with tempfile.TemporaryDirectory(dir=file.parent) as folder:
+    for left in file.parent.glob(f"*{_PART}"):  # by a killed process: the caller has the lock
+        shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=file.parent, suffix=_PART) as folder:
         library = CC(kernel_library.MODULE, source_module=__name__)
         library.output_dir, library.output_file = folder, file.name
         library.target_cpu = "host"
@@ -50,4 +56,5 @@ def _run_every_kernel() -> None:
 
 
 if __name__ == "__main__":
+    die_with_parent_if_asked()
     build(Path(sys.argv[1]))

@@ -16,6 +16,7 @@ from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, MotionSettings, SearchSettings, SensorSettings
 from process_runtime.folders import log_remarks
+from process_runtime.parent import PARENT_VARIABLE
 from protocol.arrays import ArrayBlob
 from protocol.steps import Landmark, PositionField, Scan, Seen
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
@@ -77,7 +78,8 @@ def _build_library() -> None:
         kernel_library.library.cache_clear()
         if kernel_library.library() is None:
             command = [sys.executable, "-I", "-m", "worker.build_kernels", str(file)]
-            subprocess.run(command, check=True, capture_output=True, text=True)
+            environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
+            subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     kernel_library.library.cache_clear()
 
 

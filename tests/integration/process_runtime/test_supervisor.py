@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -154,6 +155,25 @@ def start_supervising(start_process: StartProcess, folder: str) -> RunningProces
         ["forking", python_script(PROGRAMS / "forking.py", "--set", endpoint)],
     ]
     return start_process(python_script(PROGRAMS / "supervising.py", json.dumps(children)))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_compilation_of_kernels_does_not_outlive_its_parent(
+    start_process: StartProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went on for 20 s, on all cores of a robot that starts again."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    process = start_process(python_module("worker", "--count", "1"))
+    found = list[psutil.Process]()
+
+    def compiles() -> bool:
+        found[:] = psutil.Process(process.pid).children()
+        return bool(found) and found[0].cmdline()[-2:-1] == ["worker.build_kernels"]
+
+    wait_until(compiles)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    wait_until(lambda: gone([found[0].pid]), stretched_s(5.0))
 
 
 @pytest.mark.parametrize("numbers", [[signal.SIGKILL], [signal.SIGTERM], [signal.SIGINT] * 2])
