@@ -11,15 +11,10 @@ from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.evidence_model import scan_exponent, way
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.log_weights import multiplied, normalised_weights, weights_and_ess
-from particle_filter.motion import move, slipped
+from particle_filter.motion import move
 from particle_filter.resampling import resample, systematic
 from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import ClusterSettings, MotionSettings
-
-_SLIP_EVERY = 4
-"""Every fourth particle is tried as one that has slipped."""
-_SLIP_GAIN = 0.15
-"""Slipped particles are added if the best of them fits better by more than this [nat/beam]."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +133,7 @@ def mcl_step(
 ) -> MeasurementUpdate:
     """Resample, move by odometry, and weigh by a scan.
 
-    Particles never leave their cluster (eq. 14). If the best particle fits badly, some are also
-    moved as by a wheel slip; if these fit clearly better, all are resampled together.
+    Particles never leave their cluster (eq. 14).
 
     Args:
         particles: the cluster's particles before the step.
@@ -161,28 +155,9 @@ def mcl_step(
     share = 1.0 if is_first else pose_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)
     result = measurement_update(after_motion, beams, model, exponent, share)
-    if motion.slip_probability > 0.0 and result.log_likelihood_per_beam < motion.slip_below_fit:
-        some = slice(None, None, _SLIP_EVERY)
-        back = slipped(particles.map_from_robot[some], moved[some], before_from_after, rng)
-        best_back = float(model.log_likelihood(back, beams).max()) / beams.count
-        if best_back > result.log_likelihood_per_beam + _SLIP_GAIN:
-            both = _with_slipped(after_motion, back, motion.slip_probability)
-            again = measurement_update(both, beams, model, exponent, share)
-            chosen = resample(again.particles.log_weights, len(moved), rng)
-            result = replace(again, particles=ParticleSet.even(both.map_from_robot[chosen]))
     after = result.particles
     correction = model.correction(after.map_from_robot, after.weights, beams)
     return replace(result, log_weight_sum=result.log_weight_sum - correction)
-
-
-def _with_slipped(moved: ParticleSet, back: Poses, probability: float) -> ParticleSet:
-    """Add slipped particles with a share `probability` of the weight; the sum of weights stays."""
-    each = math.log(probability * len(moved.log_weights) / len(back))
-    of_moved = moved.log_weights + math.log1p(-probability)
-    of_back = moved.log_weights[::_SLIP_EVERY] + each
-    return ParticleSet(
-        np.concatenate([moved.map_from_robot, back]), np.concatenate([of_moved, of_back])
-    )
 
 
 def regularised_resample(

@@ -1,11 +1,6 @@
-"""Odometry motion models: particles move as the robot did, each with its own error.
+"""Odometry motion models: particles move as the robot did, each with its own error."""
 
-If wheels slip or the robot is pushed, odometry errs by more than the noise model covers. Larger
-noise would make the position along a featureless corridor uncertain, so slips are tried only where
-a scan fits badly.
-"""
-
-from math import atan2, floor, hypot, pi
+from math import floor, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,48 +150,3 @@ def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> Non
             radius = np.sqrt(max(-_TWO * first[i], np.float32(0.0)))
             c, s = cos_sin(angle[i])
             first[i], second[i] = radius * c, radius * s
-
-
-_FARTHEST_BACK = 2.5
-"""Largest distance of a slipped particle behind its pose by odometry [lengths of the drive]."""
-_TURN_PER_METRE = 0.3
-"""Standard deviation of the heading of a slipped particle, for each metre driven [rad/m]."""
-
-
-def slipped(
-    map_from_before: Poses, map_from_after: Poses, motion: Pose, rng: np.random.Generator
-) -> Poses:
-    """Move particles as if the robot had slipped.
-
-    Args:
-        map_from_before: (N, 3) poses before the motion.
-        map_from_after: (N, 3) poses after the motion by odometry.
-        motion: (3,) the motion by odometry, in the frame before it.
-        rng: draws the length and the turn of each slip.
-
-    Returns:
-        (N, 3) poses, from that by odometry to one and a half drives behind that before the motion.
-    """
-    x, y, _ = motion.tolist()
-    back, turned = rng.random(len(map_from_after)), standard_normals(rng, 1, len(map_from_after))[0]
-    numbers = atan2(y, x), -_FARTHEST_BACK * hypot(x, y), _TURN_PER_METRE * hypot(x, y)
-    return _slipped(plain(map_from_before), plain(map_from_after), numbers, back, turned)
-
-
-@kernel
-def _slipped(
-    before: Poses,
-    after: Poses,
-    numbers: tuple[float, float, float],
-    back: NDArray[np.float64],
-    turned: NDArray[np.float32],
-) -> Poses:
-    """Numbers: bearing of the drive [rad], largest slip [m], spread of headings [rad]."""
-    bearing, farthest, spread = numbers
-    slipped = np.empty_like(after)
-    for i in range(len(after)):
-        c, s = cos_sin(before[i, 2] + bearing)
-        slipped[i, 0] = after[i, 0] + farthest * back[i] * c
-        slipped[i, 1] = after[i, 1] + farthest * back[i] * s
-        slipped[i, 2] = after[i, 2] + spread * np.float64(turned[i])
-    return slipped

@@ -51,10 +51,6 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Noise along the drive caused by turning (root of nav2's alpha4) [m/rad]."""
     strafe_noise_per_metre: NotNegative = 0.1
     """Noise across the drive, omnidirectional only (root of nav2's alpha5) [m/m]."""
-    slip_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.05
-    """Probability of a slip or a push, where scans fit badly."""
-    slip_below_fit: float = 0.5
-    """Slips are tried if the best particle fits worse [nat/beam]."""
 
     def __post_init__(self) -> None:
         _check_model("motion_model", self.model, get_args(MotionModelName))

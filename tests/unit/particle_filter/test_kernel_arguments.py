@@ -30,7 +30,6 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
     (gaussian._moments, lambda p: gaussian.fit_gaussian(p, EVEN)),
     (motion._drive_along_bearing, lambda p: motion.move(p, AFTER, OMNI, rng())),
     (motion._turn_drive_turn, lambda p: motion.move(p, AFTER, TWO_WHEELS, rng())),
-    (motion._slipped, lambda p: motion.slipped(p, p, AFTER, rng())),
     (ray_casting._cast_all, lambda p: ray_casting.cast_rays_from_poses(JUMPS, GRID, p, EVEN, 9.0)),
     (places._assign, lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3)),
     (log_weights._weights_and_ess, lambda p: log_weights.weights_and_ess(p[:, 0])),
