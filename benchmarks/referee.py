@@ -39,11 +39,13 @@ from evaluation.in_process import InProcess
 from evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE
+from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from process_runtime.folders import kept_folder
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan, mirrored
 from protocol.work import Place
 from recordings.map_file import load_map
@@ -57,6 +59,8 @@ GIVEN_SIGMA_M, GIVEN_SIGMA_RAD = 0.5, 0.26
 """As `set_pose` and nav2 have them."""
 WRONG_BY_M = 5.0
 KIDNAPPED_AT = 40
+SPINNING_SHARE, SPUN_M = 0.04, 0.4
+"""Share of the steps in which wheels spin, and the distance that odometry reports too much [m]."""
 PARTICLES = 2_000
 SHARE_OF_FURNITURE = 0.06
 
@@ -200,6 +204,8 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
     seeds = (1,) if small else (1, 2, 3, 4)
     for world, number in itertools.product(("hall", "office"), seeds):
         yield Trial(row="kidnapped", robot=world, number=number, change="kidnapped")
+    for robot, number in _AGED_SMALL if small else _AGED:
+        yield Trial(row="given, spinning wheels", robot=robot, number=number, change="spinning")
     for world in ("hall_symmetric", "cross"):
         yield Trial(row="symmetric", robot=world, number=1, begin="nothing")
     years = "gdc/f2_2019 in gdc/f2_2016"
@@ -246,6 +252,8 @@ def begun(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
         grid_map = aged_maps.with_furniture(grid_map, old)
     elif change == "mirrored":
         steps = [(mirrored(scan), None) for scan, _ in steps]
+    elif change == "spinning":
+        steps = with_spinning_wheels(steps, rng)
     return grid_map, steps
 
 
@@ -289,6 +297,19 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
             simulation.kidnap()
     grid_map = off_map.without_right(world.map) if trial.change == "half" else world.map
     return grid_map, steps
+
+
+def with_spinning_wheels(steps: TrueSteps, rng: np.random.Generator) -> TrueSteps:
+    """Return steps of a robot whose wheels spin now and then: odometry reports a drive."""
+    turned = []
+    spun = last = np.zeros(3)
+    for scan, truth in steps:
+        now = np.array(scan.odom_from_robot)
+        spun, last = compose(spun, between(last, now)), now
+        if rng.random() < SPINNING_SHARE:
+            spun = compose(spun, np.array([SPUN_M, 0.0, 0.0]))
+        turned.append((msgspec.structs.replace(scan, odom_from_robot=pose_tuple(spun)), truth))
+    return turned
 
 
 @cache
@@ -415,7 +436,7 @@ def row_of(scores: Sequence[Score], *, on_map: bool) -> str:
 def main(
     *,
     small: bool = False,
-    rows: Annotated[list[str], typer.Option(help="Part of a row's name.")] = [],  # noqa: B006
+    rows: Annotated[list[str], typer.Option(help="Part of a row's name and its robot.")] = [],  # noqa: B006
     algorithms: str = ",".join(ALGORITHMS),
     chosen: Annotated[list[str], typer.Option("--set", metavar="KEY=VALUE")] = [],  # noqa: B006
     cache_folder: Annotated[Path | None, typer.Option("--cache")] = None,
@@ -425,7 +446,7 @@ def main(
     """Print a Markdown table: sr / sw / lost (right), tracked at the end, log score, RMSE."""
     named = os.environ.get(DATA_VARIABLE)
     data = Path(named) if named else None
-    trials = [t for t in battery(small=small) if not rows or any(name in t.row for name in rows)]
+    trials = [t for t in battery(small=small) if not rows or any(name in t.name for name in rows)]
     names = algorithms.split(",")
     tasks = list(itertools.product(trials, names))
     found: dict[tuple[str, str], list[Score]] = {}

@@ -21,10 +21,10 @@ class RobotCommands:
         covariance: Covariance | None = None,
         stamp_ns: int | None = None,
     ) -> None:
-        """Set the robot's pose; its probability becomes the setting `belief.set_pose_probability`.
+        """Replace the belief by a pose, whose probability is `belief.set_pose_probability`.
 
-        The state is `searching` until a scan confirms the pose. Before the first scan and the map
-        have arrived, the pose is stored and set later.
+        The state is `searching` until the next scan, which decides whether the pose holds. Before
+        the first scan and the map have arrived, the pose is stored and set later.
 
         Args:
             pose: pose in the map: x [m], y [m], heading [rad].

@@ -21,7 +21,7 @@ from protocol.message import (
 )
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
-"""`searching`: no place is known, or the most probable one was given and no scan has confirmed it.
+"""`searching`: no place is known, or the most probable one was given and no scan was weighed there.
 `ambiguous`: several places are possible. `localized`: one is almost certain. `lost`: none is
 probable."""
 Freshness: TypeAlias = Literal["fresh", "dead_reckoning", "stale", "none"]

@@ -53,7 +53,6 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
-    trial: float = 0.0,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
 
@@ -71,8 +70,6 @@ def admission(
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
-        trial: least weight of all places together, relative to the belief, when the search is
-            over.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -82,9 +79,8 @@ def admission(
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
-    on_trial = (
-        max(earned, rules.candidate_probability, trial) if is_over and not holds_own else earned
-    )
+    has_trial = is_over and not holds_own
+    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
     eligible = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
     eligible = eligible[np.argsort(-weight[eligible], kind="stable")]

@@ -31,8 +31,6 @@ from protocol.work import TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
 """Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
-PERHAPS_LIFTED = 0.2
-"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 RETURNS = 2.0
 """Rate at which a robot off the map returns, relative to the rate at which robots are lifted."""
 
@@ -83,7 +81,7 @@ def weigh(
     if not any(ordered):
         return 0.0  # nothing but evidence moves probabilities
     update = _Update(held, ordered, news, new_view)
-    update.take_poses(elsewhere)
+    update.take_poses()
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
     among, log_scan = update.among_clusters(among)
@@ -95,17 +93,18 @@ def weigh(
         odds = update.compared_with_decoy(odds, among, decoy)
     elif awaits_decoy:
         odds = 0.0
+    if held.is_established:
+        odds = max(odds, 0.0)
     if not math.isnan(elsewhere):
         fits_better = elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
         log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
         log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
-    if held.fit.has_fallen:
-        log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)
     held.set_log_probabilities(belief.normalised_logs(weighed + seen))
+    held.count_certain_views(new_view)
     if seen.any():
         log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
     # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
@@ -140,19 +139,17 @@ class _Update:
             if report and any(report.beam_classes)
         }
 
-    def take_poses(self, log_elsewhere: float) -> None:
-        """Take the poses of the reports, and confirm clusters that are likelier than elsewhere."""
-        held, is_ever_lost = self._held, self._held.rules.kidnapping_probability > 0.0
-        for cluster, report, log_here in zip(
-            held.all(), self._reports, self._evidence.tolist(), strict=True
-        ):
+    def take_poses(self) -> None:
+        """Take the poses of the reports; a report confirms a given pose."""
+        held = self._held
+        for cluster, report in zip(held.all(), self._reports, strict=True):
             if report is not None:
                 held.clusters[cluster.cluster] = replace(
                     cluster,
                     pose=report.pose,
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
-                    confirmed=cluster.confirmed or not is_ever_lost or log_here > log_elsewhere,
+                    confirmed=True,
                 )
 
     def among_clusters(self, among: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

@@ -29,6 +29,9 @@ ALTERNATIVE = 0.1
 """A cluster with this share of the best one's probability is an alternative."""
 STILL_PROBABLE = 0.05
 """Least probability of an alternative after candidates entered: the alarm may have been false."""
+ESTABLISHED_VIEWS = 5.0
+"""New views after which a robot that was certain of its place is on the map: it drove there. Beams
+that then pass through walls show what has changed in the building."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -49,7 +52,7 @@ class Cluster(msgspec.Struct, frozen=True):
     particles_from: NumberOrNone = -1
     """First step that may resample to `particles`; -1: since it began."""
     confirmed: bool = True
-    """Whether a scan was likelier there than elsewhere; a pose that was given waits for one."""
+    """Whether a scan was weighed there; a pose that was given waits for one."""
     mirrored: bool = False
     """A decoy: the mirrored scans are tracked here."""
 
@@ -80,6 +83,8 @@ class ClusterSet(Part):
     """Quality of the map, learned during the run."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
+    certain_views: NotNegative = 0.0
+    """New views at which the best place was certain, since the robot was lost."""
     log_elsewhere: LogProbability = math.nan
     log_off_map: LogProbability = math.nan
 
@@ -269,6 +274,18 @@ class ClusterSet(Part):
         self._normalise()
         return ended
 
+    def count_certain_views(self, new_view: float) -> None:
+        """Add the view of a scan after its update."""
+        if self.outside_clusters > self.rules.lost_probability:
+            self.certain_views = 0.0
+        elif self.by_probability()[0].probability >= self.rules.localized_probability:
+            self.certain_views = min(self.certain_views + new_view, ESTABLISHED_VIEWS)
+
+    @property
+    def is_established(self) -> bool:
+        """Whether beam classes no longer speak against the robot being on the map."""
+        return self.certain_views >= ESTABLISHED_VIEWS
+
     def take_from_elsewhere(self, share: float) -> None:
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
@@ -310,21 +327,27 @@ class ClusterSet(Part):
                 part,
                 born_step=whole.born_step,
                 protected_until=whole.protected_until,
-                confirmed=whole.confirmed,
             )
             self.clusters[part.cluster] = aged
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def _is_anywhere(self) -> None:
         """Give all probability to elsewhere and off the map."""
+        self.log_elsewhere, self.log_off_map = 0.0, -math.inf
+        self.forget_where_outside()
+
+    def forget_where_outside(self) -> None:
+        """Give off the map its prior share of the probability outside the clusters."""
         is_ever_lost = self.rules.kidnapping_probability > 0.0
         off = self.rules.off_map_probability if is_ever_lost else 0.0
-        self.log_elsewhere, self.log_off_map = log_of(1.0 - off), log_of(off)
+        log_outside = float(np.logaddexp(self.log_elsewhere, self.log_off_map))
+        self.log_elsewhere = log_outside + log_of(1.0 - off)
+        self.log_off_map = log_outside + log_of(off)
 
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
-        self.fit = UsualFit()
+        self.fit, self.certain_views = UsualFit(), 0.0
         return self.end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:

@@ -13,9 +13,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
-from coordinator.belief.cluster_set import STILL_PROBABLE, Candidate, Cluster, ClusterSet
-from coordinator.belief.given_places import GivenPose, PriorPose, with_prior_pose
+from coordinator.belief.bayes_update import new_evidence_share, weigh
+from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
+from coordinator.belief.given_places import PriorPose, with_prior_pose
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from coordinator.belief.search_pool import Pool, pool_of
@@ -68,8 +68,8 @@ class Ensemble(Part, kw_only=True):
     decoy: Decoy
     prior_pose: PriorPose | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
-    given_pose: GivenPose | None = None
-    """The last pose that an operator gave, since all clusters were forgotten."""
+    given: bool = False
+    """Whether the place was given, and the robot was not lost since: no search runs."""
     seen: ViewMemory = ViewMemory()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
@@ -141,7 +141,8 @@ class Ensemble(Part, kw_only=True):
         is_weighed = self._is_weighed_by(tracks)
         new_view = self._new_view(before_from_after)
         news = 1.0
-        if before_from_after is not None and observed is None:
+        is_given = not all(cluster.confirmed for cluster in self.clusters.all())
+        if before_from_after is not None and observed is None and not is_given:
             news = new_evidence_share(before_from_after)
         log_likelihood = weigh(
             self.clusters,
@@ -170,11 +171,7 @@ class Ensemble(Part, kw_only=True):
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
-        if self.clusters.fit.has_fallen and not had_fallen:
-            self.events += self.search.stop(step, "search stopped")
-            self._start_search(step + 1)
-        if not self.search.runs and self.search.is_due(step, self._patience):
-            self._start_search(step + 1)
+        self._look_elsewhere(step, had_fallen=had_fallen)
         return self.outcome(step, missing)
 
     def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
@@ -184,29 +181,16 @@ class Ensemble(Part, kw_only=True):
         return held <= 2.0 * math.fsum(c.probability for c in clusters if c.job_id in reports)
 
     def set_pose(self, given: Place) -> Outcome:
-        """Add a cluster at a pose that an operator gave; it takes its share from the others.
+        """Replace the belief by a pose that an operator gave, as AMCL does.
 
-        The same pose soon again says nothing new. Before a scan has confirmed it, it corrects the
-        last one and gets its probability. If scans have spoken against it, it gets another chance.
+        Look-alikes do not enter beside it until scans speak against it, and a search begins.
         """
-        step, rules = given.sample.step, self.settings.belief
-        word, last = GivenPose(step, given.sample.odom_from_robot, given.pose), self.given_pose
+        self._forget(given.sample.step, "forgotten")
+        self.seen, self.found = ViewMemory(), False
         weight = given.share / max(1.0 - given.share, LEAST_REST)
-        if last is not None and last.is_repeated_by(word, rules):
-            word = replace(word, first_step=last.first_step)
-            near = [one for one in self.clusters.all() if word.is_near([one.pose], rules)]
-            corrected = [one for one in near if not one.confirmed]
-            if near and not corrected:
-                self.given_pose = word
-                return self.outcome(step)
-            self.events += self.clusters.end(corrected, "forgotten")
-            weight = math.fsum(one.probability for one in corrected) or STILL_PROBABLE
-        self.given_pose = word
-        self.clusters.protect_alternatives(step + rules.minimum_lifetime_steps)
-        self.events += self.search.stop(step, "search stopped")
-        self._admit([(replace(given, share=weight), "given")], step)
-        self.prior_pose = None
-        return self.outcome(step)
+        self._admit([(replace(given, share=weight), "given")], given.sample.step)
+        self.given = True
+        return self.outcome(given.sample.step)
 
     def relocalize(
         self,
@@ -267,10 +251,24 @@ class Ensemble(Part, kw_only=True):
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
+    def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
+        """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
+        fails = self.given and self._lost
+        if self.given and not fails:
+            return
+        if fails:
+            self.given = False
+            self.clusters.forget_where_outside()
+        if fails or (self.clusters.fit.has_fallen and not had_fallen):
+            self.events += self.search.stop(step, "search stopped")
+            self._start_search(step + 1)
+        elif not self.search.runs and self.search.is_due(step, self._patience):
+            self._start_search(step + 1)
+
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
         self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
-        self.prior_pose = self.given_pose = None
+        self.prior_pose, self.given = None, False
         self.events += self.search.stop(step, "search stopped")
         self.begin |= self.standing_jobs(step + 1)
 
@@ -346,7 +344,6 @@ class Ensemble(Part, kw_only=True):
             is_over=is_over,
             holds_own=bool(own),
             most=most,
-            trial=PERHAPS_LIFTED if self.clusters.fit.has_fallen else 0.0,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
@@ -430,7 +427,9 @@ class Ensemble(Part, kw_only=True):
 
     def outcome(self, step: int, missing: tuple[str, ...] = ()) -> Outcome:
         """Return the outcome of a step or a command; jobs and events only at the first call."""
-        self.found |= len(self.clusters) > 0 and not self._lost
+        is_confirmed = any(cluster.confirmed for cluster in self.clusters.all())
+        most = self.settings.belief.lost_probability
+        self.found |= is_confirmed and self.clusters.outside_clusters <= most
         events, self.events = tuple(self.events), []
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
@@ -485,7 +484,9 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _lost(self) -> bool:
-        return self.clusters.outside_clusters > self.settings.belief.lost_probability
+        rules = self.settings.belief
+        most = rules.localized_probability if self.given else rules.lost_probability
+        return self.clusters.outside_clusters > most
 
     @property
     def _is_elsewhere(self) -> bool:

@@ -11,15 +11,13 @@ from coordinator.belief.cluster_set import Candidate
 from particle_filter.overlaps import is_near
 from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.settings import BeliefSettings, FilterSettings
+from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import Covariance, NumberOrNone, PoseTuple, Probability
 from protocol.pose_arrays import covariance_matrix, pose_tuple
 from protocol.work import Particles, Place
 
 GIVEN_PARTICLES = 1_000
-NEWS_AFTER_STEPS = 50
-"""Steps after which the same pose from an operator counts again: 10 m of driving, as set."""
 
 
 def diagonal(position_sigma_m: float, heading_sigma_rad: float) -> Covariance:
@@ -58,26 +56,6 @@ def candidate(
 def moved_pose(pose: PoseTuple, then: PoseTuple, now: PoseTuple) -> PoseTuple:
     """Return a pose after the robot has moved by odometry from `then` to `now`."""
     return pose_tuple(compose(np.array(pose), between(np.array(then), np.array(now))))
-
-
-class GivenPose(msgspec.Struct, frozen=True):
-    """A pose that an operator gave."""
-
-    first_step: NumberOrNone
-    """The step after which it was given first."""
-    odom_from_robot: PoseTuple
-    pose: PoseTuple
-
-    def is_repeated_by(self, later: "GivenPose", rules: BeliefSettings) -> bool:
-        """Return whether a later pose is the same place, moved by odometry, and soon after."""
-        expected = moved_pose(self.pose, self.odom_from_robot, later.odom_from_robot)
-        is_soon = 0 <= later.first_step - self.first_step < NEWS_AFTER_STEPS
-        return is_soon and later.is_near([expected], rules)
-
-    def is_near(self, others: Sequence[PoseTuple], rules: BeliefSettings) -> bool:
-        """Return whether one of the other poses is at the same place."""
-        reach = rules.merge_distance_m, rules.merge_heading_rad
-        return len(others) > 0 and bool(is_near([self.pose], others, *reach)[0])
 
 
 class PriorPose(msgspec.Struct, frozen=True):

@@ -191,31 +191,18 @@ def test_a_candidate_in_its_grace_is_not_replaced() -> None:
     assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
 
 
-def test_a_given_pose_is_localized_when_a_scan_is_likelier_there_than_elsewhere() -> None:
-    """A robot that stands is `searching` until then, and the bridge makes steps meanwhile."""
+@pytest.mark.parametrize("log_elsewhere", [math.log(0.05), math.log(5.0), None])
+def test_the_first_scan_after_a_given_pose_decides(log_elsewhere: float | None) -> None:
+    """Also if the robot stands, where scans are no news otherwise."""
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.001)
     assert made.set_pose(place(0.95, EAST, 0)).state == "searching"
-    unlikely, likely = tracked("c2", 1, 0.1, EAST), tracked("c2", 3, 0.3, EAST)
-    assert made.advance(1, [unlikely, elsewhere(1, math.log(0.2))]).state == "searching"
-    silent = made.advance(2, [tracked("c2", 2, 0.3, EAST)])
-    assert silent.state == "searching", "no worker has weighed what is elsewhere"
-    done = made.advance(3, [likely, elsewhere(3, math.log(0.2))])
-    assert (done.state, done.hypotheses[0].cluster) == ("localized", 2)
-    assert made.advance(4, []).state == "localized", "and it stays"
-
-
-def test_a_split_given_pose_waits_for_its_scan_too() -> None:
-    made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
-    made.set_pose(place(0.95, EAST, 0))
-    parts = (place(0.99, EAST, 1), place(0.01, SOUTH, 1))
-    split = made.advance(1, [msgspec.structs.replace(tracked("c1", 1, 0.3, EAST), parts=parts)])
-    assert split.state == "searching"
-
-
-def test_the_first_report_confirms_a_given_pose_if_elsewhere_is_not_weighed() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.0)
-    assert made.set_pose(place(0.95, EAST, 0)).state == "searching"
-    assert made.advance(1, [tracked("c2", 1, 0.1, EAST)]).state == "localized"
+    assert made.advance(1, [], np.zeros(3)).state == "searching", "it is lost"
+    reports: list[Report] = [tracked("c2", 2, 0.1, EAST)]
+    if log_elsewhere is not None:
+        reports.append(elsewhere(2, log_elsewhere))
+    weighed = made.advance(2, reports, np.zeros(3))
+    assert weighed.state == ("searching" if log_elsewhere == math.log(5.0) else "localized")
+    assert made.advance(3, [], np.zeros(3)).state == weighed.state
 
 
 def test_a_command_stops_the_search_that_runs() -> None:

@@ -16,7 +16,7 @@ from tests.unit.coordinator.belief.test_ensemble import (
     bootstrapped,
     probabilities,
 )
-from tests.unit.coordinator.reports import found_places, place, resumed, searched, tracked
+from tests.unit.coordinator.reports import found_places, resumed, searched, tracked
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -165,24 +165,36 @@ def test_seen_views_are_transferred_with_the_belief() -> None:
     assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
 
 
+def with_a_third_place(seen_steps: int) -> tuple[Ensemble, int]:
+    """Two places and one that a search has found after these steps on the spot; and the step."""
+    made = bootstrapped(
+        {NORTH: 0.5, SOUTH: 0.5}, view_distance_m=0.8, search_every_steps=seen_steps,
+        candidate_probability=0.5,
+    )  # fmt: skip
+    turned(made, 1, seen_steps // 31)
+    step = seen_steps + 1
+    found = [searched(f"s1.{shard}", step, {EAST: 1.0}) for shard in range(2)]
+    assert len(made.advance(step, found, TURN).hypotheses) == 3
+    return made, step
+
+
 def test_a_new_place_has_no_seen_views() -> None:
-    """Further scans separate a given place from others, even after the robot has turned there."""
-    made = two_places()
-    turned(made, 1, 1)
-    made.set_pose(place(0.5, EAST, 31))
+    """Further scans separate it from others, even after the robot has turned there."""
+    made, step = with_a_third_place(31)
     reported = []
-    for step in (32, 33):
-        reports = [tracked("c1", step, 0.25, SOUTH), tracked("c2", step, 0.5, EAST)]
-        reported.append(probabilities(made.advance(step, reports, TURN))[2])
-    assert reported[1] > reported[0] > 0.5
+    for later in (step + 1, step + 2):
+        reports = [tracked("c1", later, 0.25, SOUTH), tracked("c2", later, 0.5, EAST)]
+        reported.append(probabilities(made.advance(later, reports, TURN))[2])
+    assert reported[1] > reported[0] > 1 / 3
 
 
 def test_the_scan_by_which_a_place_was_found_is_not_used_twice() -> None:
     """Where candidates came step after step, each scan counted in full."""
-    made = two_places()
-    before = probabilities(made.set_pose(place(0.5, EAST, 0)))
-    reports = [tracked("c0", 1, 0.25, NORTH), tracked("c1", 1, 0.5, SOUTH)]
-    after = probabilities(made.advance(1, reports, TURN))
-    gained = math.log(after[1] / after[0]) - math.log(before[1] / before[0])
+    made, step = with_a_third_place(31)
+    before = made.clusters
+    north, south = (before.clusters[number].log_probability for number in (0, 1))
+    reports = [tracked("c0", step + 1, 0.25, NORTH), tracked("c1", step + 1, 0.5, SOUTH)]
+    after = probabilities(made.advance(step + 1, reports, TURN))
+    gained = math.log(after[1] / after[0]) - (south - north)
     view = 1.0 - math.exp(-TURN[2] / two_places().settings.belief.view_turn_rad)
     assert gained == pytest.approx(view * math.log(2.0), rel=0.02)
