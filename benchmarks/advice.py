@@ -22,15 +22,15 @@ from scipy.spatial import cKDTree
 
 from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
-from particle_filter.poses import compose, inverse, wrap_angle
-from protocol.advice import Advice, Way
-from protocol.answers import Belief
-from protocol.message import PoseTuple
-from robot_simulator.process import ASK_STEPS, count_places
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.world import World, world_from_map
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Poses
+from clustermcl.filter.poses import compose, inverse, wrap_angle
+from clustermcl.protocol.advice import Advice, Way
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.simulator.process import ASK_STEPS, count_places
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.world import World, world_from_map
 
 RIGHT_M, RIGHT_RAD = 1.0, 0.5
 """A place nearer than this to the robot is right."""

@@ -12,14 +12,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
-from particle_filter.kernels import to_cells
-from particle_filter.poses import compose
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.steps import Scan
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.kernels.compiled import to_cells
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
 
 Mask = NDArray[np.bool_]
 """(rows, cols) cells of a map."""

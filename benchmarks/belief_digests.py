@@ -16,9 +16,9 @@ from pathlib import Path
 from benchmarks.experiments.case import AfterStep, Case, RecordedRobot, SimulatedRobot
 from benchmarks.experiments.task import Run, Task
 from benchmarks.wean import WeanRobot
-from coordinator.belief.outcome import Outcome
-from process_runtime.folders import kept_folder
-from process_runtime.settings import Settings
+from clustermcl.belief.outcome import Outcome
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import Settings
 
 
 def cases(data: Path) -> list[Case]:

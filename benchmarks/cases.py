@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from benchmarks import floor, plain
-from particle_filter import belief
-from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
-from particle_filter.beam_model import BeamModel
-from particle_filter.gaussian import fit_gaussian
-from particle_filter.grid import Grid
-from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.motion import move, move_with_noise, standard_normals
-from particle_filter.motion_noise import along_across_turn
-from particle_filter.places import cluster_by_source_point
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from particle_filter.resampling import resample, systematic
-from particle_filter.sensor_model import Beams
-from particle_filter.settings import MotionSettings, SensorSettings
-from robot_simulator.worlds.catalogue import world
+from clustermcl.belief import log_probabilities as belief
+from clustermcl.filter.arrays import OCCUPIED, Cells, Points, Poses
+from clustermcl.filter.cluster.gaussian import fit_gaussian
+from clustermcl.filter.cluster.resampling import resample, systematic
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.beam_model import BeamModel
+from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.filter.motion.model import move, move_with_noise, standard_normals
+from clustermcl.filter.motion.noise import along_across_turn
+from clustermcl.filter.search.places import cluster_by_source_point
+from clustermcl.filter.settings import MotionSettings, SensorSettings
+from clustermcl.simulator.worlds.catalogue import world
 
 Run = Callable[[], object]
 SIDE, CELL_M = 800, 0.05

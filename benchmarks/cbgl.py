@@ -13,14 +13,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, Poses
-from particle_filter.kernels import kernel
-from particle_filter.overlaps import merge_overlapping
-from particle_filter.poses import compose, inverse
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.message import PoseTuple
-from protocol.steps import Scan
+from clustermcl.belief.overlaps import merge_overlapping
+from clustermcl.filter.arrays import FREE, Poses
+from clustermcl.filter.kernels.compiled import kernel
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.poses import compose, inverse
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
 
 POSITIONS_PER_M2, HEADINGS = 40.0, 32
 """As in the paper's experiments."""

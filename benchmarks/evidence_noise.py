@@ -18,17 +18,17 @@ import msgspec
 import numpy as np
 
 from benchmarks.worlds import world
-from particle_filter import cluster_filter
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.poses import between
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings
-from protocol.message import PoseTuple
-from protocol.steps import Scan
-from robot_simulator.simulation import Simulation
-from sensor_bridge.step_maker import StepMaker
-from worker.jobs import scan_beams
-from worker.map_model import sensor_model
+from clustermcl.filter.cluster import cluster_filter
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.poses import between
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker
+from clustermcl.simulator.simulation import Simulation
 
 ALIKE = {"cross": 4, "rectangle": 2}
 SETTLE_STEPS, BATCH_STEPS = 20, 50

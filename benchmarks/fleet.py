@@ -18,19 +18,19 @@ from msgspec.structs import replace
 
 from benchmarks.memory import proportional_mb
 from benchmarks.processor_time import in_between, processes_table, spent_by_thread
-from process_runtime.settings import (
+from clustermcl.link.session import open_session
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.runtime.settings import (
     BridgeSettings,
     CoordinatorSettings,
     RobotSettings,
     Settings,
     ZenohSettings,
 )
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
+from clustermcl.runtime.stop import StopFlag
 from tests.soak.fleet import Fleet
-from zenoh_link.session import open_session
 
 
 def fleet_settings(robots: int, folder: Path) -> list[Settings]:

@@ -70,7 +70,7 @@ void pick(const double *weights, int64_t n, double first, int64_t *picked)
     }
 }
 
-/* One ray, in cells, over squares that lie ahead (see particle_filter/ray_casting.py). */
+/* One ray, in cells, over squares that lie ahead (see clustermcl/filter/laser/ray_casting.py). */
 static double cast(const uint8_t *jumps, int64_t rows, int64_t cols, double x, double y, double dx,
                    double dy, double longest)
 {

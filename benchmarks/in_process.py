@@ -5,17 +5,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.cases import CELL_M, CENTRE, cells
-from particle_filter import belief
-from particle_filter.evidence_model import contenders, tempered
-from particle_filter.grid import Grid
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import ClusterSettings, FilterSettings, SensorSettings
-from protocol.arrays import ArrayBlob
-from protocol.steps import Scan
-from protocol.work import Assignment, Particles, TrackJob
-from worker.jobs import RunningJob, running
+from clustermcl.belief import log_probabilities as belief
+from clustermcl.filter.cluster.evidence_model import contenders, tempered
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import ClusterSettings, FilterSettings, SensorSettings
+from clustermcl.jobs.jobs import RunningJob, running
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Assignment, Particles, TrackJob
 
 
 def steps(

@@ -14,9 +14,9 @@ import yaml
 from PIL import Image
 
 from benchmarks.memory import measured
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import UNKNOWN
-from robot_simulator.worlds.office import office
+from clustermcl.filter.arrays import UNKNOWN
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.simulator.worlds.office import office
 
 
 def site_plan(building: GridMap, side: int, folder: Path) -> Path:

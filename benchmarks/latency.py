@@ -20,18 +20,18 @@ import numpy as np
 import zenoh
 
 from benchmarks.processor_time import ByThread, in_between, processes_table, spent_by_thread
-from process_runtime.settings_file import load_settings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.advice import Advice
-from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.errors import ClusterMclError
-from protocol.message import Message
-from protocol.steps import Scan
-from protocol.work import Reported, reports_in
-from zenoh_link.session import open_session
-from zenoh_link.wire import ask
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import ask
+from clustermcl.protocol import keys
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Reported, reports_in
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.stop import StopFlag
 
 Seen = list[tuple[int, Message]]
 """Arrival [ns] and content of each scan, report and belief, in order."""

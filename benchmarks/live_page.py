@@ -25,21 +25,21 @@ import zenoh
 from websockets.sync.client import connect
 
 from benchmarks.memory import offices, proportional_mb
-from grid_maps.grid_map import GridMap
-from grid_maps.map_message import to_message
-from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
-from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
-from protocol.arrays import ArrayBlob
-from protocol.job_events import JobEvents
-from protocol.steps import Scan, TruePose
-from protocol.work import Particles, TrackReport
-from robot_simulator.worlds.catalogue import world
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Asked, Publisher, serve
+from clustermcl.link.inbox import Inbox
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import Asked, Publisher, serve
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief, Hypothesis, PoseAnswer, Status
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.job_events import JobEvents
+from clustermcl.protocol.steps import Scan, TruePose
+from clustermcl.protocol.work import Particles, TrackReport
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
+from clustermcl.simulator.worlds.catalogue import world
 
 STEPS_PER_S, SNAPSHOT_EVERY, PARTICLES, BEAMS = 10.0, 10, 2000, 180
 COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
@@ -180,9 +180,9 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, ExitStack() as resources:
         router = f"zenoh.router=unixsock-stream/{folder}/r.sock"
-        resources.enter_context(running(*python_module("zenoh_link.router", "--set", router)))
+        resources.enter_context(running(*python_module("clustermcl.link.router", "--set", router)))
         view = resources.enter_context(
-            running(*python_module("live_view", "--set", router, "--listen", "127.0.0.1:0"))
+            running(*python_module("clustermcl.view", "--set", router, "--listen", "127.0.0.1:0"))
         )
         assert view.stderr is not None
         link = next(m[1] for line in view.stderr if (m := re.search(r"look at (\S+)", line)))
@@ -277,7 +277,7 @@ next();
 
 def in_browser(system: Imitation, link: str, seconds: float) -> None:
     """From the scan to the step on the screen, by a frame that the browser has painted."""
-    from tests.integration.live_view.conftest import started_browser  # noqa: PLC0415 - an extra
+    from tests.integration.view.conftest import started_browser  # noqa: PLC0415 - an extra
 
     driver = started_browser()
     try:

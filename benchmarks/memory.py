@@ -22,10 +22,10 @@ import yaml
 from PIL import Image
 
 from clustermcl.client import Client
-from grid_maps.grid_map import GridMap
-from process_runtime.settings import Settings
-from protocol.errors import ClusterMclError
-from robot_simulator.worlds.catalogue import world
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import Settings
+from clustermcl.simulator.worlds.catalogue import world
 
 COMMAND = (sys.executable, "-I", "-m", "clustermcl")
 
@@ -66,11 +66,11 @@ def by_part(up: psutil.Process) -> dict[str, list[float]]:
     for process in [up, *up.children(recursive=True)]:
         words = process.cmdline()
         names = (
-            "robot_simulator",
+            "simulator",
             "sensor_bridge",
             "coordinator",
             "worker",
-            "zenoh_link.router",
+            "clustermcl.link.router",
         )
         part = next((name for name in names if name in words), "clustermcl up")
         sizes[part].append(proportional_mb(process))

@@ -40,9 +40,9 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 REASONS = Path(__file__).with_name("mutation_reasons.toml")
-LEFT_OUT = {"__init__", "arrays", "kernels", "settings"}
+LEFT_OUT = {"__init__", "arrays", "compiled", "settings"}
 """No decisions in them: types, the compiler's door, defaults that the experiments hold."""
-TESTS = ("particle_filter", "coordinator/belief", "oracle", "worker/test_job",
+TESTS = ("filter", "coordinator/belief", "oracle", "worker/test_job",
          "coordinator/test_handed_on_beliefs.py")  # fmt: skip
 SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
 """They start processes and test the compiler's cache."""
@@ -50,7 +50,7 @@ NEAR = 2
 """Imports from a test file to a module; `tests/unit/oracle` is near to all."""
 LIMIT_CPU_S = 120
 KILLER = "killer.txt"
-COMPILED = "particle_filter/__pycache__"
+COMPILED = "clustermcl/filter"
 """Where numba keeps machine code; of a mutated file it is thrown away."""
 
 SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
@@ -148,8 +148,8 @@ def mutants(root: Path) -> list[Mutant]:
 
 def modules(root: Path) -> list[str]:
     """The files in which mistakes are made."""
-    files = [*root.glob("particle_filter/*.py"), *root.glob("coordinator/belief/*.py")]
-    files.append(root / "worker/jobs.py")
+    files = [*root.glob("clustermcl/filter/**/*.py"), *root.glob("clustermcl/belief/*.py")]
+    files.append(root / "clustermcl/jobs/jobs.py")
     return sorted(str(f.relative_to(root)) for f in files if f.stem not in LEFT_OUT)
 
 
@@ -175,8 +175,8 @@ def tests_near(root: Path, path: str) -> list[str]:
 
 @cache
 def _imports(root: Path) -> dict[str, set[str]]:
-    files = [*root.glob("tests/unit/**/*.py"), *root.glob("particle_filter/*.py"),
-             *root.glob("coordinator/**/*.py"), *root.glob("worker/*.py")]  # fmt: skip
+    files = [*root.glob("tests/unit/**/*.py"), *root.glob("clustermcl/filter/**/*.py"),
+             *(root / "clustermcl").glob("[bcj]*/**/*.py")]  # fmt: skip
     used = {}
     for file in files:
         found = set()
@@ -228,6 +228,8 @@ def prepared(folder: Path, paths: set[str]) -> None:
     """Put a copy of the tree there, with what numba has compiled; all tests near `paths` pass."""
     tree = folder / "tree"
     for package in ROOT.glob("*/__init__.py"):
+        if package.parent.is_symlink():
+            continue
         shutil.copytree(package.parent, tree / package.parent.name)
     shutil.copy(ROOT / "pyproject.toml", tree)
     tests = sorted({test for path in paths for test in tests_near(tree, path)})
@@ -236,7 +238,8 @@ def prepared(folder: Path, paths: set[str]) -> None:
     process.join()
     if process.exitcode:
         raise SystemExit("the tests fail without any mistake")
-    shutil.copytree(tree / COMPILED, folder / "compiled")
+    for compiled in (tree / COMPILED).rglob("__pycache__"):
+        shutil.copytree(compiled, folder / "compiled" / compiled.relative_to(tree))
 
 
 def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
@@ -271,8 +274,9 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
                 by = killer.read_text() if killer.exists() else ""
                 killer.unlink(missing_ok=True)
                 shutil.copy2(ROOT / mutant.path, tree / mutant.path)
-                shutil.rmtree(tree / COMPILED)
-                shutil.copytree(folder / "compiled", tree / COMPILED)
+                for compiled in list((tree / COMPILED).rglob("__pycache__")):
+                    shutil.rmtree(compiled)
+                shutil.copytree(folder / "compiled", tree, dirs_exist_ok=True)
                 free.append((folder, tree))
                 yield mutant.name, _verdict(process.exitcode, by)
 

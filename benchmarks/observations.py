@@ -18,17 +18,17 @@ import typer
 
 from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.likelihood import ObservationArrays, log_ratios
+from clustermcl.filter.observations.observation import Landmarks, Observation
+from clustermcl.filter.poses import compose
 from clustermcl.localizer import Belief
-from particle_filter.grid import Grid
-from particle_filter.observation_likelihood import ObservationArrays, log_ratios
-from particle_filter.observations import Landmarks, Observation
-from particle_filter.poses import compose
-from protocol.steps import Landmark
-from robot_simulator.observing import Camera, Gnss
-from robot_simulator.sensors import Lidar, LidarModel
-from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.office import office
-from robot_simulator.worlds.world import World
+from clustermcl.protocol.steps import Landmark
+from clustermcl.simulator.observing import Camera, Gnss
+from clustermcl.simulator.sensors import Lidar, LidarModel
+from clustermcl.simulator.simulation import Simulation, Tick
+from clustermcl.simulator.worlds.office import office
+from clustermcl.simulator.worlds.world import World
 
 RIGHT_M = 1.0
 """A place nearer than this to the robot is right."""

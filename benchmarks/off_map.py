@@ -32,27 +32,27 @@ from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from benchmarks.people import CrowdSimulation
 from benchmarks.same_views import Answer, answer_of
 from benchmarks.worlds import world
-from coordinator.belief.outcome import Outcome
-from evaluation.course import TrueStep, course_of
-from evaluation.in_process import InProcess
-from evaluation.pose_error import CONFIDENT_PROBABILITY
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
-from particle_filter.kernels import to_cells
-from process_runtime.folders import kept_folder
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.settings_file import load_settings
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.steps import Scan, mirrored
-from protocol.work import Report
-from recordings.map_file import load_map
-from robot_simulator.sensors import LidarModel
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.world import World
-from worker.jobs import scan_beams
-from worker.map_model import sensor_model
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation.course import TrueStep, course_of
+from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.filter.kernels.compiled import to_cells
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan, mirrored
+from clustermcl.protocol.work import Report
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.simulator.sensors import LidarModel
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.world import World
 
 STEPS, STEPS_OF_A_START = 160, 60
 WEAN = ("wean-1", "wean-2", "wean-3")

@@ -18,17 +18,17 @@ import numpy as np
 import zenoh
 
 from benchmarks.live_page import Page, running
-from clustermcl.stack import Stack, meeting_in
-from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.steps import Scan
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Events, Received, subscribe
+from clustermcl.commands.stack import Stack, meeting_in
+from clustermcl.link.inbox import Inbox
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import Events, Received, subscribe
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 
 BEGINNING_STEPS = 60
 """Left out: the first search."""
@@ -68,7 +68,7 @@ class Listener:
 def opened_page(router: str) -> Iterator[None]:
     """The page's process, and a page that looks."""
     words = ("--set", f"zenoh.router={router}", "--listen", "127.0.0.1:0")
-    with running(*python_module("live_view", *words)) as view:
+    with running(*python_module("clustermcl.view", *words)) as view:
         assert view.stderr is not None
         link = next(m[1] for line in view.stderr if (m := re.search(r"look at (\S+)", line)))
         page = Page(link)

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import Points, Pose
-from protocol.message import PoseTuple
-from robot_simulator.free_space import FreeSpace
-from robot_simulator.sensors import Lidar, LidarModel
-from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.world import World
+from clustermcl.filter.arrays import Points, Pose
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.simulator.free_space import FreeSpace
+from clustermcl.simulator.sensors import Lidar, LidarModel
+from clustermcl.simulator.simulation import Simulation, Tick
+from clustermcl.simulator.worlds.world import World
 
 RADIUS_M = 0.25
 _SPEED_M_S, _TICK_S = 1.0, 0.1

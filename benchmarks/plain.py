@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Points, Poses
-from particle_filter.likelihood_field import LikelihoodField
+from clustermcl.filter.arrays import LogWeights, Points, Poses
+from clustermcl.filter.laser.likelihood_field import LikelihoodField
 
 
 def scan_log_likelihood(

@@ -31,27 +31,27 @@ from benchmarks.aged_maps import Pieces
 from benchmarks.experiments import mcl
 from benchmarks.experiments.case import RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
-from coordinator.belief.given_places import candidate, diagonal
-from coordinator.belief.outcome import BEFORE_FIRST_STEP, Outcome
-from evaluation import course
-from evaluation.course import course_of
-from evaluation.in_process import InProcess
-from evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE
-from particle_filter.poses import between, compose
-from particle_filter.random_streams import Purpose
-from process_runtime.folders import kept_folder
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.settings_file import load_settings
-from protocol.message import PoseTuple
-from protocol.pose_arrays import pose_tuple
-from protocol.steps import Scan, mirrored
-from protocol.work import Place
-from recordings.map_file import load_map
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from worker.map_model import sensor_model
+from clustermcl.belief.given_places import candidate, diagonal
+from clustermcl.belief.outcome import BEFORE_FIRST_STEP, Outcome
+from clustermcl.evaluation import course
+from clustermcl.evaluation.course import course_of
+from clustermcl.evaluation.measures import LEAST_PROBABILITY, StepFacts, facts_of
+from clustermcl.filter.arrays import FREE
+from clustermcl.filter.poses import between, compose
+from clustermcl.filter.random_streams import Purpose
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.protocol.steps import Scan, mirrored
+from clustermcl.protocol.work import Place
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
 
 STEPS, CHANGED_AT = 100, 60
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08

@@ -14,24 +14,24 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from coordinator.belief.given_places import candidate
-from coordinator.belief.outcome import Outcome
-from evaluation.in_process import InProcess
-from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
-from particle_filter.poses import heading_distance
-from particle_filter.random_streams import Purpose
-from process_runtime.settings import Settings
-from process_runtime.settings_file import load_settings
-from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_matrix
-from protocol.steps import Scan
-from protocol.work import Place
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.halls import hall_symmetric
-from robot_simulator.worlds.office import office
-from robot_simulator.worlds.world import Canvas, World
-from sensor_bridge.step_maker import StepMaker
-from worker.map_model import sensor_model
+from clustermcl.belief.given_places import candidate
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.filter.poses import heading_distance
+from clustermcl.filter.random_streams import Purpose
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_matrix
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Place
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.sensor_bridge.step_maker import StepMaker
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.halls import hall_symmetric
+from clustermcl.simulator.worlds.office import office
+from clustermcl.simulator.worlds.world import Canvas, World
 
 Drive = Callable[[float], tuple[float, float]]
 """Speed [m/s] and turn rate [rad/s] at a time [s]."""

@@ -13,9 +13,9 @@ from collections import defaultdict
 import numpy as np
 
 from benchmarks.latency import Seen, run_stack
-from protocol.answers import Belief
-from protocol.steps import Scan
-from protocol.work import SearchReport
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import SearchReport
 
 
 def latencies(seen: Seen, skip: int) -> dict[str, list[float]]:

@@ -25,23 +25,23 @@ from typing import Any
 from benchmarks import cbgl
 from benchmarks.experiments.observability import middle_of, turned_copies
 from benchmarks.worlds import world as named_world
-from coordinator.belief.search_pool import SearchPool
-from evaluation.in_process import InProcess
-from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
-from particle_filter.sensor_model import SensorModel
-from process_runtime.folders import kept_folder
-from process_runtime.settings import Settings
-from process_runtime.settings_file import load_settings
-from protocol.message import PoseTuple
-from protocol.pose_arrays import pose_tuple
-from protocol.steps import Scan
-from protocol.work import Assignment, SearchJob, SearchReport
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.office import office
-from robot_simulator.worlds.world import World
-from worker.jobs import running
-from worker.map_model import sensor_model
+from clustermcl.belief.search_pool import SearchPool
+from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.jobs import running
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Assignment, SearchJob, SearchReport
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.office import office
+from clustermcl.simulator.worlds.world import World
 
 OFFICES = {"5,900": (5, 18), "13,000": (7, 28), "50,000": (14, 54)}
 """Area in square metres: number of wings, and rooms on a side of a wing."""

@@ -17,8 +17,8 @@ from collections.abc import Sequence
 import msgspec
 
 from clustermcl.client import Client
-from process_runtime.settings import Settings
-from protocol.errors import ClusterMclError
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.runtime.settings import Settings
 
 COMMAND = (sys.executable, "-I", "-m", "clustermcl")
 

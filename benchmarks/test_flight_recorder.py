@@ -12,8 +12,8 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from benchmarks.test_messages import COVARIANCE, MESSAGES, PARTICLES, POSE, RANGES, order
-from coordinator.coordinator import Coordinator, Started
-from coordinator.events import (
+from clustermcl.coordinator.coordinator import Coordinator, Started
+from clustermcl.coordinator.events import (
     Event,
     OdometryArrived,
     OrderAnswered,
@@ -24,15 +24,15 @@ from coordinator.events import (
     WorkerSnapshot,
     WorkerStateArrived,
 )
-from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
-from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import freeze
-from coordinator.recorder.ring import Ring, files_in
-from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
-from process_runtime.settings import CoordinatorSettings
-from protocol.found_places import FoundPlaces
-from protocol.steps import OdometryReading, Scan
-from protocol.work import OrderAnswer, SearchReport, TrackReport
+from clustermcl.coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
+from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
+from clustermcl.coordinator.recorder.records import freeze
+from clustermcl.coordinator.recorder.ring import Ring, files_in
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from clustermcl.protocol.found_places import FoundPlaces
+from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.work import OrderAnswer, SearchReport, TrackReport
+from clustermcl.runtime.settings import CoordinatorSettings
 
 CLUSTERS, WORKERS = 10, 12
 SNAPSHOT_EVERY = 10

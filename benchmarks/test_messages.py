@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from protocol.answers import Belief, Hypothesis, PoseAnswer
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.message import Message
-from protocol.steps import LaserReading, OdometryReading, Scan
-from protocol.work import Assignment, Particles, TrackJob, TrackReport, WorkOrder
+from clustermcl.protocol.answers import Belief, Hypothesis, PoseAnswer
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.protocol.work import Assignment, Particles, TrackJob, TrackReport, WorkOrder
 
 POSE = (1.0, 2.0, 0.5)
 COVARIANCE = (0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.01)

@@ -11,15 +11,15 @@ import pytest
 import zenoh
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from process_runtime.settings import BridgeSettings, WorkerSettings
-from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.runtime.settings import BridgeSettings, WorkerSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
 from tests.maps import write_map
-from zenoh_link.wire import Publisher
 
 PARTICLES = 1_000
 

@@ -3,11 +3,11 @@
 import numpy as np
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from protocol.answers import Belief, Hypothesis
-from protocol.arrays import ArrayBlob
-from protocol.work import Particles
-from ros2_bridge.messages_out import particle_cloud
-from ros2_bridge.particles import CLOUD, ClusterParticles
+from clustermcl.protocol.answers import Belief, Hypothesis
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.work import Particles
+from clustermcl.ros2.messages_out import particle_cloud
+from clustermcl.ros2.particles import CLOUD, ClusterParticles
 
 PLACES = 4
 COVARIANCE = (0.1, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.01)

@@ -15,10 +15,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from evaluation.course import RecordedRobot
-from process_runtime.settings import BridgeSettings
-from recordings.log_file import words_of_lines
-from recordings.recording import Recording, open_recording
+from clustermcl.evaluation.course import RecordedRobot
+from clustermcl.recordings.log_file import words_of_lines
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
 
 
 class WeanRobot(RecordedRobot, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
 """Worlds of the experiments: symmetric ones, and halls with an outdated map."""
 
-from robot_simulator.worlds.catalogue import world as known_world
-from robot_simulator.worlds.halls import FURNITURE, NICHES, PILLARS, furnish, hall, hall_plan
-from robot_simulator.worlds.world import Canvas, World, world_from_map
+from clustermcl.simulator.worlds.catalogue import world as known_world
+from clustermcl.simulator.worlds.halls import FURNITURE, NICHES, PILLARS, furnish, hall, hall_plan
+from clustermcl.simulator.worlds.world import Canvas, World, world_from_map
 
 _START = (-8.0, -4.5, 0.0)
 _MOVED_FURNITURE = (

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from clustermcl.client import Client as Client
     from clustermcl.client import NotLocalizedError as NotLocalizedError
+    from clustermcl.filter.extensions import register as register
     from clustermcl.localizer import Belief as Belief
     from clustermcl.localizer import ClusterMCL as ClusterMCL
+    from clustermcl.protocol.answers import Hypothesis as Hypothesis
+    from clustermcl.protocol.errors import ClusterMclError as ClusterMclError
+    from clustermcl.protocol.errors import CommandRefusedError as CommandRefusedError
+    from clustermcl.protocol.errors import LandmarksFileError as LandmarksFileError
+    from clustermcl.protocol.errors import MalformedMessageError as MalformedMessageError
+    from clustermcl.protocol.errors import MapFileError as MapFileError
+    from clustermcl.protocol.errors import RecordingError as RecordingError
+    from clustermcl.protocol.errors import SettingsError as SettingsError
+    from clustermcl.protocol.errors import StateFileError as StateFileError
+    from clustermcl.protocol.errors import UnreachableError as UnreachableError
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
-    from grid_maps.landmarks import load_landmarks as load_landmarks
-    from particle_filter.extensions import register as register
-    from process_runtime.output_files import OutputError as OutputError
-    from protocol.answers import Hypothesis as Hypothesis
-    from protocol.errors import ClusterMclError as ClusterMclError
-    from protocol.errors import CommandRefusedError as CommandRefusedError
-    from protocol.errors import LandmarksFileError as LandmarksFileError
-    from protocol.errors import MalformedMessageError as MalformedMessageError
-    from protocol.errors import MapFileError as MapFileError
-    from protocol.errors import RecordingError as RecordingError
-    from protocol.errors import SettingsError as SettingsError
-    from protocol.errors import StateFileError as StateFileError
-    from protocol.errors import UnreachableError as UnreachableError
-    from recordings.map_file import load_map_with_obstacles
+    from clustermcl.recordings.maps.landmarks import load_landmarks as load_landmarks
+    from clustermcl.recordings.maps.map_file import load_map_with_obstacles
+    from clustermcl.runtime.output_files import OutputError as OutputError
 
     load_map = load_map_with_obstacles
 
@@ -35,15 +35,15 @@ _NAMES = {
     "clustermcl.client": ("Client", "NotLocalizedError"),
     "clustermcl.localizer": ("Belief", "ClusterMCL"),
     "clustermcl.readings": ("Reading", "read_recording"),
-    "grid_maps.landmarks": ("load_landmarks",),
-    "particle_filter.extensions": ("register",),
-    "process_runtime.output_files": ("OutputError",),
-    "protocol.answers": ("Hypothesis",),
-    "protocol.errors": (
+    "clustermcl.recordings.maps.landmarks": ("load_landmarks",),
+    "clustermcl.filter.extensions": ("register",),
+    "clustermcl.runtime.output_files": ("OutputError",),
+    "clustermcl.protocol.answers": ("Hypothesis",),
+    "clustermcl.protocol.errors": (
         "ClusterMclError", "CommandRefusedError", "LandmarksFileError", "MalformedMessageError",
         "MapFileError", "RecordingError", "SettingsError", "StateFileError", "UnreachableError",
     ),
-    "recordings.map_file": ("load_map",),
+    "clustermcl.recordings.maps.map_file": ("load_map",),
 }  # fmt: skip
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)  # noqa: PLE0605 - names

@@ -2,7 +2,7 @@
 
 import signal
 
-from process_runtime.parent import open_standard_files
+from clustermcl.runtime.parent import open_standard_files
 
 
 def main() -> None:
@@ -13,7 +13,7 @@ def main() -> None:
     open_standard_files()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # nohup ignores SIGINT
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from clustermcl.command import main as command  # noqa: PLC0415 - see above
+    from clustermcl.commands.command import main as command  # noqa: PLC0415 - see above
 
     command()
 

@@ -10,16 +10,12 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
-from clustermcl.robot_commands import RobotCommands, new_id
-from grid_maps.grid_map import GridMap
-from grid_maps.map_message import from_message
-from process_runtime.caller import caller
-from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
-from process_runtime.settings_file import with_setting
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.advice import Advice
-from protocol.answers import (
+from clustermcl.link.inbox import Inbox
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import Events, Received, ask, subscribe
+from clustermcl.protocol import keys
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import (
     Belief,
     CommandDone,
     Hypotheses,
@@ -30,14 +26,18 @@ from protocol.answers import (
     Status,
     Update,
 )
-from protocol.codec import decode
-from protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
-from protocol.job_events import JobEvents, NumberedEvent
-from protocol.message import Message, PoseTuple
-from protocol.steps import MapMessage
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Events, Received, ask, subscribe
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
+from clustermcl.protocol.job_events import JobEvents, NumberedEvent
+from clustermcl.protocol.message import Message, PoseTuple
+from clustermcl.protocol.steps import MapMessage
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_message import from_message
+from clustermcl.robot_commands import RobotCommands, new_id
+from clustermcl.runtime.caller import caller
+from clustermcl.runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
+from clustermcl.runtime.settings_file import with_setting
+from clustermcl.runtime.stop import StopFlag
 
 A = TypeVar("A", bound=Message)
 R = TypeVar("R")
@@ -370,11 +370,11 @@ class Client(RobotCommands):
 
 def _doubt(certificate: str, key: str, robot: str) -> str:
     """Return why a router with access control would not let a certificate ask; empty: it would."""
-    from zenoh_link.access_control import (  # noqa: PLC0415 - see the next
+    from clustermcl.link.access_control import (  # noqa: PLC0415 - see the next
         doubt_of_certificate,
         roles_that_ask,
     )
-    from zenoh_link.tls import common_name  # noqa: PLC0415 - only where there is TLS
+    from clustermcl.link.tls import common_name  # noqa: PLC0415 - only where there is TLS
 
     return doubt_of_certificate(common_name(certificate), roles_that_ask(key), "", robot)
 

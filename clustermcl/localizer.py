@@ -10,37 +10,37 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
+from clustermcl.belief.commands import Commands
+from clustermcl.belief.free_ground import FreeGround
+from clustermcl.belief.outcome import Outcome, advice_question, belief_after
+from clustermcl.belief.pose_tracker import recent_odometry
+from clustermcl.coordinator.state_file import with_checksum, without_checksum
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.advising import advice
+from clustermcl.jobs.in_process import InProcess, InProcessState
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.warm_up import compile_kernels
+from clustermcl.protocol import answers
+from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice
+from clustermcl.protocol.answers import Relocalize, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.conversion import decoded
+from clustermcl.protocol.errors import CommandRefusedError, StateFileError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Landmark, Observation, PositionField, Scan
 from clustermcl.readings import Reading
+from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.robot_commands import RobotCommands
-from coordinator.belief.outcome import Outcome, advice_question, belief_after
-from coordinator.commands import Commands
-from coordinator.free_ground import FreeGround
-from coordinator.pose_tracker import recent_odometry
-from coordinator.state_file import with_checksum, without_checksum
-from evaluation.in_process import InProcess, InProcessState
-from grid_maps.grid_map import GridMap
-from live_view.drawing import drawn_picture, extent_m
-from live_view.frames import step_frame
-from particle_filter.settings import FilterSettings
-from process_runtime.compressed import os_problem
-from process_runtime.folders import kept_folder
-from process_runtime.output_files import write_output_file
-from process_runtime.settings import Settings
-from process_runtime.settings_file import with_setting
-from process_runtime.settings_table import TABLE, value_of
-from protocol import answers
-from protocol.advice import USUAL_RADIUS_M, Advice
-from protocol.answers import Relocalize, SetPose
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.conversion import decoded
-from protocol.errors import CommandRefusedError, StateFileError
-from protocol.message import PoseTuple
-from protocol.steps import Landmark, Observation, PositionField, Scan
-from sensor_bridge.step_maker import StepMaker
-from worker.advising import advice
-from worker.map_model import sensor_model
-from worker.warm_up import compile_kernels
+from clustermcl.runtime.compressed import os_problem
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.output_files import write_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import with_setting
+from clustermcl.runtime.settings_table import TABLE, value_of
+from clustermcl.sensor_bridge.step_maker import StepMaker
+from clustermcl.view.drawing import drawn_picture, extent_m
+from clustermcl.view.frames import step_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from process_runtime.settings import Settings
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
-from sensor_bridge.recorded import opened
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, OdometryReading
+from clustermcl.runtime.settings import Settings
+from clustermcl.sensor_bridge.recorded import opened
 
 _SENDER = "library"
 

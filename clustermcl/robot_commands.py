@@ -3,10 +3,10 @@
 import math
 import uuid
 
-from process_runtime.caller import caller
-from protocol.answers import Relocalize, SetPose
-from protocol.codec import refusal_of
-from protocol.message import Circle, Covariance, PoseTuple
+from clustermcl.protocol.answers import Relocalize, SetPose
+from clustermcl.protocol.codec import refusal_of
+from clustermcl.protocol.message import Circle, Covariance, PoseTuple
+from clustermcl.runtime.caller import caller
 
 
 class RobotCommands:

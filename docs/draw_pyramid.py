@@ -12,15 +12,15 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from particle_filter.evidence_model import scan_exponent
-from particle_filter.pyramid import sum_steps
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
-from worker.jobs import scan_beams
-from worker.map_model import sensor_model
+from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.laser.pyramid import sum_steps
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
 
 
 def main() -> None:

@@ -8,15 +8,15 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from benchmarks.experiments.baselines import ALGORITHMS
-from coordinator.belief.outcome import belief_after
-from live_view.drawing import drawn_picture
-from live_view.frames import step_frame
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
-from worker.map_model import sensor_model
+from clustermcl.belief.outcome import belief_after
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.drawing import drawn_picture
+from clustermcl.view.frames import step_frame
 
 HERE = Path(__file__).parent
 SIDE_PX, STEPS = 420, 190

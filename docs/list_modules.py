@@ -12,13 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "clustermcl"
 PAGE = ROOT / "docs" / "architecture.md"
 LISTED = (
-    *("ros2_bridge", "coordinator", "worker", "sensor_bridge"),
-    *("zenoh_link", "recordings", "process_runtime", "protocol"),
+    *("ros2", "coordinator", "worker", "sensor_bridge", "jobs", "belief"),
+    *("link", "recordings", "runtime", "protocol", "filter"),
 )
 TOUCHED = {
-    "Zenoh": {"zenoh", "zenoh_link"},
+    "Zenoh": {"zenoh", "link"},
     "clock": {"time"},
     "log": {"logging"},
     "files": {"fcntl", "os", "pathlib", "shutil", "tempfile"},
@@ -44,9 +45,7 @@ def picture() -> Iterator[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
     rows = [[room.strip() for room in layer.split("|")] for layer in layers]
-    lines = [
-        [f" {room:<16} {summary(ROOT / room / '__init__.py')} " for room in row] for row in rows
-    ]
+    lines = [[f" {room:<14} {summary(source(room))} " for room in row] for row in rows]
     width = max(len(line) for row in lines for line in row)
     yield "```"
     yield f"┌{'─' * width}┐"
@@ -61,17 +60,22 @@ def picture() -> Iterator[str]:
 def tables() -> Iterator[str]:
     """A list for each folder: its modules, what they are for, and what they touch."""
     for room in LISTED:
-        folders = sorted({file.parent for file in (ROOT / room).rglob("*.py")})
+        folders = sorted({file.parent for file in (PACKAGE / room).rglob("*.py")})
         for folder in folders:
             yield from (
                 "",
-                f"**`{folder.relative_to(ROOT)}/`** {summary(folder / '__init__.py')}",
+                f"**`{folder.relative_to(PACKAGE)}/`** {summary(folder / '__init__.py')}",
                 "",
             )
             for file in sorted(folder.glob("[!_]*.py")):
                 means = f" *({', '.join(touched(file))})*" if touched(file) else ""
                 yield f"* `{file.name}`: {summary(file)}{means}"
     yield ""
+
+
+def source(room: str) -> Path:
+    """Return the file that says what a room is: a folder's `__init__.py`, or the module itself."""
+    return folder / "__init__.py" if (folder := PACKAGE / room).is_dir() else PACKAGE / f"{room}.py"
 
 
 def summary(file: Path) -> str:
@@ -84,10 +88,11 @@ def touched(file: Path) -> list[str]:
     imported = set()
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Import):
-            imported |= {alias.name.partition(".")[0] for alias in node.names}
+            imported |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            imported.add(node.module.partition(".")[0])
-    return [thing for thing, modules in TOUCHED.items() if imported & modules]
+            imported.add(node.module)
+    names = {name.removeprefix("clustermcl.").partition(".")[0] for name in imported}
+    return [thing for thing, modules in TOUCHED.items() if names & modules]
 
 
 if __name__ == "__main__":

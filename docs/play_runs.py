@@ -9,20 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from coordinator.belief.outcome import Outcome, belief_after
-from evaluation.in_process import InProcess
-from grid_maps.map_message import to_message
-from live_view.picture import Picture
-from live_view.recorded_run import best_pose
-from live_view.saved_page import saved_run
-from process_runtime.settings import Settings
-from protocol.job_events import JobEvents, NumberedEvent
-from protocol.steps import TruePose
-from protocol.work import TrackJob
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
-from worker.map_model import sensor_model
+from clustermcl.belief.outcome import Outcome, belief_after
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.job_events import JobEvents, NumberedEvent
+from clustermcl.protocol.steps import TruePose
+from clustermcl.protocol.work import TrackJob
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.runtime.settings import Settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.picture import Picture
+from clustermcl.view.recorded_run import best_pose
+from clustermcl.view.saved_page import saved_run
 
 CLOUD_EVERY_STEPS = 10
 MOST_CLOUDS = 8

@@ -16,9 +16,9 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import clustermcl
-from clustermcl.command import app
-from process_runtime.settings_table import TABLE
-from protocol.message import Message
+from clustermcl.commands.command import app
+from clustermcl.protocol.message import Message
+from clustermcl.runtime.settings_table import TABLE
 
 DOCS = Path(__file__).parent
 MESSAGES = {
@@ -92,7 +92,7 @@ def messages_page() -> str:
     lines = ["# Messages", "", "Keys, rates and the rules of evolution: [On the wire](../wire.md)."]
     for module, title in MESSAGES.items():
         lines += ["", f"## {title}"]
-        loaded = importlib.import_module(f"protocol.{module}")
+        loaded = importlib.import_module(f"clustermcl.protocol.{module}")
         for name, kind in structures(loaded):
             schema = kind.__struct_config__.tag
             tag = f" `{schema}`" if issubclass(kind, Message) and isinstance(schema, str) else ""

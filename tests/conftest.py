@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, settings
 
-from particle_filter.settings import SensorSettings
-from worker.warm_up import compile_kernels
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs.warm_up import compile_kernels
 
 settings.register_profile(
     "shared machine", deadline=None, suppress_health_check=[HealthCheck.too_slow]

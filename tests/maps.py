@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED
+from clustermcl.filter.arrays import FREE, OCCUPIED
+from clustermcl.recordings.maps.grid_map import GridMap
 
 HEADER = {
     "image": "map.pgm",

@@ -11,25 +11,25 @@ from benchmarks.evidence_model.records import ELSEWHERE_POSES, NOWHERE, Record
 from benchmarks.experiments.case import AfterStep, Case, SimulatedRobot
 from benchmarks.experiments.mcl import uniform_over_free_space
 from benchmarks.experiments.observability import middle_of, turned_copies
-from evaluation.course import TrueStep, course_of
-from evaluation.pose_error import pose_error
-from particle_filter import cluster_filter
-from particle_filter.arrays import Poses
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.evidence_model import scan_exponent
-from particle_filter.global_search import GlobalSearch
-from particle_filter.overlaps import merge_overlapping
-from particle_filter.poses import between, heading_distance
-from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, SensorModel
-from particle_filter.settings import FilterSettings
-from particle_filter.slices import finished
-from process_runtime.folders import kept_folder
-from process_runtime.settings import Settings
-from protocol.message import PoseTuple
-from protocol.pose_arrays import pose_tuple
-from worker.jobs import scan_beams
-from worker.map_model import sensor_model
+from clustermcl.belief.overlaps import merge_overlapping
+from clustermcl.evaluation.course import TrueStep, course_of
+from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.filter.arrays import Poses
+from clustermcl.filter.cluster import cluster_filter
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.poses import between, heading_distance
+from clustermcl.filter.random_streams import Purpose, generator
+from clustermcl.filter.search.global_search import GlobalSearch
+from clustermcl.filter.search.slices import finished
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import Settings
 
 MERGE_EVERY = 5
 PLANTED_SPREAD = np.array([0.2, 0.2, 0.1])

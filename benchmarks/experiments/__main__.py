@@ -22,10 +22,10 @@ from benchmarks.experiments.summary import summary as table_summary
 from benchmarks.experiments.task import run_task
 from clustermcl.commands.options import Assignments, SettingsFile
 from clustermcl.commands.recordings import MOST_JOBS, MOST_RUNS
-from evaluation.run import in_parallel
-from process_runtime.settings_file import load_settings
-from process_runtime.stop import StoppedError, stop_on_signals
-from protocol.errors import ClusterMclError, SettingsError
+from clustermcl.evaluation.run import in_parallel
+from clustermcl.protocol.errors import ClusterMclError, SettingsError
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.stop import StoppedError, stop_on_signals
 
 app = typer.Typer(add_completion=False)
 

@@ -14,17 +14,17 @@ from msgspec.structs import replace as changed
 from benchmarks.experiments import mcl
 from benchmarks.experiments.case import Algorithm
 from benchmarks.experiments.mcl import OrdinaryMCL, RecoveryGains, kept_particles
-from coordinator.belief.outcome import Outcome
-from evaluation import in_process
-from evaluation.in_process import InProcess
-from evaluation.run import Outcomes
-from particle_filter.arrays import LogWeights, Poses
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import Beams, SensorModel
-from particle_filter.settings import FilterSettings
-from protocol.steps import Scan
-from protocol.work import Report, TrackReport
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation.run import Outcomes
+from clustermcl.filter.arrays import LogWeights, Poses
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs import in_process
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Report, TrackReport
 
 PARTICLES = 300
 """Particles of a cluster."""

@@ -6,10 +6,10 @@ import msgspec
 
 from benchmarks.people import CrowdSimulation
 from benchmarks.worlds import world
-from evaluation import course
-from evaluation.course import RecordedRobot
-from protocol.errors import SettingsError
-from robot_simulator.simulation import Simulation
+from clustermcl.evaluation import course
+from clustermcl.evaluation.course import RecordedRobot
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.simulator.simulation import Simulation
 
 Algorithm = Literal[
     "cluster-mcl",

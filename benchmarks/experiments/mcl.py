@@ -11,27 +11,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coordinator.belief.outcome import Outcome
-from particle_filter.arrays import FREE, Pose, Poses
-from particle_filter.cluster_filter import (
+from clustermcl.belief.outcome import Outcome
+from clustermcl.filter.arrays import FREE, Pose, Poses
+from clustermcl.filter.cluster.cluster_filter import (
     ParticleSet,
     measurement_update,
     regularised_resample,
 )
-from particle_filter.evidence_model import scan_exponent
-from particle_filter.grid import Grid
-from particle_filter.motion import move
-from particle_filter.places import FoundPlace, places_of
-from particle_filter.poses import between, compose
-from particle_filter.random_streams import Purpose, generator
-from particle_filter.resampling import resample
-from particle_filter.sensor_model import Beams, SensorModel
-from particle_filter.settings import FilterSettings
-from protocol.answers import Hypothesis
-from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.steps import Scan
-from protocol.work import Place
-from worker.jobs import scan_beams
+from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.cluster.resampling import resample
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.motion.model import move
+from clustermcl.filter.poses import between, compose
+from clustermcl.filter.random_streams import Purpose, generator
+from clustermcl.filter.search.places import FoundPlace, places_of
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import scan_beams
+from clustermcl.protocol.answers import Hypothesis
+from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Place
 
 START_PARTICLES_PER_M2, LEAST_START_PARTICLES, MOST_START_PARTICLES = 400.0, 50_000, 2_000_000
 SHRINKING_STEPS = 6

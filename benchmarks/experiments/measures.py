@@ -1,4 +1,4 @@
-"""The measures of one run in the experiments' tables; `evaluation.measures` defines their terms.
+"""The measures of one run in the experiments' tables, in terms of `clustermcl.evaluation.measures`.
 
 - *Update*: one step, that is one gated scan; updates are counted from 1.
 - *After the bootstrap*: from the update at which the first search has ended.
@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import entropy
 
-from coordinator.belief.outcome import Outcome
-from evaluation import measures as common
-from evaluation.measures import StepFacts, mean
-from evaluation.pose_error import pose_error
-from protocol.message import PoseTuple
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation import measures as common
+from clustermcl.evaluation.measures import StepFacts, mean
+from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.protocol.message import PoseTuple
 
 Counts = NDArray[np.float64]
 IN_A_ROW = 5

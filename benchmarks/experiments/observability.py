@@ -6,11 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from grid_maps.grid_map import GridMap
-from particle_filter.poses import compose, wrap_angle
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.message import PoseTuple
-from protocol.steps import Scan
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.poses import compose, wrap_angle
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
 
 DISTINGUISHING_BEAMS = 3
 """Two places are distinguished by at least this number of beams with different ranges."""

@@ -10,10 +10,10 @@ from benchmarks.experiments.measures import (
     update_of,
 )
 from benchmarks.experiments.observability import ScanObservability, middle_of, turned_copies
-from coordinator.belief.outcome import Outcome
-from grid_maps.grid_map import GridMap
-from protocol.message import PoseTuple
-from protocol.steps import Scan
+from clustermcl.belief.outcome import Outcome
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
 
 GOOD_BEFORE_KIDNAP = 40
 """The robot is kidnapped after this number of right estimates in a row."""

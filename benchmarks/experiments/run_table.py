@@ -15,13 +15,13 @@ from benchmarks.experiments.case import Algorithm, Case
 from benchmarks.experiments.catalogue import StartsCase
 from benchmarks.experiments.measures import BINS, RunMeasures
 from benchmarks.experiments.task import Finished, Task
-from evaluation.course import course_of
-from evaluation.evaluate import start_steps
-from process_runtime.output_files import OutputError
-from process_runtime.settings import Settings
-from process_runtime.settings_table import TABLE, value_of
-from process_runtime.version import VERSION
-from protocol.errors import InputFileError
+from clustermcl.evaluation.course import course_of
+from clustermcl.evaluation.evaluate import start_steps
+from clustermcl.protocol.errors import InputFileError
+from clustermcl.runtime.output_files import OutputError
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_table import TABLE, value_of
+from clustermcl.runtime.version import VERSION
 
 _KEYS = ("experiment", "role", "algorithm", "seed", "start_step")
 _ORIGIN = ("version", "settings")

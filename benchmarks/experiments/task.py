@@ -9,10 +9,10 @@ from benchmarks.experiments.baselines import ALGORITHMS
 from benchmarks.experiments.case import Algorithm, Case
 from benchmarks.experiments.measures import Counts, RunMeasures
 from benchmarks.experiments.observer import Observer
-from coordinator.belief.outcome import Outcome
-from evaluation import run
-from process_runtime.folders import kept_folder
-from process_runtime.settings import Settings
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation import run
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.settings import Settings
 
 
 @dataclass(frozen=True, kw_only=True)

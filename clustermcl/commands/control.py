@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.as_text import pose_text
+from clustermcl.commands.as_text import pose_text
 from clustermcl.commands.options import client_command, connected, print_answer
-from process_runtime.logs import is_quiet
-from process_runtime.settings import Settings
-from protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.logs import is_quiet
+from clustermcl.runtime.settings import Settings
 
 
 @client_command

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
 
 import typer
 
-from clustermcl.as_json import JsonObject, dumped
-from clustermcl.verbosity import log_settings
-from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
-from process_runtime.settings_file import load_settings
-from protocol.errors import SettingsError
+from clustermcl.commands.as_json import JsonObject, dumped
+from clustermcl.commands.verbosity import log_settings
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
+from clustermcl.runtime.settings_file import load_settings
 
 if TYPE_CHECKING:
     from clustermcl.client import Client
@@ -157,8 +157,8 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
 
 def _may_be_bag(recording: str | Path | None) -> bool:
     """Return whether a recording is a bag, or a missing file, which is refused later."""
-    from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
-    from recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
+    from clustermcl.recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
+    from clustermcl.runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
 
     if not recording or str(recording).startswith(SIMULATED):
         return False
@@ -180,7 +180,7 @@ def settings_with_nav2(
     """
     if nav2_params is None:
         return load_settings(settings_file, assignments), []
-    from ros2_bridge.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
+    from clustermcl.ros2.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
 
     values, notes = read_nav2_params(nav2_params)
     origin = str(nav2_params)

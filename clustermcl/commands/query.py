@@ -11,11 +11,11 @@ from typing import Annotated
 import msgspec
 import typer
 
-from clustermcl import as_text as text
-from clustermcl.as_json import json_object
+from clustermcl.commands import as_text as text
+from clustermcl.commands.as_json import json_object
 from clustermcl.commands.options import Above, AsJson, client_command, connected, print_answer
-from process_runtime.settings import Settings
-from protocol.job_events import NumberedEvent, probability_of
+from clustermcl.protocol.job_events import NumberedEvent, probability_of
+from clustermcl.runtime.settings import Settings
 
 EXIT_NO_POSE = 4
 
@@ -102,7 +102,7 @@ def snapshot(
     file: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")],
 ) -> None:
     """Save a picture of the map and the places."""
-    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the package
+    from clustermcl.commands.snapshot import save_snapshot  # noqa: PLC0415 - see the package
 
     save_snapshot(file, settings)
 

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from clustermcl.commands import options as common
-from process_runtime.settings import Settings
-from process_runtime.stop import stop_on_signals
-from protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import stop_on_signals
 
 EXIT_DIFFERENT = 1
 MOST_RUNS, MOST_JOBS = 10_000, 256
@@ -63,7 +63,7 @@ def evaluate(
 
     Runs without Zenoh, as fast as possible.
     """
-    from evaluation.evaluate import run_evaluate  # noqa: PLC0415 - see the package
+    from clustermcl.evaluation.evaluate import run_evaluate  # noqa: PLC0415 - see the package
 
     run_evaluate(
         settings,
@@ -100,7 +100,7 @@ def check(
 
     With a recording, also check whether it matches the map.
     """
-    from clustermcl.check import run_check  # noqa: PLC0415 - see the package
+    from clustermcl.commands.check import run_check  # noqa: PLC0415 - see the package
 
     run_check(
         map_file,
@@ -121,7 +121,7 @@ def record(
     ],
 ) -> None:
     """Record map, scans, odometry and beliefs, until Ctrl-C."""
-    from clustermcl.record import run_record  # noqa: PLC0415 - see the package
+    from clustermcl.commands.record import run_record  # noqa: PLC0415 - see the package
 
     steps = run_record(settings, file)
     typer.echo(f"{file}: {steps} steps")
@@ -136,7 +136,7 @@ def record_landmarks(
     ],
 ) -> None:
     """Measure landmarks that the localized robot sees, until Ctrl-C."""
-    from clustermcl.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
+    from clustermcl.commands.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
 
     added = run_record_landmarks(settings, file, stop_on_signals())
     typer.echo(f"{file}: {added} landmarks added")
@@ -163,7 +163,7 @@ def replay(
     WHEN is a step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a
     belief differs from the recorded one.
     """
-    from clustermcl.replay import Moment, Shown, print_replay  # noqa: PLC0415 - see the package
+    from clustermcl.commands.replay import Moment, Shown, print_replay  # noqa: PLC0415 - see the package
 
     around = Moment.parsed("--at", at)
     if around and (first or last):
@@ -188,7 +188,7 @@ def settings(
 
     The output is a valid file for --settings.
     """
-    from process_runtime.settings_table import (  # noqa: PLC0415 - see the package
+    from clustermcl.runtime.settings_table import (  # noqa: PLC0415 - see the package
         EVERYDAY,
         TABLE,
         settings_as_toml,

@@ -8,10 +8,10 @@ from typing import Annotated
 import typer
 
 from clustermcl.commands import options as common
-from process_runtime.settings import ROBOT_VARIABLE, Settings
-from process_runtime.settings_file import with_setting
-from process_runtime.supervisor import python_module
-from protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
+from clustermcl.runtime.settings_file import with_setting
+from clustermcl.runtime.supervisor import python_module
 
 
 @common.recording_command
@@ -57,7 +57,7 @@ def demo(
     All processes run on this machine, and end with the command.
     """
     common.refuse_without("--view", view, drive=drive, listen=listen)
-    from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the package
+    from clustermcl.commands.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the package
 
     for name, value in (("worker.count", workers), ("seed", seed)):
         if value is not None:
@@ -96,8 +96,8 @@ def up(
     common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
         common.refuse_without("several processes", None, view=view, nav2_params=nav2_params)
-        _become("clustermcl.one_process", given)
-    from clustermcl.up import run_up  # noqa: PLC0415 - see the package
+        _become("clustermcl.commands.one_process", given)
+    from clustermcl.commands.up import run_up  # noqa: PLC0415 - see the package
 
     chosen, notes = common.settings_with_nav2(nav2_params, given.file, given.assignments)
     for line in notes:
@@ -112,7 +112,7 @@ def warm_up(settings: Settings) -> None:
     Compiles the filter's kernels, and computes the likelihood field of bridge.map. Both are kept
     on disk.
     """
-    from clustermcl.warm_up import run_warm_up  # noqa: PLC0415 - see the package
+    from clustermcl.commands.warm_up import run_warm_up  # noqa: PLC0415 - see the package
 
     run_warm_up(settings)
 
@@ -120,7 +120,7 @@ def warm_up(settings: Settings) -> None:
 @common.given_command("robot", "router")
 def ros2(given: common.Given) -> None:
     """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
-    _become("ros2_bridge", given)
+    _become("ros2", given)
 
 
 @common.given_command("router")
@@ -132,7 +132,7 @@ def router(
     ] = None,
 ) -> None:
     """Run only the router, for several robots."""
-    _become("zenoh_link.router", given, *([] if config is None else ["--config", str(config)]))
+    _become("clustermcl.link.router", given, *([] if config is None else ["--config", str(config)]))
 
 
 @common.given_command("robot", "router")
@@ -156,7 +156,7 @@ def worker(
 
 def _become(module: str, given: common.Given, *arguments: str) -> None:
     """Replace this process by another program, which then receives the signals."""
-    command = [*python_module(module), *arguments, *given.words()]
+    command = [*python_module(f"clustermcl.{module}"), *arguments, *given.words()]
     os.execv(command[0], command)
 
 
@@ -201,10 +201,10 @@ def serve_view(
         flags = {"--allow-commands": allow_commands, "--open": open_browser}
         words = [flag for flag, is_given in flags.items() if is_given]
         words += [word for robot in robots or () for word in ("--robot", robot)]
-        _become("live_view", given, "--listen", listen or common.HERE, *words)
+        _become("view", given, "--listen", listen or common.HERE, *words)
         return
-    from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
-    from live_view.recorded_run import view_recording  # noqa: PLC0415 - see the package
+    from clustermcl.view.admission import parsed_address  # noqa: PLC0415 - see the package
+    from clustermcl.view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
     address = parsed_address(listen or common.HERE)
     view_recording(recording, address, map_file, save_file, open_browser=open_browser)

@@ -51,7 +51,7 @@ def _lay_wheels(folder: Path) -> None:
     _said([
         sys.executable, "-m", "pip", "download", "--quiet", "--require-hashes",
         "--only-binary=:all:", f"--python-version={python}",
-        "--dest", str(folder / _WHEELS), "-r", str(ROOT / "requirements.lock"),
+        "--dest", str(folder / _WHEELS), "-r", str(ROOT / "locks/requirements.lock"),
     ])  # fmt: skip
 
 

@@ -4,24 +4,24 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from protocol import keys
-from protocol.errors import SettingsError
-from zenoh_link.access_control import ROLES, WORKER_PROCESSES, access_control, rights_of
-from zenoh_link.configuration import as_zenoh
-from zenoh_link.secure_router import (
+from clustermcl.link.access_control import ROLES, WORKER_PROCESSES, access_control, rights_of
+from clustermcl.link.configuration import as_zenoh
+from clustermcl.link.secure_router import (
     DEFAULT_CERTIFICATES,
     DEFAULT_ENDPOINT,
     as_commented_json5,
     main,
     secure_router_configuration,
 )
+from clustermcl.protocol import keys
+from clustermcl.protocol.errors import SettingsError
 
 DEPLOYED = Path(__file__).resolve().parents[2] / "deploy" / "router-secure.json5"
 READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"}
 
 
 def all_keys() -> list[str]:
-    """Every key of `protocol.keys`, a worker's with a name of one; selectors without parameters."""
+    """Every key, a worker's with a name of one; selectors without parameters."""
     found = [value for name, value in vars(keys).items() if name.isupper() and name[0] != "_"]
     for name, function in inspect.getmembers(keys, inspect.isfunction):
         if function.__module__ == keys.__name__ and name not in ("scan_history", "worker_name"):
@@ -48,7 +48,7 @@ def test_every_key_is_written_by_one_role_and_read_by_another(key: str) -> None:
         if any(zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(mine)) for mine in granted(right))
         and any(zenoh.KeyExpr(theirs).includes(zenoh.KeyExpr(key)) for theirs in granted(other))
     ]
-    assert ways, f"{key}: give some role a right to it in zenoh_link/access_control.py"
+    assert ways, f"{key}: give some role a right to it in clustermcl/link/access_control.py"
 
 
 def test_no_rule_mixes_what_may_be_written_with_what_may_be_read() -> None:

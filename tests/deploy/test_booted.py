@@ -46,7 +46,7 @@ EDIT = """
 mkdir /opt/robot-driver
 cp --recursive tests /opt/robot-driver
 env --chdir=/opt/robot-driver /opt/clustermcl/bin/python -c 'from pathlib import Path
-from robot_simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.catalogue import world
 from tests.maps import write_map
 write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
 sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
@@ -244,7 +244,7 @@ def test_with_certificates_the_robot_is_localized_and_a_withdrawn_one_is_refused
 
 def write_router_file(robot: Robot, worker: str) -> None:
     robot.run(
-        "/opt/clustermcl/bin/python -I -m zenoh_link.secure_router --certificates"
+        "/opt/clustermcl/bin/python -I -m clustermcl.link.secure_router --certificates"
         f" /run/credentials/clustermcl-router.service --worker {worker}"
         " > /etc/clustermcl/router-secure.json5"
     )

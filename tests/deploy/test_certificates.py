@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from process_runtime.settings_file import load_settings
-from protocol.names import NAME_PATTERN
+from clustermcl.link.access_control import ROLES
+from clustermcl.protocol.names import NAME_PATTERN
+from clustermcl.runtime.settings_file import load_settings
 from tests.integration.security.certificates import (
     SCRIPT,
     make_certificates,
     require_openssl,
     with_lifetime,
 )
-from zenoh_link.access_control import ROLES
 
 require_openssl()
 

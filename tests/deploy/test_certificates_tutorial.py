@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from process_runtime.settings_file import load_settings
+from clustermcl.runtime.settings_file import load_settings
 from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import require_openssl

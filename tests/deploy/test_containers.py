@@ -12,9 +12,9 @@ import pytest
 import yaml
 import zenoh
 
-from process_runtime.settings_file import load_settings
+from clustermcl.link.session import MANY_LINKS, VARIABLE
+from clustermcl.runtime.settings_file import load_settings
 from tests.integration.security.certificates import make_certificates, require_openssl
-from zenoh_link.session import MANY_LINKS, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
@@ -77,7 +77,7 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
 
 
 def zenoh_version() -> str:
-    lock = (DEPLOY.parent / "requirements.lock").read_text()
+    lock = (DEPLOY.parent / "locks/requirements.lock").read_text()
     found = re.search(r"^eclipse-zenoh==([\d.]+)", lock, re.MULTILINE)
     assert found is not None
     return found[1]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from process_runtime.settings_file import load_settings
+from clustermcl.runtime.settings_file import load_settings
 from tests.unit.evaluation.places import STATUS
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
@@ -156,7 +156,7 @@ def test_the_pool_has_the_rights_of_a_worker_and_reads_the_mounted_fleet() -> No
     assert container["securityContext"] == worker["containers"][0]["securityContext"]
     mounts = {mount["name"]: mount["mountPath"] for mount in container["volumeMounts"]}
     assert set(mounts) == {volume["name"] for volume in pod["volumes"]}
-    assert container["args"][:3] == ["worker", "--fleet", mounts["fleet"]]
+    assert container["args"][:3] == ["clustermcl.worker", "--fleet", mounts["fleet"]]
     assert POOL["spec"]["selector"]["matchLabels"] == POOL["spec"]["template"]["metadata"]["labels"]
 
 
@@ -164,7 +164,7 @@ def test_the_pool_scales_by_a_metric_that_coordinators_serve() -> None:
     target = SCALER["spec"]["scaleTargetRef"]
     assert (target["kind"], target["name"]) == (POOL["kind"], POOL["metadata"]["name"])
     external = SCALER["spec"]["metrics"][0]["external"]["metric"]["name"]
-    metrics = pytest.importorskip("zenoh_link.metrics_of_status", reason="the extra metrics")
+    metrics = pytest.importorskip("clustermcl.link.metrics_of_status", reason="the extra metrics")
     collector = metrics.StatusCollector(lambda: STATUS, "r1")
     assert external in {metric.name for metric in collector.collect()}
 

@@ -12,10 +12,10 @@ from typing import get_args
 
 import pytest
 
-from process_runtime.settings_table import TABLE
-from protocol.answers import Freshness, State, Status
-from protocol.health import Health
-from zenoh_link.access_control import ROLES, rights_of
+from clustermcl.link.access_control import ROLES, rights_of
+from clustermcl.protocol.answers import Freshness, State, Status
+from clustermcl.protocol.health import Health
+from clustermcl.runtime.settings_table import TABLE
 
 REPOSITORY = Path(__file__).parents[2]
 OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
@@ -31,8 +31,8 @@ PYTHON = [
 
 
 def sources() -> Iterator[str]:
-    for package in ("sensor_bridge", "worker", "coordinator", "process_runtime"):
-        for file in (REPOSITORY / package).glob("*.py"):
+    for package in ("sensor_bridge", "worker", "coordinator", "belief", "jobs", "runtime"):
+        for file in (REPOSITORY / "clustermcl" / package).glob("*.py"):
             yield file.read_text()
 
 
@@ -45,7 +45,7 @@ def causes() -> set[str]:
         found |= set(re.findall(r'\._warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'Warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'(?:return|else|=) "((?:order|report) [^"]+)"', source))
-    maker = (REPOSITORY / "sensor_bridge" / "stages.py").read_text()
+    maker = (REPOSITORY / "clustermcl" / "sensor_bridge" / "stages.py").read_text()
     for text in re.findall(r'^[A-Z_]+ = "(\w+)"', maker, re.MULTILINE):
         found.add(f"reading refused: {text.replace('_', ' ')}")
     return found
@@ -64,7 +64,7 @@ def test_every_cause_is_explained(cause: str) -> None:
 
 
 def test_every_metric_is_explained() -> None:
-    collector = pytest.importorskip("zenoh_link.metrics_of_status").StatusCollector
+    collector = pytest.importorskip("clustermcl.link.metrics_of_status").StatusCollector
     health = Health(
         sender="w", role="worker", version="1", uptime_s=1.0, memory_bytes=1,
         done={"scans": 1}, rates_per_s={"scans": 1.0}, ages_s={"scans": 1.0}, dropped={"x": 1},

@@ -8,9 +8,9 @@ import pytest
 import typer
 import yaml
 
-from clustermcl.command import app
-from process_runtime.ros2_settings import Ros2Settings
-from ros2_bridge.topics import Topics
+from clustermcl.commands.command import app
+from clustermcl.ros2.topics import Topics
+from clustermcl.runtime.ros2_settings import Ros2Settings
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 SHOWS = {

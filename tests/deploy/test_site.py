@@ -16,11 +16,11 @@ from types import ModuleType
 import pytest
 
 import clustermcl
-from process_runtime.settings_table import TABLE
-from protocol import answers, health, job_events, steps, work
-from protocol.message import Message
-from tests.integration.live_view.conftest import started_browser
-from tests.integration.live_view.page import Page, serious_problems
+from clustermcl.protocol import answers, health, job_events, steps, work
+from clustermcl.protocol.message import Message
+from clustermcl.runtime.settings_table import TABLE
+from tests.integration.view.conftest import started_browser
+from tests.integration.view.page import Page, serious_problems
 
 pytestmark = pytest.mark.timeout(300)  # the site and the browser take 10 s of a core each
 
@@ -105,7 +105,7 @@ def test_the_reference_of_the_library_has_its_public_names_and_methods(site: Pat
 
 
 def test_the_runs_to_play_are_small_and_hold_all_steps(site: Path) -> None:
-    """A browser plays such a page in tests/integration/live_view/test_drawn.py."""
+    """A browser plays such a page in tests/integration/view/test_drawn.py."""
     for name, count in (("story", 200), ("office", 100), ("kidnapping", 160)):
         page = (site / f"demo/{name}.html").read_text()
         assert len(page) < 1_000_000

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from process_runtime.settings_file import load_settings
-from process_runtime.supervisor import HUNG_AFTER_S
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.supervisor import HUNG_AFTER_S
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
@@ -59,8 +59,8 @@ def test_every_process_knows_its_arguments(command: list[str]) -> None:
 
 
 def test_all_processes_have_a_unit() -> None:
-    processes = {"zenoh_link.router", "sensor_bridge", "coordinator", "worker", "ros2_bridge"}
-    assert {command[0] for command in starts()} == processes
+    processes = {"link.router", "sensor_bridge", "coordinator", "worker", "ros2"}
+    assert {command[0] for command in starts()} == {f"clustermcl.{name}" for name in processes}
 
 
 def test_all_but_the_router_start_after_the_router() -> None:

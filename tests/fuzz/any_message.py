@@ -6,8 +6,8 @@ from typing import Any
 from hypothesis import strategies as st
 from msgspec import inspect
 
-import protocol.codec  # noqa: F401 - knows, and so imports, all modules with messages
-from protocol.message import Message
+import clustermcl.protocol.codec  # noqa: F401 - knows, and so imports, all modules with messages
+from clustermcl.protocol.message import Message
 
 
 def message_types() -> list[type[Message]]:
@@ -57,7 +57,7 @@ def _values(info: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0911 - on
             inspect.StructType(cls=cls, fields=fields)
             | inspect.DataclassType(cls=cls, fields=fields)
         ):
-            local = getattr(cls, "local", ())  # never sent, see `coordinator.part`
+            local = getattr(cls, "local", ())  # never sent, see `clustermcl.belief.part`
             drawn = {one.name: _values(one.type) for one in fields if one.name not in local}
             return st.builds(cls, **drawn)
         case inspect.UnionType(types=types):

@@ -9,21 +9,21 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
-from particle_filter.grid import Grid
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings
-from protocol.advice import Advice, AdviceQuestion
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.steps import Landmark
-from protocol.validity import problem_of
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.advising import advice
+from clustermcl.protocol.advice import Advice, AdviceQuestion
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import Landmark
+from clustermcl.protocol.validity import problem_of
 from tests.fuzz.effort import cases
 from tests.fuzz.test_decisions import LANDMARKS
 from tests.unit.evaluation.places import place
 from tests.unit.worker.test_advising import SCAN
-from worker.advising import advice
 
 FILTER = FilterSettings()
 NUMBERS = st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grid_maps.grid_map import GridMap
-from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import SensorSettings
+from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.recordings.maps.grid_map import GridMap
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, mutations
-from worker.map_model import sensor_model
 
 SETTINGS = SensorSettings()
 

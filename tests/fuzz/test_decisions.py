@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.events import (
+from clustermcl.coordinator.events import (
     OdometryArrived,
     ReportArrived,
     ScanArrived,
@@ -15,12 +15,11 @@ from coordinator.events import (
     WorkerJoined,
     WorkerLeft,
 )
-from particle_filter.sensor_model import SensorModel
-from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode, refusal_of
-from protocol.message import PoseTuple
-from protocol.steps import (
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode, refusal_of
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import (
     Landmark,
     LaserReading,
     Observation,
@@ -30,7 +29,7 @@ from protocol.steps import (
     Scan,
     Seen,
 )
-from protocol.work import (
+from clustermcl.protocol.work import (
     Assignment,
     ElsewhereJob,
     ElsewhereReport,
@@ -39,13 +38,14 @@ from protocol.work import (
     SearchReport,
     TrackReport,
 )
-from sensor_bridge.step_maker import StepMaker
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker
+from clustermcl.worker.job_table import JobTable
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
 from tests.unit.coordinator.test_coordinator import SECOND, Story
 from tests.unit.worker.test_job_table import SETTINGS, cloud, order, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
-from worker.job_table import JobTable
 
 ANY_NUMBER = st.floats(-30.0, 30.0) | st.floats()
 ANY_POSE: st.SearchStrategy[PoseTuple] = st.tuples(ANY_NUMBER, ANY_NUMBER, ANY_NUMBER)

@@ -9,20 +9,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from evaluation.references import load_reference
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.settings_file import load_settings
-from process_runtime.settings_table import TABLE, settings_as_toml
-from protocol.errors import (
+from clustermcl.evaluation.references import load_reference
+from clustermcl.protocol.errors import (
     InputFileError,
     MapFileError,
     RecordingError,
     ReferenceFileError,
     SettingsError,
 )
-from recordings.map_file import load_map
-from recordings.recording import open_recording
-from sensor_bridge.recorded import steps_of
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import open_recording
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.settings_table import TABLE, settings_as_toml
+from clustermcl.sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, packed
 from tests.maps import HEADER, header

@@ -8,18 +8,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.recorder.records import Head, RecordedEvent
-from coordinator.recorder.replay import replayed
-from coordinator.recorder.ring import EVENTS, HEAD, files_in
-from grid_maps.grid_map import GridMap
-from live_view.recorded_run import RecordedRun
-from process_runtime.settings import BridgeSettings
-from protocol.errors import MapFileError, RecordingError
-from recordings.map_file import load_map
-from recordings.recording import open_recording
-from recordings.run_log import LogMessage, RunLog, RunLogReader
-from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recorded import steps_of
+from clustermcl.coordinator.recorder.records import Head, RecordedEvent
+from clustermcl.coordinator.recorder.replay import replayed
+from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, files_in
+from clustermcl.protocol.errors import MapFileError, RecordingError
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import open_recording
+from clustermcl.recordings.run_log import LogMessage, RunLog, RunLogReader
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.recorded_run import RecordedRun
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, with_other_numbers
 from tests.unit.coordinator.living import Living, symmetric_room

@@ -22,25 +22,25 @@ from backports import zstd
 from PIL import Image
 
 from clustermcl import load_landmarks
-from coordinator.recorder.replay import replayed
-from coordinator.recorder.ring import EVENTS, HEAD
-from evaluation.references import load_reference
-from live_view.recorded_run import RecordedRun
-from process_runtime.settings import BridgeSettings
-from process_runtime.settings_file import load_settings
-from protocol.errors import ClusterMclError
-from protocol.steps import MAX_BEAMS
-from recordings import foxglove
-from recordings.map_file import load_map
-from recordings.recording import open_recording
-from recordings.run_log import BELIEF, GRID, ODOMETRY, PROFILE, SCAN
-from ros2_bridge.nav2_params import read_nav2_params
-from sensor_bridge.recorded import steps_of
+from clustermcl.coordinator.recorder.replay import replayed
+from clustermcl.coordinator.recorder.ring import EVENTS, HEAD
+from clustermcl.evaluation.references import load_reference
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.steps import MAX_BEAMS
+from clustermcl.recordings import foxglove
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import open_recording
+from clustermcl.recordings.run_log import BELIEF, GRID, ODOMETRY, PROFILE, SCAN
+from clustermcl.ros2.nav2_params import read_nav2_params
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.view.recorded_run import RecordedRun
 from tests.maps import header
-from tests.unit.live_view.messages import belief, scan
 from tests.unit.recordings import bags
 from tests.unit.recordings.bombs import channel, chunk, mcap, record
 from tests.unit.recordings.logs import flaser, odom
+from tests.unit.view.messages import belief, scan
 
 SMALL_BYTES = 2**20
 MOST_MB, MOST_S = 950, 40

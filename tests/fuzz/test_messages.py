@@ -6,13 +6,13 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grid_maps.map_message import from_message
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.message import Message
-from protocol.steps import MapMessage
-from protocol.work import Reported
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import MapMessage
+from clustermcl.protocol.work import Reported
+from clustermcl.recordings.maps.map_message import from_message
 from tests.fuzz.any_message import any_message, message_types, messages, plain_trees
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged

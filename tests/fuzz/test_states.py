@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.events import (
+from clustermcl.coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
+from clustermcl.coordinator.events import (
     CommandArrived,
     ScanArrived,
     TimePassed,
@@ -18,11 +18,16 @@ from coordinator.events import (
     WorkerSnapshot,
     WorkerStateArrived,
 )
-from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.state_file import files_of, read, write
-from protocol.answers import Belief, SetPose
-from protocol.codec import decode, encode
-from protocol.work import Checkpoint, WorkOrder
+from clustermcl.coordinator.instructions import (
+    Instruction,
+    PublishBelief,
+    PublishCheckpoint,
+    SendOrder,
+)
+from clustermcl.coordinator.state_file import files_of, read, write
+from clustermcl.protocol.answers import Belief, SetPose
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.work import Checkpoint, WorkOrder
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations

@@ -2,17 +2,17 @@
 
 from collections.abc import Iterable
 
-from coordinator.belief.outcome import Outcome
-from coordinator.process import filter_settings
-from evaluation import in_process
-from grid_maps.grid_map import GridMap
-from process_runtime.settings import Settings
-from protocol.answers import Belief
-from protocol.steps import Scan
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
+from clustermcl.belief.outcome import Outcome
+from clustermcl.coordinator.process import filter_settings
+from clustermcl.jobs import in_process
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import Settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from tests.integration.worlds import world_of
-from worker.map_model import sensor_model
 
 
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:

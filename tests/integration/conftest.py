@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
+from clustermcl.link.session import open_session
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.waiting import PATIENCE_S, patient
-from zenoh_link.session import open_session
 
 StartProcess = Callable[[Sequence[str]], RunningProcess]
 OpenClient = Callable[[], zenoh.Session]
@@ -81,7 +81,7 @@ def start_router(
 
     def start() -> RunningProcess:
         endpoint = f"zenoh.router={zenoh_settings.router}"
-        process = start_process(python_module("zenoh_link.router", "--set", endpoint))
+        process = start_process(python_module("clustermcl.link.router", "--set", endpoint))
         process.wait_for("router listens at")
         return process
 

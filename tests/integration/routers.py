@@ -2,9 +2,9 @@
 
 import zenoh
 
-from process_runtime.settings import ZenohSettings
-from zenoh_link.configuration import as_zenoh, router_configuration
-from zenoh_link.router import listen
+from clustermcl.link.configuration import as_zenoh, router_configuration
+from clustermcl.link.router import listen
+from clustermcl.runtime.settings import ZenohSettings
 
 
 def open_router(settings: ZenohSettings) -> zenoh.Session:

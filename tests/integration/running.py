@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from process_runtime.stop import StopFlag
+from clustermcl.runtime.stop import StopFlag
 
 
 @contextmanager

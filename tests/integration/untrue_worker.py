@@ -2,9 +2,9 @@
 
 import zenoh
 
-from protocol import keys
-from protocol.codec import decode, encode
-from protocol.work import OrderAnswer, TakeOver, WorkerState, WorkOrder
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.work import OrderAnswer, TakeOver, WorkerState, WorkOrder
 
 
 class UntrueWorker:

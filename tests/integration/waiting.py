@@ -10,10 +10,10 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from process_runtime.settings import Settings, ZenohSettings
-from protocol.errors import RefusedError, UnreachableError
-from protocol.message import Message
-from zenoh_link.wire import ask
+from clustermcl.link.wire import ask
+from clustermcl.protocol.errors import RefusedError, UnreachableError
+from clustermcl.protocol.message import Message
+from clustermcl.runtime.settings import Settings, ZenohSettings
 
 M = TypeVar("M", bound=Message)
 

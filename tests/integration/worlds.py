@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED
-from process_runtime.settings import Settings
-from process_runtime.sources import Simulated, parsed_source
-from robot_simulator.worlds.catalogue import simulated_world
-from robot_simulator.worlds.world import World
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.sources import Simulated, parsed_source
+from clustermcl.simulator.worlds.catalogue import simulated_world
+from clustermcl.simulator.worlds.world import World
 from tests.maps import write_map
 
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from coordinator import events
-from coordinator.coordinator import Coordinator
-from coordinator.instructions import (
+from clustermcl.coordinator import events
+from clustermcl.coordinator.coordinator import Coordinator
+from clustermcl.coordinator.instructions import (
     AskState,
     FetchMap,
     FetchScans,
@@ -16,11 +16,11 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from coordinator.replica import Replica
-from protocol.codec import decode, encode
-from protocol.steps import OdometryReading, Scan
-from protocol.terms import check_term
-from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
+from clustermcl.coordinator.replica import Replica
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.terms import check_term
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Action, Node
 from tests.simulation.world import COORDINATOR, SETTINGS

@@ -7,16 +7,21 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from coordinator import events
-from coordinator.checkpoint import arrival, state_in
-from coordinator.coordinator import Coordinator, Started
-from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.recorder.records import without_bulk
-from coordinator.state import CoordinatorState
-from coordinator.step_collector import ReadyStep
-from protocol.answers import Belief, PoseAnswer
-from protocol.codec import encode
-from protocol.work import Checkpoint, TrackReport, WorkOrder
+from clustermcl.coordinator import events
+from clustermcl.coordinator.checkpoint import arrival, state_in
+from clustermcl.coordinator.coordinator import Coordinator, Started
+from clustermcl.coordinator.instructions import (
+    Instruction,
+    PublishBelief,
+    PublishCheckpoint,
+    SendOrder,
+)
+from clustermcl.coordinator.recorder.records import without_bulk
+from clustermcl.coordinator.state import CoordinatorState
+from clustermcl.coordinator.step_collector import ReadyStep
+from clustermcl.protocol.answers import Belief, PoseAnswer
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.work import Checkpoint, TrackReport, WorkOrder
 from tests.simulation.network import SECOND, Clock
 
 SUM_TOLERANCE = 1e-9

@@ -8,7 +8,7 @@ from functools import cache
 from multiprocessing import get_context
 from multiprocessing.pool import Pool
 
-from particle_filter.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_model import SensorModel
 from tests.simulation.laws import LawBrokenError
 from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room

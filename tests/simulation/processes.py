@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from protocol.errors import UnreachableError
-from protocol.steps import OdometryReading, Scan
-from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
+from clustermcl.protocol.errors import UnreachableError
+from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
+from clustermcl.worker import worker as instructions
+from clustermcl.worker.worker import Worker
 from tests.simulation.network import Action, Asker, Node
 from tests.simulation.world import MAP, scan_of
 from tests.unit.worker import events
-from worker import worker as instructions
-from worker.worker import Worker
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from coordinator.events import CommandArrived
-from protocol.answers import Relocalize, SetPose
+from clustermcl.coordinator.events import CommandArrived
+from clustermcl.protocol.answers import Relocalize, SetPose
 from tests.simulation.network import Node
 
 if TYPE_CHECKING:

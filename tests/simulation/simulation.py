@@ -5,10 +5,17 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVar
 
-from particle_filter.sensor_model import SensorModel
-from protocol.codec import decode, encode
-from protocol.steps import OdometryReading, Scan
-from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.work import (
+    Checkpoint,
+    OrderAnswer,
+    Report,
+    TakeOver,
+    WorkerState,
+    WorkOrder,
+)
 from tests.simulation.coordinator_node import CoordinatorNode
 from tests.simulation.laws import LawBrokenError, Laws, demand
 from tests.simulation.network import SECOND, Action, Asker, Clock, Network, Node, ns

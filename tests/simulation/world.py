@@ -4,15 +4,15 @@ from functools import cache
 
 from msgspec.structs import replace
 
-from particle_filter.settings import (
+from clustermcl.filter.settings import (
     BeliefSettings,
     ClusterSettings,
     FilterSettings,
     SearchSettings,
     SensorSettings,
 )
-from process_runtime.settings import CoordinatorSettings
-from protocol.steps import Scan
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator import living
 
 MAP = living.MAP

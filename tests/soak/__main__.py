@@ -8,11 +8,11 @@ import typer
 from rich.console import Console
 
 from clustermcl.commands.options import Assignments, SettingsFile
-from process_runtime.main import EXIT_ERROR
-from process_runtime.output_files import OutputError, check_output_file, write_output_file
-from process_runtime.settings_file import load_settings
-from process_runtime.stop import StoppedError, stop_on_signals
-from protocol.errors import ClusterMclError
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.runtime.main import EXIT_ERROR
+from clustermcl.runtime.output_files import OutputError, check_output_file, write_output_file
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.stop import StoppedError, stop_on_signals
 from tests.soak.report import Progress, as_json, print_result
 from tests.soak.schedule import Kind
 from tests.soak.soak import SoakOptions, run_soak

@@ -16,7 +16,7 @@ from threading import Event, Thread
 
 import msgspec
 
-from process_runtime.main import Invocation, process_main
+from clustermcl.runtime.main import Invocation, process_main
 
 _PIECE_BYTES = 65536
 _LOOK_EVERY_S = 0.05

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 
-from process_runtime.supervisor import ChildExit
+from clustermcl.runtime.supervisor import ChildExit
 from tests.soak.promises import Break, DoneFault, Verdict
 from tests.soak.schedule import Kind
 

@@ -11,15 +11,15 @@ import time
 import msgspec
 import zenoh
 
-from process_runtime.main import Invocation, process_main
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.message import Message, PoseTuple
-from protocol.steps import OdometryReading
-from robot_simulator.simulation import Simulation
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.message import Message, PoseTuple
+from clustermcl.protocol.steps import OdometryReading
+from clustermcl.runtime.main import Invocation, process_main
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.simulator.simulation import Simulation
 from tests.soak.eight_rooms import soak_world
-from zenoh_link.session import open_session
-from zenoh_link.wire import Publisher
 
 TRUTH_KEY = "simulator/truth"
 KIDNAP_KEY = "simulator/kidnap"

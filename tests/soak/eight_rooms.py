@@ -8,10 +8,10 @@ from math import hypot
 
 import numpy as np
 
-from process_runtime.sources import Simulated
-from protocol.message import PoseTuple
-from robot_simulator.worlds.catalogue import simulated_world
-from robot_simulator.worlds.world import Canvas, World, world_from_map
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.runtime.sources import Simulated
+from clustermcl.simulator.worlds.catalogue import simulated_world
+from clustermcl.simulator.worlds.world import Canvas, World, world_from_map
 
 COLUMNS, ROWS = 4, 2
 PLACES = COLUMNS * ROWS

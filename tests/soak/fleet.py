@@ -10,13 +10,13 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from process_runtime.settings import Settings
-from process_runtime.settings_table import settings_as_toml
-from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from clustermcl.link.configuration import router_configuration
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_table import settings_as_toml
+from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from tests.maps import write_map
 from tests.soak.cables import set_cables
 from tests.soak.eight_rooms import soak_world
-from zenoh_link.configuration import router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
 CABLES, POOL = "cables", "pool"
@@ -146,7 +146,7 @@ class Fleet:
         }  # fmt: skip
         file = self._folder / "router.json5"
         file.write_text(json.dumps(configuration), "utf-8")
-        command = python_module("zenoh_link.router", "--config", str(file))
+        command = python_module("clustermcl.link.router", "--config", str(file))
         return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
 
     def _cables(self, router: str) -> ChildSpec:

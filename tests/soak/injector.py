@@ -8,9 +8,9 @@ from typing import Protocol
 
 import psutil
 
-from protocol import keys
-from protocol.codec import decode
-from protocol.steps import LaserReading, OdometryReading
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.steps import LaserReading, OdometryReading
 from tests.integration.system.rubbish import PUBLISHED, SERVED, bad_readings, no_messages
 from tests.soak.driver import KIDNAP_KEY
 from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part

@@ -9,9 +9,9 @@ import psutil
 import zenoh
 from scipy.stats import theilslopes
 
-from process_runtime.settings import Settings
+from clustermcl.link.configuration import as_zenoh, client_configuration
+from clustermcl.runtime.settings import Settings
 from tests.soak.promises import Verdict
-from zenoh_link.configuration import as_zenoh, client_configuration
 
 WARM_UP_S = 180.0
 """Time of a process in which caches and histories grow to their bounds. A worker's memory grows

@@ -7,18 +7,18 @@ from typing import TypeVar
 
 import msgspec
 
-from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief, PoseAnswer
-from protocol.message import Message
-from protocol.steps import LaserReading, OdometryReading, Scan
-from protocol.work import Reported
+from clustermcl.link.node import Node
+from clustermcl.link.wire import Received
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief, PoseAnswer
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.protocol.work import Reported
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
 from tests.soak.driver import TRUTH_KEY, TrueMotion
 from tests.soak.eight_rooms import copies_in_all_rooms, eight_rooms
 from tests.soak.promises import AgeTrue, Answered, Outages, Question, StepsOnce, TruthHeld, Verdict
-from zenoh_link.node import Node
-from zenoh_link.wire import Received
 
 HAND_OVER_S = 2.0
 """A step waits this long for a job that was just given to another worker."""
@@ -63,7 +63,9 @@ class Observer:
         self.is_judging = False
         """Set when the first search is over."""
         self._wall_ns = time.time_ns() - time.monotonic_ns()
-        logging.getLogger("zenoh_link").setLevel("ERROR")  # the soak itself sends malformed ones
+        logging.getLogger("clustermcl.link").setLevel(
+            "ERROR"
+        )  # the soak itself sends malformed ones
         self.node = Node("soak", "soak", settings, stop, peers=keys.ALL_WORKERS_ALIVE)
         self._subscribe(keys.BELIEF, Belief, self._on_belief)
         self._subscribe(keys.SCAN, Scan, lambda at_ns, scan: self._steps.on_scan(at_ns, scan.step))

@@ -4,9 +4,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
-from protocol.answers import Belief, PoseAnswer
-from protocol.message import PoseTuple
+from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from clustermcl.protocol.answers import Belief, PoseAnswer
+from clustermcl.protocol.message import PoseTuple
 from tests.soak.schedule import Kind
 
 KEPT_BREAKS = 200

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from process_runtime.version import VERSION
+from clustermcl.runtime.version import VERSION
 from tests.soak.promises import Break, DoneFault, Verdict
 
 _KEPT = {True: "yes", False: "NO", None: "-"}

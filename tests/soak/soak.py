@@ -12,10 +12,10 @@ from pathlib import Path
 import psutil
 from msgspec.structs import replace
 
-from clustermcl.stack import meeting_in, temporary_folder
-from process_runtime.settings import Settings
-from process_runtime.stop import StopFlag
-from protocol.errors import ClusterMclError, SettingsError
+from clustermcl.commands.stack import meeting_in, temporary_folder
+from clustermcl.protocol.errors import ClusterMclError, SettingsError
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
 from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_files_in
 from tests.soak.eight_rooms import PLACES, eight_rooms
 from tests.soak.fleet import Fleet

@@ -11,25 +11,25 @@ import numpy as np
 import yaml
 import zenoh
 
-from clustermcl.stack import COORDINATOR
-from particle_filter.poses import wrap_angle
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
-from protocol.answers import PoseAnswer
-from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_matrix
-from protocol.steps import OdometryReading
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.filter.poses import wrap_angle
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_matrix
+from clustermcl.protocol.steps import OdometryReading
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
 from tests.integration.running import running
 from tests.integration.waiting import wait_until
 from tests.maps import write_map
-from zenoh_link.wire import Publisher
 
 PACE = 4
 """A `Robot` drives this many times as fast as in its own time."""

@@ -15,25 +15,30 @@ import psutil
 import zenoh
 
 from clustermcl.client import Client
-from clustermcl.stack import WORKERS, Stack, meeting_in
-from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
-from protocol.answers import Belief, PoseAnswer, Status
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError
-from protocol.job_events import JobEvent
-from protocol.message import Message
-from protocol.steps import Scan, ScanHistory
+from clustermcl.commands.stack import WORKERS, Stack, meeting_in
+from clustermcl.filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from clustermcl.link.session import open_session
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief, PoseAnswer, Status
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.job_events import JobEvent
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import Scan, ScanHistory
+from clustermcl.runtime.settings import (
+    BridgeSettings,
+    CoordinatorSettings,
+    Settings,
+    WorkerSettings,
+)
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S, answered, patient_client, wait_until
-from zenoh_link.session import open_session
 
 M = TypeVar("M", bound=Message)
 
-SIMULATOR = "robot_simulator"
+SIMULATOR = "simulator"
 SMALL = Settings(
     seed=3,
     cluster=ClusterSettings(particles=300),

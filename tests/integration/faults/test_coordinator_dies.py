@@ -8,21 +8,21 @@ import time
 import msgspec
 import pytest
 
-from clustermcl.stack import COORDINATOR, WORKERS
-from coordinator.checkpoint import state_in
-from particle_filter.settings import BeliefSettings
-from process_runtime.settings import BridgeSettings
-from protocol import keys
-from protocol.answers import PoseAnswer
-from protocol.codec import encode
-from protocol.errors import UnreachableError
-from protocol.job_events import Began
-from protocol.work import Checkpoint
+from clustermcl.commands.stack import COORDINATOR, WORKERS
+from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.filter.settings import BeliefSettings
+from clustermcl.link.wire import alive, ask
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.errors import UnreachableError
+from clustermcl.protocol.job_events import Began
+from clustermcl.protocol.work import Checkpoint
+from clustermcl.runtime.settings import BridgeSettings
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.live_robot import assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import IMPATIENT, SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
-from zenoh_link.wire import alive, ask
 
 LEASE_S = 2.0
 """After this time of silence the router closes a link."""

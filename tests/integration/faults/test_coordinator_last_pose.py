@@ -4,11 +4,11 @@ from pathlib import Path
 
 import msgspec
 
-from coordinator import state_file
-from coordinator.checkpoint import state_in
-from coordinator.recovery import LastPlace
-from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
-from protocol.work import Checkpoint
+from clustermcl.coordinator import state_file
+from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.coordinator.recovery import LastPlace
+from clustermcl.protocol.work import Checkpoint
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.waiting import wait_until
 

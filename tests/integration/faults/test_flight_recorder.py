@@ -9,12 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from clustermcl.stack import COORDINATOR
-from coordinator.recorder.records import Happened
-from coordinator.recorder.replay import Believed, CoordinatorActs, replayed
-from process_runtime.settings import RecorderSettings
-from process_runtime.version import VERSION
-from protocol.answers import Belief
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.coordinator.recorder.records import Happened
+from clustermcl.coordinator.recorder.replay import Believed, CoordinatorActs, replayed
+from clustermcl.protocol.answers import Belief
+from clustermcl.runtime.settings import RecorderSettings
+from clustermcl.runtime.version import VERSION
 from tests.integration.faults.live_robot import with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.system.commands import ran

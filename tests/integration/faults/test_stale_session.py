@@ -12,12 +12,16 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from coordinator.loop import Loop
-from coordinator.replica import Replica
-from process_runtime.settings import RobotSettings, Settings, ZenohSettings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
+from clustermcl.coordinator.loop import Loop
+from clustermcl.coordinator.replica import Replica
+from clustermcl.link.node import Node
+from clustermcl.link.session import open_session
+from clustermcl.link.stale_session import STALE
+from clustermcl.link.wire import is_alive
+from clustermcl.protocol import keys
+from clustermcl.runtime.settings import RobotSettings, Settings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
@@ -26,10 +30,6 @@ from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.integration.worlds import write_room
 from tests.unit.recordings.logs import ORIGIN, laser_reading
-from zenoh_link.node import Node
-from zenoh_link.session import open_session
-from zenoh_link.stale_session import STALE
-from zenoh_link.wire import is_alive
 
 LOOK_S = 2.0
 
@@ -139,7 +139,7 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
         looked.append(time.monotonic())
         return has_leader
 
-    monkeypatch.setattr("zenoh_link.wire.is_alive", sees_leader)
+    monkeypatch.setattr("clustermcl.link.wire.is_alive", sees_leader)
     router, settings = start_router(), Settings(zenoh=zenoh_settings)
 
     def follow(stop: StopFlag) -> None:

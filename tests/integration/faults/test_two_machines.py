@@ -8,10 +8,10 @@ from typing import NamedTuple
 import msgspec
 import pytest
 
-from clustermcl.stack import COORDINATOR
-from process_runtime.settings import WorkerSettings
-from process_runtime.supervisor import python_module
-from protocol.answers import PoseAnswer
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.runtime.settings import WorkerSettings
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.faults.system import IMPATIENT, System, system
 from tests.integration.faults.two_machines import Cable, second_machine
 from tests.integration.free_port import free_port
@@ -55,7 +55,7 @@ def machines() -> Iterator[TwoMachines]:
         endpoint = f"tcp/{cable.here}:{free_port()}"
         with system(SETTINGS, endpoint=endpoint) as tested:
             words = ["--settings", str(tested.folder / "settings.toml"), "--name", "far"]
-            command = python_module("worker", *words, "--count", str(FAR))
+            command = python_module("clustermcl.worker", *words, "--count", str(FAR))
             far = RunningProcess([*cable.over_there, *command], tested.folder, "far")
             try:
                 both = TwoMachines(tested, cable)

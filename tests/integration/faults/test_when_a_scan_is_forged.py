@@ -4,11 +4,11 @@ continues."""
 import zenoh
 from msgspec.structs import replace
 
-from clustermcl.stack import COORDINATOR
-from protocol import keys
-from protocol.codec import encode
-from protocol.message import MAX_SCAN_STEP
-from protocol.steps import Scan
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.message import MAX_SCAN_STEP
+from clustermcl.protocol.steps import Scan
 from tests.integration.faults.live_robot import BRIDGE, assert_same_as_alone, with_live_robot
 from tests.integration.faults.system import System
 from tests.integration.waiting import wait_until

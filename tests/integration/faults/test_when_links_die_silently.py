@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
+from clustermcl.link.session import open_session
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.faults.two_machines import Cable, second_machine
 from tests.integration.free_port import free_port
 from tests.integration.processes import python_script
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from zenoh_link.session import open_session
 
 LISTENERS = Path(__file__).parent / "programs" / "listeners.py"
 LINKS = 12
@@ -42,7 +42,7 @@ def test_a_client_with_a_link_is_answered_while_other_links_die(
 ) -> None:
     settings = ZenohSettings(router=f"tcp/{cable.here}:{free_port()}")
     words = ["--set", f"zenoh.router={settings.router}"]
-    start_process(python_module("zenoh_link.router", *words)).wait_for("router listens at")
+    start_process(python_module("clustermcl.link.router", *words)).wait_for("router listens at")
     listeners = python_script(LISTENERS, *words, "--count", str(LINKS))
     start_process([*cable.over_there, *listeners]).wait_for("all listen")
     robot, stop = RobotSettings(), StopFlag()

@@ -10,12 +10,12 @@ import numpy as np
 import zenoh
 from msgspec.structs import replace
 
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Status
-from protocol.arrays import ArrayBlob
-from protocol.codec import encode
-from protocol.steps import Observation, PositionField
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Status
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.steps import Observation, PositionField
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.faults.live_robot import BRIDGE, WORLD, Robot, with_bridge
 from tests.integration.running import running
 from tests.integration.waiting import wait_until

@@ -6,17 +6,17 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from protocol import keys
-from protocol.answers import PoseAnswer
-from protocol.job_events import Ended
-from protocol.steps import OdometryReading
-from recordings.map_file import load_map
-from robot_simulator.worlds.catalogue import world
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.job_events import Ended
+from clustermcl.protocol.steps import OdometryReading
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import BRIDGE, with_live_robot
 from tests.integration.faults.system import SMALL, System
 from tests.integration.waiting import stretched_s, wait_until
 from tests.maps import write_map
-from zenoh_link.wire import Publisher
 
 STALE_AFTER_S = 1.0
 COORDINATOR = replace(SMALL.coordinator, stale_after_s=STALE_AFTER_S)

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from clustermcl.client import Client
-from protocol.answers import PoseAnswer
-from protocol.message import Covariance, ellipse_axes
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.message import Covariance, ellipse_axes
 from tests.integration.faults.live_robot import Robot, with_bridge
 from tests.integration.faults.system import System
 from tests.integration.waiting import wait_until

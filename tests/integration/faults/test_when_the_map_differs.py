@@ -9,18 +9,18 @@ from pathlib import Path
 import zenoh
 from msgspec.structs import replace
 
-from clustermcl.stack import COORDINATOR, WORKERS
-from grid_maps.map_message import to_message
-from protocol import keys
-from protocol.codec import decode, encode
-from protocol.steps import Scan
-from recordings.map_file import load_map
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.stack import COORDINATOR, WORKERS
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import SIMULATOR, SMALL, System, system
 from tests.integration.waiting import wait_until
 from tests.integration.worlds import world_of
 from tests.maps import write_map
-from zenoh_link.wire import Publisher
 
 
 def repeat_every_scan(tested: System, ours: str, theirs: str) -> None:

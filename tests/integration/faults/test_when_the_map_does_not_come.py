@@ -8,22 +8,22 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from grid_maps.map_message import to_message
-from process_runtime.settings import Settings, ZenohSettings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.codec import decode, encode
-from protocol.health import Health
-from protocol.steps import ScanHistory
-from protocol.work import OrderAnswer, WorkOrder
-from robot_simulator.worlds.catalogue import world
+from clustermcl.link.node import Node
+from clustermcl.link.wire import ask, ask_later
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.health import Health
+from clustermcl.protocol.steps import ScanHistory
+from clustermcl.protocol.work import OrderAnswer, WorkOrder
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.runtime.settings import Settings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.worker.process import WorkerLoop
 from tests.integration.conftest import OpenClient
 from tests.integration.running import running
 from tests.integration.waiting import answered, stretched_s, wait_until
 from tests.unit.worker.test_job_table import cloud, track
-from worker.process import WorkerLoop
-from zenoh_link.node import Node
-from zenoh_link.wire import ask, ask_later
 
 NAME = "worker-0"
 SOON_S = 5.0

@@ -11,24 +11,24 @@ import pytest
 import zenoh
 
 from clustermcl.client import Client
-from clustermcl.stack import COORDINATOR
-from grid_maps.grid_map import GridMap
-from process_runtime.settings import BridgeSettings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief
-from protocol.arrays import ArrayBlob
-from protocol.codec import encode
-from protocol.errors import CommandRefusedError
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, MapReading, OdometryReading
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.errors import CommandRefusedError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.running import running
 from tests.integration.sensor_bridge.robot import answering
 from tests.integration.waiting import wait_until
-from zenoh_link.wire import Publisher
 
 LASER_HZ = 10.0
 

@@ -2,7 +2,7 @@
 
 import time
 
-from clustermcl.stack import COORDINATOR, ROUTER, WORKERS
+from clustermcl.commands.stack import COORDINATOR, ROUTER, WORKERS
 from tests.integration.faults.system import SIMULATOR, system
 from tests.integration.waiting import stretched_s, wait_until
 

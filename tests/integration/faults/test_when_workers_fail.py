@@ -15,19 +15,19 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
+from clustermcl.belief.ensemble import ELSEWHERE
 from clustermcl.client import Client
-from clustermcl.stack import COORDINATOR, WORKERS
-from coordinator.belief.ensemble import ELSEWHERE
-from process_runtime.settings import CoordinatorSettings, WorkerSettings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.work import Particles, Reported, TrackReport, reports_in
+from clustermcl.commands.stack import COORDINATOR, WORKERS
+from clustermcl.link.session import open_session
+from clustermcl.protocol import keys
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.work import Particles, Reported, TrackReport, reports_in
+from clustermcl.runtime.settings import CoordinatorSettings, WorkerSettings
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.faults.system import IMPATIENT, SIMULATOR, SMALL, System, system
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
-from zenoh_link.session import open_session
 
 SIX_WORKERS = replace(SMALL, worker=WorkerSettings(count=6))
 """Four clusters, and a look elsewhere: one stands by."""

@@ -10,10 +10,10 @@ import psutil
 import pytest
 from msgspec.structs import replace
 
-import clustermcl.stack
-from clustermcl.stack import WORKERS
-from process_runtime.settings import WorkerSettings
-from process_runtime.supervisor import python_module
+import clustermcl.commands.stack
+from clustermcl.commands.stack import WORKERS
+from clustermcl.runtime.settings import WorkerSettings
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import python_script
 from tests.integration.waiting import wait_until

@@ -7,8 +7,13 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import (
+from clustermcl.filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from clustermcl.link.session import open_session
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.runtime.settings import (
     BridgeSettings,
     CoordinatorSettings,
     RobotSettings,
@@ -16,15 +21,10 @@ from process_runtime.settings import (
     WorkerSettings,
     ZenohSettings,
 )
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.message import PoseTuple
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.soak.driver import TRUTH_KEY, TrueMotion
 from tests.soak.fleet import POOL, Fleet
-from zenoh_link.session import open_session
 
 WORLD = "hall"
 RATE_HZ = 2.0

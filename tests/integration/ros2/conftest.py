@@ -8,18 +8,18 @@ import msgspec
 import pytest
 import zenoh
 
-from process_runtime.ros2_settings import Ros2Settings
-from process_runtime.settings import CoordinatorSettings, RobotSettings, Settings, ZenohSettings
-from process_runtime.settings_table import settings_as_toml
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from recordings.rigid import IDENTITY
+from clustermcl.link.session import open_session
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import CoordinatorSettings, RobotSettings, Settings, ZenohSettings
+from clustermcl.runtime.settings_table import settings_as_toml
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.system_double import SystemDouble
 from tests.integration.waiting import PATIENCE_S
-from zenoh_link.session import open_session
 
 StartBridge = Callable[..., RunningProcess]
 OpenRobot = Callable[..., RosRobot]
@@ -86,7 +86,7 @@ def start_bridge(
         file = tmp_path / f"bridge-{count}.toml"
         ros2 = ros2 or Ros2Settings()
         file.write_text(settings_as_toml(msgspec.structs.replace(settings, ros2=ros2)))
-        process = start_process(python_module("ros2_bridge", "--settings", str(file)))
+        process = start_process(python_module("clustermcl.ros2", "--settings", str(file)))
         process.wait_for(expect)
         return process
 

@@ -1,6 +1,6 @@
 """A robot that speaks ROS 2 over rmw_zenoh: a node made of the bridge's own parts, and listeners.
 
-`tests/unit/ros2_bridge` compares its bytes with those of a recorded robot.
+`tests/unit/ros2` compares its bytes with those of a recorded robot.
 """
 
 import math
@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED
-from process_runtime.ros2_settings import Ros2Settings
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading
-from recordings.rigid import IDENTITY, Rigid
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import decode, encode, new, request_of, response_of, type_hash
-from ros2_bridge.messages_out import header, pose, pose_stamped, transform
-from ros2_bridge.node import FromRos, RosNode, RosPublisher
-from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
-from ros2_bridge.wire import NodeName, attachment, data_key
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.link.inbox import Inbox
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.rigid import IDENTITY, Rigid
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import decode, encode, new, request_of, response_of, type_hash
+from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
+from clustermcl.ros2.node import FromRos, RosNode, RosPublisher
+from clustermcl.ros2.topics import INITIAL_POSE, Topic, Topics
+from clustermcl.ros2.wire import NodeName, attachment, data_key
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.waiting import PATIENCE_S, wait_until
-from zenoh_link.inbox import Inbox
 
 SCAN = LaserReading(
     sender="test",

@@ -9,15 +9,15 @@ import numpy as np
 import zenoh
 from numpy.typing import NDArray
 
-from protocol import keys
-from protocol.advice import Advice
-from protocol.answers import CommandDone, State, Status
-from protocol.codec import decode, encode
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, MapReading, Observation, OdometryReading
-from protocol.work import TrackReport
+from clustermcl.protocol import keys
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import CommandDone, State, Status
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
+from clustermcl.protocol.work import TrackReport
 from tests.integration.waiting import answered
-from tests.unit.ros2_bridge.beliefs import belief
+from tests.unit.ros2.beliefs import belief
 
 
 class SystemDouble:

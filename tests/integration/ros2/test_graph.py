@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import IDENTITY
-from ros2_bridge.topics import AMCL_POSE, BOND
-from ros2_bridge.wire import HUMBLE_HASH
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.ros2.topics import AMCL_POSE, BOND
+from clustermcl.ros2.wire import HUMBLE_HASH
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.processes import RunningProcess
 from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSession, OpenSystem, StartBridge
 from tests.integration.waiting import stretched_s, wait_until

@@ -3,18 +3,18 @@ import time
 import numpy as np
 import pytest
 
-from process_runtime.ros2_settings import Ros2Settings
-from protocol.steps import LaserReading
-from recordings.rigid import IDENTITY, flat
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new
-from ros2_bridge.messages_out import header, pose_stamped
-from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
+from clustermcl.protocol.steps import LaserReading
+from clustermcl.recordings.rigid import IDENTITY, flat
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import new
+from clustermcl.ros2.messages_out import header, pose_stamped
+from clustermcl.ros2.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.ros2.conftest import OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan
 from tests.integration.ros2.system_double import SystemDouble
 from tests.integration.waiting import wait_until
-from tests.unit.ros2_bridge.beliefs import COVARIANCE
+from tests.unit.ros2.beliefs import COVARIANCE
 
 pytestmark = pytest.mark.usefixtures("router")
 

@@ -1,10 +1,16 @@
 import numpy as np
 import pytest
 
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED
-from recordings.rigid import flat
-from ros2_bridge.topics import AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION, PARTICLE_CLOUD, STATE
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.rigid import flat
+from clustermcl.ros2.topics import (
+    AMCL_POSE,
+    HYPOTHESES,
+    HYPOTHESIS_DETECTION,
+    PARTICLE_CLOUD,
+    STATE,
+)
 from tests.integration.ros2.conftest import ACTIVE, Active, OpenRobot, OpenSystem, StartBridge
 from tests.integration.waiting import wait_until
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import IDENTITY
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new, request_of
-from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import new, request_of
+from clustermcl.ros2.topics import AMCL_POSE, BOND, TRANSITION_EVENT
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.ros2.conftest import ACTIVE, Active, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.waiting import stretched_s, wait_until

@@ -3,14 +3,14 @@ from typing import Any
 
 import pytest
 
-from clustermcl.stack import COORDINATOR
-from protocol import keys
-from protocol.answers import CommandDone, Configure
-from protocol.live_settings import LiveSettings
-from robot_simulator.worlds.catalogue import world
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new, request_of
-from ros2_bridge.topics import BOND
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import CommandDone, Configure
+from clustermcl.protocol.live_settings import LiveSettings
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import new, request_of
+from clustermcl.ros2.topics import BOND
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from rosbags.interfaces import Nodetype
 
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import decode, encode, new, typestore
-from tests.unit.ros2_bridge.test_message_types import HALVES, MESSAGES
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import decode, encode, new, typestore
+from tests.unit.ros2.test_message_types import HALVES, MESSAGES
 
 PROGRAM = Path(__file__).parent / "programs" / "ros_bytes.py"
 FILLER = "structure_needs_at_least_one_member"

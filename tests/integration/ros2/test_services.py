@@ -4,14 +4,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from process_runtime.ros2_settings import Ros2Settings
-from protocol.advice import Advice, Way
-from recordings.rigid import IDENTITY
-from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new, request_of, type_hash
-from ros2_bridge.messages_out import pose_stamped
-from ros2_bridge.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
-from ros2_bridge.wire import attachment, data_key
+from clustermcl.protocol.advice import Advice, Way
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.message_types import new, request_of, type_hash
+from clustermcl.ros2.messages_out import pose_stamped
+from clustermcl.ros2.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
+from clustermcl.ros2.wire import attachment, data_key
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.ros2.conftest import (
     ACTIVE,
     Active,

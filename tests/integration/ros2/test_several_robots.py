@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import IDENTITY
-from ros2_bridge.topics import AMCL_POSE
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.ros2.topics import AMCL_POSE
+from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.ros2.conftest import OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import planar
 from tests.integration.waiting import wait_until

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from clustermcl.client import Client
-from process_runtime.settings import Settings, ZenohSettings
-from protocol.errors import ClusterMclError
-from recordings.rigid import IDENTITY
-from robot_simulator.worlds.catalogue import world
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.recordings.rigid import IDENTITY
+from clustermcl.runtime.settings import Settings, ZenohSettings
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.ros2.conftest import OpenRobot, OpenSession
 from tests.integration.ros2.test_graph import ENDPOINTS, Graph
 from tests.integration.system.commands import SMALL_FILTER, ran, typed
@@ -37,8 +37,8 @@ def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
     with typed(*words, folder=tmp_path, environment=environment) as up:
         wait_until(lambda: graph.endpoints() == ENDPOINTS)
         modules = {word for process in up.meet_family() for word in process.cmdline()}
-        assert "ros2_bridge" in modules
-        assert "zenoh_link.router" not in modules
+        assert "ros2" in modules
+        assert "clustermcl.link.router" not in modules
         in_map = world("cross").map
         robot.put_map(in_map)
 
@@ -81,6 +81,6 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
 def test_invalid_ros_settings_are_one_line_of_error(words: list[str], problem: str) -> None:
     ended = ran(*words)
     assert ended.returncode == 2
-    assert ended.stderr.startswith(("clustermcl: ", "ros2_bridge: "))
+    assert ended.stderr.startswith(("clustermcl: ", "ros2: "))
     assert problem in ended.stderr
     assert len(ended.stderr.splitlines()) == 1

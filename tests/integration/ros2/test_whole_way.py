@@ -17,29 +17,29 @@ import psutil
 import pytest
 import zenoh
 
-from clustermcl.stack import COORDINATOR
-from particle_filter.poses import compose, wrap_angle
-from process_runtime.ros2_settings import Ros2Settings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading, Scan
-from recordings.rigid import flat
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
-from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
-from sensor_bridge.step_maker import StepMaker, steps_from
+from clustermcl.commands.stack import COORDINATOR
+from clustermcl.filter.poses import compose, wrap_angle
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import is_alive
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.recordings.rigid import flat
+from clustermcl.ros2.topics import AMCL_POSE, HYPOTHESIS_DETECTION
+from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import assert_same, outcomes_of_scans
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.ros2.robot import RosRobot, planar
 from tests.integration.running import running
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from tests.maps import write_map
-from zenoh_link.session import open_session
-from zenoh_link.wire import is_alive
 
 WORLD = "cross_feature"
 ROS2 = Ros2Settings(enabled=True, autostart=True)
@@ -65,7 +65,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         robot = RosRobot(session, ROS2)
         robot.put_map(world(WORLD).map)
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
-        wait_until(lambda: "is running in ROS domain" in tested.log("ros2_bridge"))
+        wait_until(lambda: "is running in ROS domain" in tested.log("ros2"))
         wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0))
         yield tested, robot
 
@@ -187,7 +187,7 @@ def test_a_ros_robot_is_localized_by_the_steps_of_a_robot_on_zenoh() -> None:
             wait_until(lambda: len(poses) >= count + 40, 120.0)
         from_ros = steps_of(drive.readings, receipts.readings)
         wait_until(lambda: tested.beliefs[-1].stamp_ns >= from_ros[-1].stamp_ns)
-        bridge_mb = psutil.Process(tested.pid("ros2_bridge")).memory_info().rss / 1e6
+        bridge_mb = psutil.Process(tested.pid("ros2")).memory_info().rss / 1e6
     last_pose = poses[-1]
     off = np.subtract(planar(last_pose.pose.pose), drive.truth[stamp_of(last_pose)])
     assert math.hypot(*off[:2]) < 0.2

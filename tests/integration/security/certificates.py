@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from process_runtime.settings import ZenohSettings
+from clustermcl.runtime.settings import ZenohSettings
 
 SCRIPT = Path(__file__).resolve().parents[3] / "deploy" / "certificates.sh"
 

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
+from clustermcl.link.configuration import as_zenoh
+from clustermcl.link.secure_router import secure_router_configuration
+from clustermcl.link.session import open_session
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.free_port import free_port
 from tests.integration.security.certificates import client_with, make_certificates
 from tests.integration.waiting import PATIENCE_S
-from zenoh_link.configuration import as_zenoh
-from zenoh_link.secure_router import secure_router_configuration
-from zenoh_link.session import open_session
 
 NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "recorder", "viewer", "operator")
 """Every role, with two workers' machines; of the role ``router`` there is one besides."""

@@ -7,9 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from process_runtime.settings import RobotSettings, Settings, ZenohSettings
-from process_runtime.stop import StopFlag
-from protocol.errors import UnreachableError
+from clustermcl.link.node import Node
+from clustermcl.link.session import open_session
+from clustermcl.protocol.errors import UnreachableError
+from clustermcl.runtime.settings import RobotSettings, Settings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.security.certificates import (
     client_with,
     make_certificates,
@@ -18,8 +20,6 @@ from tests.integration.security.certificates import (
     without_certificate,
 )
 from tests.integration.waiting import PATIENCE_S, wait_until
-from zenoh_link.node import Node
-from zenoh_link.session import open_session
 
 require_openssl()
 

@@ -6,18 +6,18 @@ from pathlib import Path
 import pytest
 
 from clustermcl.client import Client
-from process_runtime.settings import CoordinatorSettings, RobotSettings, Settings
-from process_runtime.settings_table import settings_as_toml
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
-from protocol.codec import encode
-from protocol.work import Checkpoint
+from clustermcl.link.session import open_session
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.work import Checkpoint
+from clustermcl.runtime.settings import CoordinatorSettings, RobotSettings, Settings
+from clustermcl.runtime.settings_table import settings_as_toml
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import client_with, require_openssl
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
-from zenoh_link.session import open_session
 
 require_openssl()
 
@@ -34,7 +34,7 @@ def coordinator(
     )
     file = tmp_path / "settings.toml"
     file.write_text(settings_as_toml(settings))
-    command = python_module("coordinator", "--settings", str(file))
+    command = python_module("clustermcl.coordinator", "--settings", str(file))
     process = RunningProcess(command, tmp_path, "coordinator")
     yield process
     process.kill()

@@ -14,11 +14,11 @@ import pytest
 import zenoh
 from zenoh import handlers
 
-from protocol import keys
+from clustermcl.link.access_control import WORKER_PROCESSES
+from clustermcl.protocol import keys
 from tests.integration.security.certificates import require_openssl
 from tests.integration.security.conftest import NAMES, OpenAs
 from tests.integration.waiting import PATIENCE_S, wait_until
-from zenoh_link.access_control import WORKER_PROCESSES
 
 require_openssl()
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
+from clustermcl.link.session import open_session
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.security.certificates import client_with, require_openssl
 from tests.integration.security.conftest import secure_router
 from tests.integration.waiting import stretched_s, wait_until
-from zenoh_link.session import open_session
 
 require_openssl()
 

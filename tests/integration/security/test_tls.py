@@ -4,9 +4,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
-from protocol.errors import SettingsError, UnreachableError
+from clustermcl.link.configuration import client_configuration, router_configuration
+from clustermcl.link.session import open_session
+from clustermcl.protocol.errors import SettingsError, UnreachableError
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.free_port import free_port
 from tests.integration.routers import open_router
 from tests.integration.security.certificates import (
@@ -15,8 +17,6 @@ from tests.integration.security.certificates import (
     without_certificate,
 )
 from tests.integration.waiting import PATIENCE_S, wait_until
-from zenoh_link.configuration import client_configuration, router_configuration
-from zenoh_link.session import open_session
 
 require_openssl()
 

@@ -5,8 +5,8 @@ from itertools import chain
 
 import pytest
 
-from process_runtime.settings import ZenohSettings
-from process_runtime.supervisor import python_module
+from clustermcl.runtime.settings import ZenohSettings
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot
 from tests.integration.waiting import wait_until
@@ -23,7 +23,7 @@ def start_bridge(
     def start(grid_map: object = "zenoh", landmarks: object = "") -> Robot:
         values = (f"zenoh.router={router.router}", f"bridge.map={grid_map}")
         words = [("--set", value) for value in (*values, f"bridge.landmarks={landmarks}")]
-        process = start_process(python_module("sensor_bridge", *chain(*words)))
+        process = start_process(python_module("clustermcl.sensor_bridge", *chain(*words)))
         robot = Robot(open_client(), process)
         wait_until(lambda: robot.dropped() is not None)
         return robot

@@ -5,14 +5,14 @@ from contextlib import contextmanager
 
 import zenoh
 
-from protocol import keys
-from protocol.codec import decode, encode
-from protocol.health import Health
-from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
+from clustermcl.link.inbox import Inbox
+from clustermcl.link.wire import Events, Received, subscribe
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.health import Health
+from clustermcl.protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import answered, wait_until
-from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Events, Received, subscribe
 
 NOT_READ = (
     "reading before the map",

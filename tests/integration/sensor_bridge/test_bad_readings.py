@@ -2,10 +2,10 @@ from pathlib import Path
 
 import msgspec
 
-from process_runtime.settings import BridgeSettings
-from protocol.steps import Reading
-from recordings.map_file import load_map
-from sensor_bridge.step_maker import StepMaker
+from clustermcl.protocol.steps import Reading
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker
 from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.system.rubbish import bad_readings
 from tests.integration.worlds import write_room

@@ -5,10 +5,10 @@ from threading import Timer
 import zenoh
 from msgspec.structs import replace
 
-from protocol import keys
-from protocol.codec import encode
-from protocol.message import MAX_SCAN_STEP
-from protocol.steps import Scan
+from clustermcl.protocol import keys
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.message import MAX_SCAN_STEP
+from clustermcl.protocol.steps import Scan
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import answering

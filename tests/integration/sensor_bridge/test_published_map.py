@@ -5,20 +5,20 @@ import numpy as np
 import pytest
 
 from clustermcl.client import Client
-from grid_maps.landmarks import load_landmarks
-from grid_maps.map_message import from_reading
-from process_runtime.settings import Settings, ZenohSettings
-from protocol import keys
-from protocol.arrays import ArrayBlob
-from protocol.codec import encode
-from protocol.message import LARGEST_BYTES
-from protocol.steps import MapReading
+from clustermcl.link import configuration
+from clustermcl.protocol import keys
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.message import LARGEST_BYTES
+from clustermcl.protocol.steps import MapReading
+from clustermcl.recordings.maps.landmarks import load_landmarks
+from clustermcl.recordings.maps.map_message import from_reading
+from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
-from zenoh_link import configuration
 
 
 def a_map(width_m: float) -> MapReading:

@@ -1,8 +1,8 @@
 from pathlib import Path
 
-from protocol import keys
-from protocol.answers import CommandDone, Update
-from protocol.message import PoseTuple
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import CommandDone, Update
+from clustermcl.protocol.message import PoseTuple
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
 from tests.integration.sensor_bridge.robot import Robot

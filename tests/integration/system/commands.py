@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 
-from process_runtime.supervisor import python_module
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S
 

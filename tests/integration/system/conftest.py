@@ -1,7 +1,12 @@
 """Settings of whole systems: router, workers, coordinator and a simulated robot as processes."""
 
-from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings, WorkerSettings
+from clustermcl.filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from clustermcl.runtime.settings import (
+    BridgeSettings,
+    CoordinatorSettings,
+    Settings,
+    WorkerSettings,
+)
 
 SMALL = Settings(
     seed=3,

@@ -9,15 +9,22 @@ import msgspec
 import numpy as np
 import zenoh
 
-from protocol import keys
-from protocol.answers import Kidnap, Relocalize, SetPose, Update
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.health import Health
-from protocol.message import Message
-from protocol.steps import LaserReading, OdometryReading, Scan
-from protocol.work import Assignment, Checkpoint, ReportBatch, Reported, TrackJob, WorkOrder
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Kidnap, Relocalize, SetPose, Update
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.health import Health
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
+from clustermcl.protocol.work import (
+    Assignment,
+    Checkpoint,
+    ReportBatch,
+    Reported,
+    TrackJob,
+    WorkOrder,
+)
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 WORKER = "worker-0"

@@ -11,8 +11,8 @@ import pytest
 
 from benchmarks.wean import as_carmen
 from tests.integration.free_port import free_port
-from tests.integration.live_view.page import frame_of, opened
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, ran, typed
+from tests.integration.view.page import frame_of, opened
 from tests.integration.waiting import PATIENCE_S
 from tests.integration.worlds import write_room
 from tests.unit.recordings import recording_or_skip

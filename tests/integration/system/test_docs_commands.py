@@ -17,10 +17,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from process_runtime.settings import Settings
-from robot_simulator.sensors import LidarModel
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.runtime.settings import Settings
+from clustermcl.simulator.sensors import LidarModel
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.faults.system import system
 from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.integration.faults.system import system
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, wait_until

@@ -8,8 +8,8 @@ import psutil
 import pytest
 
 from clustermcl.client import Client
-from process_runtime.settings import Settings, ZenohSettings
-from process_runtime.settings_table import settings_as_toml
+from clustermcl.runtime.settings import Settings, ZenohSettings
+from clustermcl.runtime.settings_table import settings_as_toml
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.system.commands import TypedCommand, ran, typed
 from tests.integration.system.conftest import SMALL

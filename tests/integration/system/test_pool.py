@@ -2,14 +2,14 @@ import re
 import signal
 from pathlib import Path
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
-from process_runtime.supervisor import python_module
-from protocol import keys
+from clustermcl.link.session import open_session
+from clustermcl.link.wire import is_alive
+from clustermcl.protocol import keys
+from clustermcl.runtime.settings import RobotSettings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.waiting import PATIENCE_S, wait_until
-from zenoh_link.session import open_session
-from zenoh_link.wire import is_alive
 
 TLS = '[zenoh]\nrouter = "tls/localhost:7447"\n'
 BAD = {
@@ -38,7 +38,7 @@ def test_a_bad_file_is_skipped_and_used_once_it_is_mended(
     good = f'[zenoh]\nrouter = "{router.router}"\n[robot]\nname = "%s"\n'
     (fleet / "a.toml").write_text(good % "robot")
     pool = start_process(
-        python_module("worker", "--name", "pool", "--fleet", str(fleet), "--count", "2")
+        python_module("clustermcl.worker", "--name", "pool", "--fleet", str(fleet), "--count", "2")
     )
 
     def is_served(robot: str) -> None:

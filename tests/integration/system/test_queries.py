@@ -16,13 +16,13 @@ from PIL import Image, ImageColor
 from prometheus_client.parser import text_string_to_metric_families
 from prometheus_client.samples import Sample
 
-from clustermcl.as_text import event_line
 from clustermcl.client import Client, NotLocalizedError
-from live_view.drawing import PALETTE
-from process_runtime.settings import MetricsSettings, Settings
-from protocol.answers import PoseAnswer
-from protocol.errors import CommandRefusedError, UnreachableError
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.as_text import event_line
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.errors import CommandRefusedError, UnreachableError
+from clustermcl.runtime.settings import MetricsSettings, Settings
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.drawing import PALETTE
 from tests.integration.faults.system import system as running_system
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import typed as started
@@ -30,7 +30,7 @@ from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
 
 STEPS = 30
-PROCESSES = {"coordinator", "robot_simulator", *(f"worker-{n}" for n in range(4))}
+PROCESSES = {"coordinator", "simulator", *(f"worker-{n}" for n in range(4))}
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def system() -> Iterator[Settings]:
         wait_until(lambda: client.pose().step == STEPS - 1)
         wait_until(lambda: {p.sender for p in client.status().processes} == PROCESSES)
         wait_until(lambda: all(p.done for p in client.status().processes))
-        wait_until(lambda: _done(client, "robot_simulator", "steps") == STEPS)
+        wait_until(lambda: _done(client, "simulator", "steps") == STEPS)
         wait_until(lambda: _done(client, "coordinator", "scans") >= STEPS)
         yield patient_client(tested.settings)
 
@@ -53,7 +53,7 @@ def _done(client: Client, process: str, what: str) -> int:
 
 
 def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
-    command = "from clustermcl.command import main; main()"
+    command = "from clustermcl.commands.command import main; main()"
     zenoh, at = patient(settings.zenoh), 1 + words[0].startswith("--")  # options of the command
     options = [
         word

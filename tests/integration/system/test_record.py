@@ -2,9 +2,9 @@ import signal
 from collections import Counter
 from pathlib import Path
 
-from process_runtime.settings import BridgeSettings
-from recordings.recording import open_recording
-from sensor_bridge.recorded import steps_of
+from clustermcl.recordings.recording import open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.recorded import steps_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import PATIENCE_S, wait_until

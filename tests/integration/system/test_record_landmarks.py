@@ -11,22 +11,22 @@ import yaml
 from msgspec.structs import replace
 
 from clustermcl import ClusterMCL, Reading
-from clustermcl.record_landmarks import LandmarkSurvey, run_record_landmarks
-from grid_maps.landmarks import load_landmarks
-from process_runtime.settings import Settings, ZenohSettings
-from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.errors import LandmarksFileError
-from protocol.steps import OdometryReading
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.record_landmarks import LandmarkSurvey, run_record_landmarks
+from clustermcl.link.wire import Publisher
+from clustermcl.protocol import keys
+from clustermcl.protocol.errors import LandmarksFileError
+from clustermcl.protocol.steps import OdometryReading
+from clustermcl.recordings.maps.landmarks import load_landmarks
+from clustermcl.runtime.settings import Settings, ZenohSettings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
 from tests.integration.running import running
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
 from tests.unit.clustermcl.test_record_landmarks import odometry, seen
-from tests.unit.live_view.messages import belief
-from zenoh_link.wire import Publisher
+from tests.unit.view.messages import belief
 
 
 def test_seen_landmarks_are_added_to_the_file(

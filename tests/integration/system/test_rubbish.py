@@ -1,6 +1,6 @@
 from collections import Counter
 
-from protocol.answers import Status
+from clustermcl.protocol.answers import Status
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.system import system
 from tests.integration.system.conftest import SMALL

@@ -4,8 +4,8 @@ from itertools import groupby
 
 import msgspec
 
-from coordinator.belief.outcome import Outcome
-from protocol.answers import Belief
+from clustermcl.belief.outcome import Outcome
+from clustermcl.protocol.answers import Belief
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.system import system
 from tests.integration.system.conftest import SMALL

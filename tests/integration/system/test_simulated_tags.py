@@ -2,9 +2,9 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from process_runtime.settings import RecorderSettings
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
+from clustermcl.runtime.settings import RecorderSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from tests.integration.alone import outcomes_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import ran

@@ -19,11 +19,11 @@ COMPILING_S = 250.0
 @pytest.mark.parametrize(
     "module",
     [
-        "sensor_bridge.process",
-        "coordinator.process",
-        "zenoh_link.router",
+        "clustermcl.sensor_bridge.process",
+        "clustermcl.coordinator.process",
+        "clustermcl.link.router",
         "clustermcl.client",
-        "clustermcl.up",
+        "clustermcl.commands.up",
     ],
 )
 def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: str) -> None:

@@ -10,9 +10,9 @@ import psutil
 import pytest
 
 from clustermcl.client import Client
-from coordinator.recorder.ring import files_in, series_of
-from process_runtime.settings import Settings, ZenohSettings
-from protocol.errors import UnreachableError
+from clustermcl.coordinator.recorder.ring import files_in, series_of
+from clustermcl.protocol.errors import UnreachableError
+from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
 from tests.integration.system.test_start import HEAVY
@@ -66,9 +66,9 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
         wait_until(lambda: any(recording.glob("*.mcap")))  # a thread of the coordinator writes it
         loaded = {
             module: heavy_libraries(pid_of(up, module))
-            for module in ("coordinator", "zenoh_link.router", "worker", "robot_simulator")
+            for module in ("coordinator", "clustermcl.link.router", "worker", "simulator")
         }
-        for module in ("coordinator", "worker", "robot_simulator"):
+        for module in ("coordinator", "worker", "simulator"):
             kill_and_wait_for_the_next(up, module)
         step = client.pose().step
         wait_until(lambda: client.pose().step > step)
@@ -78,9 +78,9 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     up.assert_nothing_runs()
     series = {series_of(file) for file in files_in(recording)}
     assert len(series) == 2, "of both coordinators, without being asked"
-    assert "scipy" in loaded.pop("robot_simulator")
+    assert "scipy" in loaded.pop("simulator")
     assert not loaded.pop("worker") & {"numba", "llvmlite"}, "it has the library of kernels"
-    assert loaded == {"coordinator": set(), "zenoh_link.router": set()}, "no mathematics"
+    assert loaded == {"coordinator": set(), "clustermcl.link.router": set()}, "no mathematics"
 
 
 def test_a_killed_system_leaves_no_process_and_the_next_one_removes_its_folder(

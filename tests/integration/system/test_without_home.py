@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from clustermcl.client import Client
-from process_runtime.settings import Settings, ZenohSettings
+from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import COMMAND, SMALL_FILTER
 from tests.integration.waiting import PATIENCE_S, wait_until
@@ -25,7 +25,7 @@ AS_ACCOUNT = [
 ]
 LIBRARY = """
 from clustermcl import ClusterMCL, Reading
-from robot_simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.catalogue import world
 small = {"search.poses": 200, "search.heading_step_rad": 0.2, "search.shards": 1}
 mcl = ClusterMCL(world("cross_feature").map, settings=small)
 print(mcl.update(Reading((0.0, 0.0, 0.0), [1.0] * 20, angle_step=0.3, range_max=9.0)).step)

@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 
 from benchmarks.people import CrowdSimulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.catalogue import world
 
 
 def test_people_change_what_is_seen_but_not_where_the_robot_drives() -> None:

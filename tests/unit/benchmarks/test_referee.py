@@ -10,11 +10,11 @@ from benchmarks import aged_maps
 from benchmarks.aged_maps import surface
 from benchmarks.referee import CHANGES, Trial, battery, begun, outcomes, row_of, score
 from benchmarks.worlds import world
-from evaluation.measures import ReportedPlace, StepFacts
-from evaluation.pose_error import PoseError
-from particle_filter.arrays import FREE, OCCUPIED
-from process_runtime.settings import Settings
-from protocol.answers import State
+from clustermcl.evaluation.measures import ReportedPlace, StepFacts
+from clustermcl.evaluation.pose_error import PoseError
+from clustermcl.filter.arrays import FREE, OCCUPIED
+from clustermcl.protocol.answers import State
+from clustermcl.runtime.settings import Settings
 
 HALL = world("hall").map
 RIGHT, WRONG = PoseError(0.1, 0.0), PoseError(9.0, 0.0)

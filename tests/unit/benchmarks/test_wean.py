@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.wean import WeanRobot
-from process_runtime.settings import BridgeSettings
-from recordings.recording import Recording
+from clustermcl.recordings.recording import Recording
+from clustermcl.runtime.settings import BridgeSettings
 from tests.unit.recordings import recording_or_skip
 from tests.unit.recordings.logs import odometry_of, scans_of, seconds, words
 

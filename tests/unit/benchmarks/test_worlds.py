@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from benchmarks.worlds import world
-from particle_filter.arrays import FREE, OCCUPIED, Cells
-from tests.unit.robot_simulator.test_worlds import unlike_when_turned
+from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
+from tests.unit.simulator.test_worlds import unlike_when_turned
 
 
 def surface(cells: Cells) -> NDArray[np.bool_]:

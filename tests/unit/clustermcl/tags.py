@@ -7,13 +7,13 @@ from itertools import islice
 import numpy as np
 
 from clustermcl import ClusterMCL, Reading
+from clustermcl.filter.poses import between
+from clustermcl.filter.settings import FilterSettings
 from clustermcl.localizer import Belief
-from particle_filter.poses import between
-from particle_filter.settings import FilterSettings
-from protocol import answers
-from protocol.steps import Landmark
-from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.catalogue import world
+from clustermcl.protocol import answers
+from clustermcl.protocol.steps import Landmark
+from clustermcl.simulator.simulation import Simulation, Tick
+from clustermcl.simulator.worlds.catalogue import world
 
 CROSS = world("cross")
 _LOW = CROSS.map.map_from_grid[:2]

@@ -3,9 +3,9 @@ import math
 
 import msgspec
 
-from clustermcl.as_json import dumped, json_object
-from protocol.answers import Hypotheses, PoseAnswer
-from protocol.job_events import Began, Ended, JobEvents, NumberedEvent
+from clustermcl.commands.as_json import dumped, json_object
+from clustermcl.protocol.answers import Hypotheses, PoseAnswer
+from clustermcl.protocol.job_events import Began, Ended, JobEvents, NumberedEvent
 from tests.unit.evaluation.places import COVARIANCE, STATUS, belief, place
 
 ANSWER = PoseAnswer(

@@ -3,7 +3,7 @@ import math
 import msgspec
 import pytest
 
-from clustermcl.as_text import (
+from clustermcl.commands.as_text import (
     advice_lines,
     belief_line,
     hypotheses_lines,
@@ -12,9 +12,9 @@ from clustermcl.as_text import (
     pose_text,
     status_lines,
 )
-from protocol.advice import Advice, Way
-from protocol.answers import Hypotheses
-from protocol.health import SourceHealth
+from clustermcl.protocol.advice import Advice, Way
+from clustermcl.protocol.answers import Hypotheses
+from clustermcl.protocol.health import SourceHealth
 from tests.unit.clustermcl.test_as_json import ANSWER
 from tests.unit.evaluation.places import STATUS, belief, place
 

@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.command import app
-from process_runtime.settings import Settings
-from protocol.errors import RecordingError
+from clustermcl.commands.command import app
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.runtime.settings import Settings
 from tests.unit.recordings.bags import grid, scan, written
 
 NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--base-frame", "d"]
@@ -14,8 +14,8 @@ NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--bas
 @pytest.mark.parametrize(
     ("command", "runs"),
     [
-        (["evaluate", "robot.bag"], "evaluation.evaluate.run_evaluate"),
-        (["demo", "--recording", "robot.bag"], "clustermcl.demo.run_demo"),
+        (["evaluate", "robot.bag"], "clustermcl.evaluation.evaluate.run_evaluate"),
+        (["demo", "--recording", "robot.bag"], "clustermcl.commands.demo.run_demo"),
     ],
 )
 def test_topics_and_frames_named_on_the_command_line_are_settings(

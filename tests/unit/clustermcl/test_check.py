@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.check import MOST_CELLS
-from clustermcl.command import app
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED, UNKNOWN
-from protocol.errors import MapFileError, RecordingError
+from clustermcl.commands.check import MOST_CELLS
+from clustermcl.commands.command import app
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN
+from clustermcl.protocol.errors import MapFileError, RecordingError
+from clustermcl.recordings.maps.grid_map import GridMap
 from tests.maps import write_map
 
 

@@ -6,9 +6,9 @@ import sys
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.command import COMMANDS, app
-from process_runtime.settings import Settings
-from protocol.errors import ClusterMclError, SettingsError
+from clustermcl.commands.command import COMMANDS, app
+from clustermcl.protocol.errors import ClusterMclError, SettingsError
+from clustermcl.runtime.settings import Settings
 
 NAMES = [name for group in COMMANDS.values() for name in group]
 ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]

@@ -1,5 +1,5 @@
-from clustermcl.demo_output import DemoSummary
-from protocol.job_events import Ended, NumberedEvent
+from clustermcl.commands.demo_output import DemoSummary
+from clustermcl.protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import STATUS, belief, place
 
 END = "40 steps, 1 lost, 1 workers, 3.0 s."

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from clustermcl import ClusterMCL, Reading, RecordingError, SettingsError, read_recording, register
-from particle_filter import extensions
-from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings
-from protocol.arrays import ArrayBlob
-from protocol.work import Assignment, ElsewhereJob, Job, Particles, SearchJob, TrackJob
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
+from clustermcl.filter import extensions
+from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import running
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, Particles, SearchJob, TrackJob
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
-from worker.jobs import running
 
 
 @pytest.fixture(autouse=True)
@@ -86,7 +86,7 @@ def test_an_installed_model_is_found_by_its_entry_point(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "own_model.py").write_text(
-        "from particle_filter.likelihood_field_model import LikelihoodFieldModel\n"
+        "from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel\n"
         "class Own(LikelihoodFieldModel):\n    pass\n"
     )
     about = tmp_path / "own_model-1.0.dist-info"

@@ -4,36 +4,36 @@ from pathlib import Path
 
 import pytest
 
-from robot_simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.catalogue import world
 from tests.maps import write_map
 from tests.unit.programs import ran
 
 SETTINGS_FILE = """
 from pathlib import Path
-from process_runtime.settings_file import load_settings
+from clustermcl.runtime.settings_file import load_settings
 use = lambda: load_settings(Path(folder, "settings.toml"), ["search.poses=200"])
 """
 LANDMARKS_FILE = """
-from grid_maps.landmarks import load_landmarks
+from clustermcl.recordings.maps.landmarks import load_landmarks
 use = lambda: load_landmarks(f"{folder}/landmarks.yaml")
 """
 MESSAGE = """
-from protocol.codec import decode, encode
-from protocol.steps import OdometryReading
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import OdometryReading
 data = encode(OdometryReading(sender="r", stamp_ns=1, odom_from_robot=(0.0, 0.0, 0.0)))
 use = lambda: decode(data, OdometryReading)
 """
 ORDER = """
 import msgspec
-from particle_filter.settings import FilterSettings
-from worker.worker import converted
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.worker.worker import converted
 order = msgspec.to_builtins(FilterSettings())
 use = lambda: converted(order, FilterSettings)
 """
 LIBRARY = """
 import threading
-from particle_filter.settings import SensorSettings
-from worker.warm_up import compile_kernels
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs.warm_up import compile_kernels
 compile_kernels(SensorSettings())
 from clustermcl import ClusterMCL, Reading, load_landmarks, load_map
 ClusterMCL, Reading

@@ -5,8 +5,8 @@ from itertools import islice
 import pytest
 
 from clustermcl import ClusterMCL, Reading
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import is_right
 

@@ -4,10 +4,10 @@ from itertools import islice
 import numpy as np
 
 from clustermcl import ClusterMCL, Reading
-from particle_filter.poses import compose
-from protocol.steps import Landmark
-from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.catalogue import world
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.steps import Landmark
+from clustermcl.simulator.simulation import Simulation, Tick
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import SIGMA_M, is_right, sight
 

@@ -23,11 +23,11 @@ from clustermcl import (
     load_map,
     read_recording,
 )
-from process_runtime.settings import BridgeSettings
-from recordings.recording import open_recording
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recorded import steps_of
+from clustermcl.recordings.recording import open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.alone import outcomes_of, outcomes_of_scans
 from tests.integration.system.conftest import SMALL
 from tests.maps import write_map

@@ -6,10 +6,10 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl import ClusterMCL, Reading
-from particle_filter.poses import compose
-from protocol.steps import Landmark
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.steps import Landmark
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import SIGMA_M, is_right, sight
 

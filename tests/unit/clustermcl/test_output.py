@@ -26,4 +26,4 @@ def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
 
 def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
     message = "secure_router: standard output: cannot be written: No space left on device\n"
-    assert typed("zenoh_link.secure_router") == (2, message)
+    assert typed("clustermcl.link.secure_router") == (2, message)

@@ -8,9 +8,9 @@ import pytest
 
 from clustermcl import ClusterMCL, Reading
 from clustermcl.localizer import Belief
-from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.catalogue import world
-from robot_simulator.worlds.world import World
+from clustermcl.simulator.simulation import Simulation, Tick
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.world import World
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import CENTRE, CROSS, REACH_M, is_right
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.record_landmarks import MAX_OBSERVATIONS, MIN_OBSERVATIONS, LandmarkSurvey
-from protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
-from tests.unit.live_view.messages import belief
+from clustermcl.commands.record_landmarks import MAX_OBSERVATIONS, MIN_OBSERVATIONS, LandmarkSurvey
+from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
+from tests.unit.view.messages import belief
 
 TAG = np.array([3.0, 4.0])
 S = 1_000_000_000

@@ -7,20 +7,20 @@ import msgspec
 import pytest
 from typer.testing import CliRunner, Result
 
-from clustermcl import replay
-from clustermcl.command import app
-from coordinator.belief import bayes_update
-from coordinator.events import WorkerReturned
-from coordinator.recorder.records import Head, RecordedEvent
-from coordinator.recorder.ring import files_in
-from live_view.admission import parsed_address
-from live_view.recorded_run import view_recording
-from particle_filter.evidence_model import tempered
-from particle_filter.sensor_model import SensorModel
-from protocol.answers import SetPose
-from protocol.errors import ClusterMclError, RecordingError, SettingsError
-from recordings.run_log import RunLog
-from robot_simulator.worlds.catalogue import world
+from clustermcl.belief import bayes_update
+from clustermcl.commands import replay
+from clustermcl.commands.command import app
+from clustermcl.coordinator.events import WorkerReturned
+from clustermcl.coordinator.recorder.records import Head, RecordedEvent
+from clustermcl.coordinator.recorder.ring import files_in
+from clustermcl.filter.cluster.evidence_model import tempered
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.errors import ClusterMclError, RecordingError, SettingsError
+from clustermcl.recordings.run_log import RunLog
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.admission import parsed_address
+from clustermcl.view.recorded_run import view_recording
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, head, write_file
 

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl.stack import ProcessEndedError, meeting_in, temporary_folder
-from process_runtime.settings import RobotSettings, Settings
-from process_runtime.supervisor import ChildExit
-from zenoh_link.configuration import check_endpoint
+from clustermcl.commands.stack import ProcessEndedError, meeting_in, temporary_folder
+from clustermcl.link.configuration import check_endpoint
+from clustermcl.runtime.settings import RobotSettings, Settings
+from clustermcl.runtime.supervisor import ChildExit
 
 
 def test_a_startup_error_quotes_the_message_of_its_process() -> None:

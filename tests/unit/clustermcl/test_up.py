@@ -3,13 +3,15 @@ import signal
 
 import pytest
 
-from clustermcl.stack import ProcessEndedError
-from clustermcl.up import run_up
-from process_runtime.settings import Settings
+from clustermcl.commands.stack import ProcessEndedError
+from clustermcl.commands.up import run_up
+from clustermcl.runtime.settings import Settings
 
 
 def test_a_killed_check_of_the_settings_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clustermcl.up._check", lambda _: os.kill(os.getpid(), signal.SIGKILL))
+    monkeypatch.setattr(
+        "clustermcl.commands.up._check", lambda _: os.kill(os.getpid(), signal.SIGKILL)
+    )
     with pytest.raises(ProcessEndedError, match="settings check process ended with SIGKILL"):
         run_up(Settings())
 

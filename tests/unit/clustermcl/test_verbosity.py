@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.command import app
-from clustermcl.verbosity import is_verbose, log_settings
-from process_runtime.logs import configure_logging, is_quiet
-from process_runtime.settings import Settings
+from clustermcl.commands.command import app
+from clustermcl.commands.verbosity import is_verbose, log_settings
+from clustermcl.runtime.logs import configure_logging, is_quiet
+from clustermcl.runtime.settings import Settings
 
 
 @pytest.fixture(autouse=True)
@@ -28,7 +28,9 @@ def usual_logging() -> Iterator[None]:
 @pytest.fixture
 def settings_seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
     settings: list[Settings] = []
-    monkeypatch.setattr("clustermcl.up.run_up", lambda given, **_options: settings.append(given))
+    monkeypatch.setattr(
+        "clustermcl.commands.up.run_up", lambda given, **_options: settings.append(given)
+    )
     return settings
 
 
@@ -61,7 +63,11 @@ def test_without_either_option_the_settings_decide(settings_seen: list[Settings]
 def completed(*words: str) -> list[str]:
     """What bash offers for the last of the words."""
     return subprocess.run(
-        [sys.executable, "-c", "from clustermcl.command import app; app(prog_name='clustermcl')"],
+        [
+            sys.executable,
+            "-c",
+            "from clustermcl.commands.command import app; app(prog_name='clustermcl')",
+        ],
         env={
             **os.environ,
             "_CLUSTERMCL_COMPLETE": "complete_bash",

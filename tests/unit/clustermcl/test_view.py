@@ -2,12 +2,12 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl.snapshot import save_snapshot
-from live_view.admission import parsed_address
-from live_view.recorded_run import view_recording
-from process_runtime.output_files import OutputError
-from process_runtime.settings import Settings
-from protocol.errors import RecordingError, SettingsError
+from clustermcl.commands.snapshot import save_snapshot
+from clustermcl.protocol.errors import RecordingError, SettingsError
+from clustermcl.runtime.output_files import OutputError
+from clustermcl.runtime.settings import Settings
+from clustermcl.view.admission import parsed_address
+from clustermcl.view.recorded_run import view_recording
 from tests.unit.recordings.bags import scan, written
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from particle_filter.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_model import SensorModel
 from tests.unit.coordinator.living import symmetric_room
 
 

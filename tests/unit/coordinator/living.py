@@ -10,8 +10,8 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from coordinator.coordinator import Coordinator, Started
-from coordinator.events import (
+from clustermcl.coordinator.coordinator import Coordinator, Started
+from clustermcl.coordinator.events import (
     CommandArrived,
     Event,
     HistoryArrived,
@@ -25,7 +25,7 @@ from coordinator.events import (
     WorkerStateArrived,
     snapshot_of,
 )
-from coordinator.instructions import (
+from clustermcl.coordinator.instructions import (
     AskState,
     FetchMap,
     FetchScans,
@@ -34,23 +34,22 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from particle_filter.arrays import OCCUPIED
-from particle_filter.grid import Grid
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import (
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import (
     BeliefSettings,
     ClusterSettings,
     FilterSettings,
     SearchSettings,
     SensorSettings,
 )
-from process_runtime.settings import CoordinatorSettings
-from protocol.answers import Belief, SetPose
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.steps import MapMessage, Scan
-from protocol.work import (
+from clustermcl.protocol.answers import Belief, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import MapMessage, Scan
+from clustermcl.protocol.work import (
     Checkpoint,
     OrderAnswer,
     Report,
@@ -60,10 +59,11 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
+from clustermcl.runtime.settings import CoordinatorSettings
+from clustermcl.worker import worker as worker_instructions
+from clustermcl.worker.worker import Worker
 from tests.unit.coordinator.reports import free_everywhere, scan, started
 from tests.unit.worker import events as worker_events
-from worker import worker as worker_instructions
-from worker.worker import Worker
 
 SETTINGS = FilterSettings(
     seed=5,

@@ -7,20 +7,18 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.search_pool import Pool, Views
-from coordinator.coordinator import Started
-from coordinator.free_ground import FreeGround
-from coordinator.part import successor_of
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE
-from particle_filter.settings import BeliefSettings, FilterSettings
-from process_runtime.settings import CoordinatorSettings
-from protocol.arrays import ArrayBlob
-from protocol.found_places import FoundPlaces
-from protocol.message import PoseTuple
-from protocol.steps import Scan
-from protocol.work import (
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.free_ground import FreeGround
+from clustermcl.belief.part import successor_of
+from clustermcl.belief.search_pool import Pool, Views
+from clustermcl.coordinator.coordinator import Started
+from clustermcl.filter.arrays import FREE
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.found_places import FoundPlaces
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import (
     Checkpoint,
     ElsewhereReport,
     Particles,
@@ -29,6 +27,8 @@ from protocol.work import (
     TrackReport,
     WorkOrder,
 )
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import CoordinatorSettings
 
 
 def started(**more: Any) -> Started:

@@ -2,8 +2,8 @@
 
 from msgspec.structs import replace
 
-from protocol.message import PoseTuple
-from protocol.work import Checkpoint
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.test_coordinator import Story
 
 TERM = 7

@@ -3,7 +3,7 @@ from collections.abc import Mapping
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.jobs import balanced
+from clustermcl.coordinator.jobs import balanced
 
 WORKERS = ("a", "b", "c")
 Spread = dict[str | None, list[str]]

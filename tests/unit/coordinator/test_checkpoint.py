@@ -3,14 +3,19 @@ import math
 import msgspec
 import pytest
 
-from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
-from coordinator.events import ScanArrived, WorkerJoined, WorkerSnapshot, WorkerStateArrived
-from coordinator.instructions import PublishCheckpoint
-from coordinator.state import CoordinatorState
-from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.work import ElsewhereJob
+from clustermcl.coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
+from clustermcl.coordinator.events import (
+    ScanArrived,
+    WorkerJoined,
+    WorkerSnapshot,
+    WorkerStateArrived,
+)
+from clustermcl.coordinator.instructions import PublishCheckpoint
+from clustermcl.coordinator.state import CoordinatorState
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.work import ElsewhereJob
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.reports import checkpoint, literal_bayes, scan, started
 

@@ -3,8 +3,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
-from coordinator.events import (
+from clustermcl.coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
+from clustermcl.coordinator.events import (
     CommandArrived,
     Event,
     HistoryArrived,
@@ -19,7 +19,7 @@ from coordinator.events import (
     WorkerSnapshot,
     WorkerStateArrived,
 )
-from coordinator.instructions import (
+from clustermcl.coordinator.instructions import (
     AnswerCommand,
     AskState,
     FetchMap,
@@ -30,15 +30,15 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from coordinator.state import KEPT_EVENTS
-from particle_filter.settings import FilterSettings, SearchSettings
-from process_runtime.settings import CoordinatorSettings
-from protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
-from protocol.codec import decode, encode
-from protocol.job_events import Began, Ended, JobEvents, Remark
-from protocol.message import PoseTuple
-from protocol.steps import OdometryReading
-from protocol.work import Checkpoint, OrderAnswer, Report, SearchJob
+from clustermcl.coordinator.state import KEPT_EVENTS
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.job_events import Began, Ended, JobEvents, Remark
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import OdometryReading
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, SearchJob
+from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import (
     NO_SPREAD,
     free_everywhere,

@@ -1,5 +1,5 @@
-from coordinator.state import KEPT_EVENTS, EventLog
-from protocol.job_events import Ended
+from clustermcl.coordinator.state import KEPT_EVENTS, EventLog
+from clustermcl.protocol.job_events import Ended
 
 
 def test_the_last_events_are_kept_and_their_numbers_go_on() -> None:

@@ -6,13 +6,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from coordinator.belief.given_places import diagonal
-from coordinator.free_ground import MAX_LEAVES, REACH_SIGMAS, FreeGround
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
-from particle_filter.poses import compose
-from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_tuple
+from clustermcl.belief.free_ground import MAX_LEAVES, REACH_SIGMAS, FreeGround
+from clustermcl.belief.given_places import diagonal
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_tuple
+from clustermcl.recordings.maps.grid_map import GridMap
 
 SHARP = diagonal(0.02, 0.1)
 

@@ -4,10 +4,10 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from particle_filter.sensor_model import SensorModel
-from protocol.answers import Belief, SetPose
-from protocol.message import MAX_SCAN_STEP
-from protocol.step_reset_detector import HUGE_JUMP
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.answers import Belief, SetPose
+from clustermcl.protocol.message import MAX_SCAN_STEP
+from clustermcl.protocol.step_reset_detector import HUGE_JUMP
 from tests.unit.coordinator.living import Living
 
 STEPS = 26

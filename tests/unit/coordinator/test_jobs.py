@@ -1,7 +1,7 @@
 from msgspec.structs import replace
 
-from coordinator.jobs import AWAITED_NS, Jobs
-from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
+from clustermcl.coordinator.jobs import AWAITED_NS, Jobs
+from clustermcl.protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
 TRACK = TrackJob(cluster=0, start=cloud_at((0.0, 0.0, 0.0), 0), exact=False)

@@ -2,10 +2,10 @@ import math
 
 import pytest
 
-from coordinator.checkpoint import state_in
-from coordinator.events import WorkerJoined
-from coordinator.recovery import LastPlace
-from process_runtime.settings import CoordinatorSettings
+from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.coordinator.events import WorkerJoined
+from clustermcl.coordinator.recovery import LastPlace
+from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import scan
 from tests.unit.coordinator.states import checkpoint_at
 from tests.unit.coordinator.test_coordinator import BOTH, Story

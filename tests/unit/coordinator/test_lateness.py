@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.pose_tracker import LatencyEstimator
+from clustermcl.belief.pose_tracker import LatencyEstimator
 
 MS, SECOND = 1_000_000, 1_000_000_000
 

@@ -1,8 +1,8 @@
 """Settings that change while a robot drives: carried by scans, known to the next coordinator."""
 
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings
-from protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.runtime.settings import BridgeSettings
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, Story
 

@@ -1,6 +1,6 @@
 import pytest
 
-from coordinator.change_detectors import MapChangeDetector
+from clustermcl.coordinator.change_detectors import MapChangeDetector
 from tests.unit.coordinator.reports import scan
 
 

@@ -1,5 +1,5 @@
-from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
-from coordinator.replica import GRACE_NS, SETTLE_NS, Membership
+from clustermcl.coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
+from clustermcl.coordinator.replica import GRACE_NS, SETTLE_NS, Membership
 
 MS, SECOND = 1_000_000, 1_000_000_000
 

@@ -1,8 +1,8 @@
 from msgspec.structs import replace
 
-from coordinator.checkpoint import state_in, to_bytes
-from coordinator.replica import NewestState
-from protocol.work import Checkpoint
+from clustermcl.coordinator.checkpoint import state_in, to_bytes
+from clustermcl.coordinator.replica import NewestState
+from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint
 from tests.unit.coordinator.states import checkpoint_at
 

@@ -1,7 +1,7 @@
-from coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
-from coordinator.events import WorkerLeft
-from coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
-from particle_filter.settings import BeliefSettings
+from clustermcl.coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
+from clustermcl.coordinator.events import WorkerLeft
+from clustermcl.coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
+from clustermcl.filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
 

@@ -1,9 +1,17 @@
 import pytest
 
-from coordinator.placement import RESEND_AFTER_NS, Placement
-from coordinator.slow_workers import GIVEN_UP_AFTER
-from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, ElsewhereJob, Job, OrderAnswer, SearchJob, TrackJob, WorkOrder
+from clustermcl.coordinator.placement import RESEND_AFTER_NS, Placement
+from clustermcl.coordinator.slow_workers import GIVEN_UP_AFTER
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Job,
+    OrderAnswer,
+    SearchJob,
+    TrackJob,
+    WorkOrder,
+)
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.dead_reckoning import DeadReckoning
-from coordinator.pose_tracker import PoseTracker
-from particle_filter.gaussian import fit_gaussian
-from particle_filter.motion import move
-from particle_filter.poses import between, compose
-from particle_filter.settings import MotionSettings
-from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.answers import PoseAnswer
-from protocol.message import PoseTuple
-from protocol.steps import Scan
+from clustermcl.belief.dead_reckoning import DeadReckoning
+from clustermcl.belief.pose_tracker import PoseTracker
+from clustermcl.filter.cluster.gaussian import fit_gaussian
+from clustermcl.filter.motion.model import move
+from clustermcl.filter.poses import between, compose
+from clustermcl.filter.settings import MotionSettings
+from clustermcl.protocol.answers import PoseAnswer
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.unit.coordinator.reports import NO_SPREAD, scan
 from tests.unit.evaluation.places import outcome, place
 

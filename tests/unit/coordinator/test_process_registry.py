@@ -1,5 +1,5 @@
-from coordinator.loop import FORGOTTEN_AFTER_NS, MAX_PROCESSES, ProcessRegistry
-from protocol.health import Health
+from clustermcl.coordinator.loop import FORGOTTEN_AFTER_NS, MAX_PROCESSES, ProcessRegistry
+from clustermcl.protocol.health import Health
 
 SECOND = 1_000_000_000
 

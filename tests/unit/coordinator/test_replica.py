@@ -2,10 +2,16 @@
 
 import pytest
 
-from coordinator.events import CheckpointArrived, Event, LinkChanged, TimePassed, TokenChanged
-from coordinator.instructions import AskState, FetchScans, Instruction, PublishCheckpoint
-from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
-from protocol.work import Checkpoint
+from clustermcl.coordinator.events import (
+    CheckpointArrived,
+    Event,
+    LinkChanged,
+    TimePassed,
+    TokenChanged,
+)
+from clustermcl.coordinator.instructions import AskState, FetchScans, Instruction, PublishCheckpoint
+from clustermcl.coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
+from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint, started
 
 SECOND = 1_000_000_000

@@ -1,10 +1,10 @@
 import pytest
 from msgspec.structs import replace
 
-from coordinator.step_collector import check_places, has_too_large_snapshot
-from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
-from protocol.errors import MalformedMessageError
-from protocol.work import Report
+from clustermcl.coordinator.step_collector import check_places, has_too_large_snapshot
+from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.work import Report
 from tests.unit.coordinator.reports import (
     cloud_at,
     elsewhere,

@@ -1,12 +1,12 @@
-from coordinator.jobs import PlacedJob
-from coordinator.slow_workers import (
+from clustermcl.coordinator.jobs import PlacedJob
+from clustermcl.coordinator.slow_workers import (
     LONGEST_NS,
     SHORTEST_NS,
     STEPS,
     TIMES_THE_OTHERS,
     SilentShards,
 )
-from protocol.work import SearchJob
+from clustermcl.protocol.work import SearchJob
 
 TICK_NS = 500_000_000
 

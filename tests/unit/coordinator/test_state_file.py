@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from coordinator.state_file import MAX_FILE_BYTES, StateKeeper, files_of, read, write
-from protocol.terms import MAX_AHEAD_US
-from protocol.work import Checkpoint
+from clustermcl.coordinator.state_file import MAX_FILE_BYTES, StateKeeper, files_of, read, write
+from clustermcl.protocol.terms import MAX_AHEAD_US
+from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.states import checkpoint_at
 
 STATE = checkpoint_at((10.0, 5.0, 0.0))

@@ -2,11 +2,11 @@ import math
 
 from msgspec.structs import replace
 
-from coordinator.events import WorkerSnapshot, snapshot_of
-from coordinator.instructions import FetchScans
-from coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
-from protocol.codec import encode
-from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
+from clustermcl.coordinator.events import WorkerSnapshot, snapshot_of
+from clustermcl.coordinator.instructions import FetchScans
+from clustermcl.coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
 from tests.unit.coordinator.reports import checkpoint, cloud_at, elsewhere, scan
 
 BEGAN_NS = 5_000_000_000

@@ -2,8 +2,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from coordinator.jobs import HAND_OVER_NS
-from coordinator.step_collector import (
+from clustermcl.coordinator.jobs import HAND_OVER_NS
+from clustermcl.coordinator.step_collector import (
     BULKY_REPORTS,
     FETCH_NS,
     KEPT_AHEAD,
@@ -12,7 +12,7 @@ from coordinator.step_collector import (
     ReadyStep,
     StepCollector,
 )
-from process_runtime.settings import CoordinatorSettings
+from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
 
 HERE = (0.0, 0.0, 0.0)

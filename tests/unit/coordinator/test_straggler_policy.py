@@ -1,6 +1,6 @@
 import pytest
 
-from coordinator.slow_workers import (
+from clustermcl.coordinator.slow_workers import (
     FIRST_PAUSE_NS,
     FORGOTTEN_AFTER_NS,
     GIVEN_UP_AFTER,

@@ -1,6 +1,6 @@
-from coordinator.recovery import APART_US, UNSEEN_NS, Term
-from protocol.terms import MAX_RELAYED_AHEAD_US, check_term
-from protocol.work import OrderAnswer, TakeOver
+from clustermcl.coordinator.recovery import APART_US, UNSEEN_NS, Term
+from clustermcl.protocol.terms import MAX_RELAYED_AHEAD_US, check_term
+from clustermcl.protocol.work import OrderAnswer, TakeOver
 
 KNOWN = 8
 """Term of another coordinator."""

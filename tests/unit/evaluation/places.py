@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from coordinator.belief.outcome import Outcome
-from protocol.advice import Way
-from protocol.answers import Belief, Hypothesis, State, Status
-from protocol.health import Health
-from protocol.message import Covariance, PoseTuple
+from clustermcl.belief.outcome import Outcome
+from clustermcl.protocol.advice import Way
+from clustermcl.protocol.answers import Belief, Hypothesis, State, Status
+from clustermcl.protocol.health import Health
+from clustermcl.protocol.message import Covariance, PoseTuple
 
 COVARIANCE: Covariance = (0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0025)
 

@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluation.course import Case, RecordedRobot, course_of
-from grid_maps.grid_map import GridMap
-from process_runtime.settings import BridgeSettings
+from clustermcl.evaluation.course import Case, RecordedRobot, course_of
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import BridgeSettings
 from tests.maps import write_map
 from tests.unit.recordings.logs import flaser
 

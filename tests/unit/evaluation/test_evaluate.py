@@ -6,16 +6,16 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.command import app
-from evaluation import evaluate
-from evaluation.course import RecordedRobot, SimulatedRobot
-from evaluation.evaluate import case_of, robot_of, start_steps
-from evaluation.measures import facts_of, measures_of
-from process_runtime.output_files import OutputError
-from process_runtime.settings import Settings
-from protocol.answers import Hypothesis, State
-from protocol.errors import SettingsError
-from protocol.message import PoseTuple
+from clustermcl.commands.command import app
+from clustermcl.evaluation import evaluate
+from clustermcl.evaluation.course import RecordedRobot, SimulatedRobot
+from clustermcl.evaluation.evaluate import case_of, robot_of, start_steps
+from clustermcl.evaluation.measures import facts_of, measures_of
+from clustermcl.protocol.answers import Hypothesis, State
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.runtime.output_files import OutputError
+from clustermcl.runtime.settings import Settings
 from tests.unit.evaluation.places import outcome, place
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)

@@ -2,8 +2,8 @@ import multiprocessing
 
 import pytest
 
-from evaluation.run import RunError, in_parallel
-from process_runtime.stop import StopFlag
+from clustermcl.evaluation.run import RunError, in_parallel
+from clustermcl.runtime.stop import StopFlag
 from tests.integration.waiting import wait_until
 from tests.unit.evaluation.work_pieces import work
 

@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.in_process import outcomes
-from particle_filter.settings import BeliefSettings
-from process_runtime.settings import BridgeSettings, Settings
-from protocol.answers import Hypothesis
-from protocol.message import PoseTuple
-from protocol.steps import Scan
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
+from clustermcl.filter.settings import BeliefSettings
+from clustermcl.jobs.in_process import outcomes
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.answers import Hypothesis
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
-from worker.map_model import sensor_model
 
 SETTINGS = Settings(
     belief=BeliefSettings(max_clusters=PLACES),

@@ -3,8 +3,8 @@ import math
 import msgspec
 import numpy as np
 
-from protocol.arrays import ArrayBlob
-from protocol.steps import LaserBeams, mirrored
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.steps import LaserBeams, mirrored
 from tests.unit.coordinator.reports import scan as scan_of
 from tests.unit.recordings.logs import beam_ends
 

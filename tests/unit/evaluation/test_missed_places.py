@@ -3,13 +3,13 @@
 from math import hypot
 from pathlib import Path
 
-from evaluation.in_process import InProcess
-from particle_filter.settings import BeliefSettings, FilterSettings
-from process_runtime.settings import BridgeSettings
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
-from worker.map_model import sensor_model
 
 NAMED_AT, EVERY, STEPS = 5, 30, 70
 SETTINGS = FilterSettings(belief=BeliefSettings(search_every_steps=EVERY))

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from benchmarks.experiments.case import SimulatedRobot
-from coordinator.belief.outcome import Outcome
-from evaluation.course import Case, RecordedRobot, course_of
-from evaluation.in_process import outcomes
-from process_runtime.settings import BridgeSettings, Settings
-from protocol.steps import mirrored
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation.course import Case, RecordedRobot, course_of
+from clustermcl.jobs.in_process import outcomes
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.steps import mirrored
+from clustermcl.runtime.settings import BridgeSettings, Settings
 from tests.unit.recordings import recording_or_skip
-from worker.map_model import sensor_model
 
 
 def run(

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.pose_error import pose_error
-from protocol.message import PoseTuple
+from clustermcl.evaluation.pose_error import pose_error
+from clustermcl.protocol.message import PoseTuple
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)
 

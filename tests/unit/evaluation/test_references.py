@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.references import load_reference
-from protocol.errors import ReferenceFileError
+from clustermcl.evaluation.references import load_reference
+from clustermcl.protocol.errors import ReferenceFileError
 from tests.unit.recordings import recording_or_skip
 
 S = 1_000_000_000

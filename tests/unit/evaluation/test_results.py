@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from evaluation.results import write_results
+from clustermcl.evaluation.results import write_results
 
 COMMON = {"algorithm": "cluster-mcl", "recording": "a, b.log", "map": None}
 RUNS = [

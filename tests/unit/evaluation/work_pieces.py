@@ -4,7 +4,7 @@ import os
 import signal
 import time
 
-from protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError
 
 
 def work(piece: str) -> str:

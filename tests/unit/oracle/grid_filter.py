@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
-from particle_filter.settings import MotionSettings, SensorSettings
-from tests.unit.particle_filter import naive
+from clustermcl.filter.settings import MotionSettings, SensorSettings
+from tests.unit.filter import naive
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.bayes_update import NEWS_M, NEWS_RAD
-from particle_filter.settings import FilterSettings, SearchSettings
+from clustermcl.belief.bayes_update import NEWS_M, NEWS_RAD
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from tests.unit.filter.naive_rays import composed
 from tests.unit.oracle.grid_filter import Array, ExactField
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
@@ -24,7 +25,6 @@ from tests.unit.oracle.tiny_world import (
     plain_room,
     settings,
 )
-from tests.unit.particle_filter.naive_rays import composed
 
 STEPS, SEEDS, HAZARD = 2, range(16), 0.1
 NEWS = 1.0 - math.exp(-math.hypot(DRIVE[0], DRIVE[1]) / NEWS_M - DRIVE[2] / NEWS_RAD)

@@ -4,8 +4,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from coordinator.belief.bayes_update import NEWS_M, NEWS_RAD
-from particle_filter.arrays import Cells
+from clustermcl.belief.bayes_update import NEWS_M, NEWS_RAD
+from clustermcl.filter.arrays import Cells
 from tests.unit.oracle.grid_filter import Array
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from particle_filter.advice import Question, advised_ways
-from particle_filter.arrays import FREE, OCCUPIED, Cells
-from particle_filter.poses import wrap_angle
-from particle_filter.settings import FilterSettings
-from particle_filter.view_memory import ViewMemory
-from tests.unit.particle_filter.naive_rays import cast_rays
-from tests.unit.particle_filter.rooms import ANGLES, CELL_M, model_of, scan_of
+from clustermcl.filter.advice.advice import Question, advised_ways
+from clustermcl.filter.arrays import FREE, OCCUPIED, Cells
+from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.poses import wrap_angle
+from clustermcl.filter.settings import FilterSettings
+from tests.unit.filter.naive_rays import cast_rays
+from tests.unit.filter.rooms import ANGLES, CELL_M, model_of, scan_of
 
 MOVE_M, MOVES = 0.7, 6
 RADIUS_M, MARGIN_M, RANGE_M = 0.2, 0.1, 8.0

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
-from particle_filter.grid import Grid
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
-from protocol.work import Assignment, SearchJob, SearchReport
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import FilterSettings, SearchSettings, SensorSettings
+from clustermcl.jobs.jobs import running
+from clustermcl.protocol.work import Assignment, SearchJob, SearchReport
 from tests.unit.coordinator.reports import literal_bayes
+from tests.unit.filter.naive import matrix
 from tests.unit.oracle.grid_filter import ExactField
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import CELL_M, DRIVE, MOTION, SENSOR, Drive, exact_everywhere
-from tests.unit.particle_filter.naive import matrix
-from worker.jobs import running
 
 STEPS, SEEDS, START = 4, range(16), np.array([0.75, 0.85, 0.3])
 BLUNT = replace(SENSOR, scan_likelihood_exponent=0.15)

@@ -6,28 +6,28 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.outcome import Outcome
-from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
-from particle_filter.grid import Grid
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import (
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.outcome import Outcome
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import (
     ClusterSettings,
     FilterSettings,
     MotionSettings,
     SearchSettings,
     SensorSettings,
 )
-from protocol.arrays import ArrayBlob
-from protocol.found_places import FoundPlaces
-from protocol.pose_arrays import pose_tuple
-from protocol.steps import Scan
-from protocol.work import Assignment, ElsewhereJob, TrackReport
+from clustermcl.jobs.jobs import RunningJob, running
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.found_places import FoundPlaces
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Assignment, ElsewhereJob, TrackReport
 from tests.unit.coordinator.reports import literal_bayes, searched
 from tests.unit.coordinator.reports import scan as scan_of
+from tests.unit.filter.naive_rays import cast_rays, composed
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
-from tests.unit.particle_filter.naive_rays import cast_rays, composed
-from worker.jobs import RunningJob, running
 
 CELL_M = 0.05
 ANGLES = np.linspace(-np.pi, np.pi, 12, endpoint=False)

@@ -5,12 +5,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.message import Message
-from protocol.steps import Observation, OdometryReading, PositionField, Scan
-from protocol.work import Report
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import Observation, OdometryReading, PositionField, Scan
+from clustermcl.protocol.work import Report
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))

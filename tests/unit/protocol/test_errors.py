@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.errors import AlreadyRunningError, SettingsError
+from clustermcl.protocol.errors import AlreadyRunningError, SettingsError
 
 REPOSITORY = Path(__file__).parents[3]
 ABSTRACT = {"ClusterMclError"}

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from protocol.arrays import ArrayBlob, WireType
-from protocol.codec import decode, encode, refusal_of
-from protocol.errors import MalformedMessageError
-from protocol.found_places import FoundPlaces
-from protocol.work import Place, SearchReport, TrackReport
+from clustermcl.protocol.arrays import ArrayBlob, WireType
+from clustermcl.protocol.codec import decode, encode, refusal_of
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.found_places import FoundPlaces
+from clustermcl.protocol.work import Place, SearchReport, TrackReport
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

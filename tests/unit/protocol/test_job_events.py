@@ -3,9 +3,9 @@ from typing import get_args
 
 import pytest
 
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.job_events import (
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.job_events import (
     Began,
     BeganCause,
     Ended,

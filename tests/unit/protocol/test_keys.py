@@ -2,9 +2,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol import keys
-from protocol.errors import MalformedMessageError
-from protocol.names import is_name
+from clustermcl.protocol import keys
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.names import is_name
 
 
 @given(

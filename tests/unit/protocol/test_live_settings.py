@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from particle_filter.settings import FilterSettings, filter_with, section_with
-from process_runtime.settings import BridgeSettings
-from process_runtime.settings_table import TABLE
-from protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.filter.settings import FilterSettings, filter_with, section_with
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.settings_table import TABLE
 
 SECTIONS = ("bridge", "motion", "sensor")
 NUMBERS = (-1, 0, 1e-9, 0.5, 1, 1.5, 2, 65_536, 65_537, 1e9, 1e10, math.nan, math.inf, "1", None)

@@ -4,9 +4,16 @@ import msgpack
 import pytest
 from msgspec.structs import replace
 
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.work import MAX_BATCH, Report, ReportBatch, Reported, in_few_messages, reports_in
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.work import (
+    MAX_BATCH,
+    Report,
+    ReportBatch,
+    Reported,
+    in_few_messages,
+    reports_in,
+)
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
 PLAIN = tracked("c0", 1, 0.5, (0.0, 0.0, 0.0))

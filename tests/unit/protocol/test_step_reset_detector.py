@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.step_reset_detector import (
+from clustermcl.protocol.step_reset_detector import (
     HUGE_JUMP,
     NEEDED,
     NEEDED_OF_OLDER,

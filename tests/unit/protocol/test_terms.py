@@ -1,9 +1,9 @@
 import pytest
 
-from protocol.errors import MalformedMessageError
-from protocol.message import Message
-from protocol.terms import MAX_AHEAD_US, check_term
-from protocol.work import Checkpoint, OrderAnswer, TakeOver
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.terms import MAX_AHEAD_US, check_term
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, TakeOver
 
 NOW_NS = 1_795_000_000_000_000_000
 NOW_US = NOW_NS // 1_000

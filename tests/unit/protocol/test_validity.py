@@ -5,14 +5,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from protocol.answers import Drive, Kidnap, Relocalize, SetPose
-from protocol.arrays import ArrayBlob
-from protocol.codec import MAX_ITEMS, decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
-from protocol.reading_checks import NO_RETURNS, laser_problem
-from protocol.steps import Landmark, OdometryReading, Scan, ScanHistory, Seen, TruePose
-from protocol.work import (
+from clustermcl.protocol.answers import Drive, Kidnap, Relocalize, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import MAX_ITEMS, decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
+from clustermcl.protocol.reading_checks import NO_RETURNS, laser_problem
+from clustermcl.protocol.steps import Landmark, OdometryReading, Scan, ScanHistory, Seen, TruePose
+from clustermcl.protocol.work import (
     Assignment,
     ElsewhereJob,
     Job,

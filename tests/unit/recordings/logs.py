@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.sensor_model import Beams
-from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
-from recordings.recording import Recording, open_recording
+from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
 
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
 

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from protocol.errors import MapFileError
-from recordings.map_file import load_map, map_file_of
+from clustermcl.protocol.errors import MapFileError
+from clustermcl.recordings.maps.map_file import load_map, map_file_of
 from tests.unit.recordings.bags import FORMS, grid, scan, written
 
 CELLS = [[0, 100, -1], [50, 0, 99]]

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from recordings.carmen_log import flaser_angles
+from clustermcl.recordings.carmen_log import flaser_angles
 
 
 @pytest.mark.parametrize(

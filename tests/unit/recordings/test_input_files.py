@@ -8,12 +8,17 @@ from pathlib import Path
 import pytest
 
 from clustermcl import LandmarksFileError, load_landmarks
-from evaluation.references import load_reference
-from process_runtime import compressed
-from process_runtime.settings import BridgeSettings
-from protocol.errors import InputFileError, MapFileError, RecordingError, ReferenceFileError
-from recordings.map_file import load_map
-from recordings.recording import Recording, open_recording
+from clustermcl.evaluation.references import load_reference
+from clustermcl.protocol.errors import (
+    InputFileError,
+    MapFileError,
+    RecordingError,
+    ReferenceFileError,
+)
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime import compressed
+from clustermcl.runtime.settings import BridgeSettings
 
 Load = Callable[[Path], object]
 

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from process_runtime.settings import BridgeSettings
-from protocol.errors import RecordingError
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading
-from recordings.recording import monotonic_times, open_recording
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading
+from clustermcl.recordings.recording import monotonic_times, open_recording
+from clustermcl.runtime.settings import BridgeSettings
 from tests.unit.recordings import recording_or_skip
 from tests.unit.recordings.logs import (
     flaser,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from process_runtime.settings import BridgeSettings
-from protocol.errors import RecordingError
-from protocol.steps import LaserReading
-from recordings.recording import Recording, open_recording
-from sensor_bridge.step_maker import beams_of
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.steps import LaserReading
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import beams_of
 from tests.unit.recordings.bags import (
     FORMS,
     LEVEL,

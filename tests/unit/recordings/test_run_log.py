@@ -10,18 +10,16 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from particle_filter.poses import compose
-from process_runtime.output_files import OutputError
-from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
-from protocol.errors import MapFileError, RecordingError
-from protocol.job_events import JobEvents
-from protocol.pose_arrays import pose_tuple
-from protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
-from recordings import run_log
-from recordings.map_file import load_map
-from recordings.recording import open_recording
-from recordings.run_log import (
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.errors import MapFileError, RecordingError
+from clustermcl.protocol.job_events import JobEvents
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.protocol.steps import Landmark, LaserBeams, LaserReading, OdometryReading, Scan
+from clustermcl.recordings import run_log
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import open_recording
+from clustermcl.recordings.run_log import (
     BELIEF,
     GRID,
     JOB_EVENTS,
@@ -31,11 +29,13 @@ from recordings.run_log import (
     last_map,
     map_in,
 )
-from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recorded import steps_of
-from tests.unit.live_view.messages import belief, scan
+from clustermcl.runtime.output_files import OutputError
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.simulator.worlds.catalogue import world
 from tests.unit.recordings.bombs import bomb
 from tests.unit.recordings.logs import odometry_of
+from tests.unit.view.messages import belief, scan
 
 ROOT = Path(__file__).parents[3]
 STEPS = 12

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from particle_filter.poses import compose, inverse
-from protocol.message import PoseTuple
-from recordings.rigid import IDENTITY, Rigid, flat
-from recordings.transforms import (
+from clustermcl.filter.poses import compose, inverse
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.recordings.rigid import IDENTITY, Rigid, flat
+from clustermcl.recordings.transforms import (
     CACHE_NS,
     LATE_NS,
     RESTART_AFTER,

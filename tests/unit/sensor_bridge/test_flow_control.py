@@ -1,7 +1,7 @@
 import pytest
 
-from protocol.steps import Scan
-from sensor_bridge.flow_control import (
+from clustermcl.protocol.steps import Scan
+from clustermcl.sensor_bridge.flow_control import (
     MAX_UNDECIDED,
     OUTAGE_NS,
     RESEND_AFTER_NS,

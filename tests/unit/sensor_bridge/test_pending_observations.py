@@ -6,15 +6,21 @@ import msgspec
 import numpy as np
 import pytest
 
-from particle_filter.grid import Grid
-from particle_filter.observation_likelihood import log_likelihood_ratio
-from particle_filter.observations import Landmarks
-from particle_filter.observations import Observation as Placed
-from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.errors import MalformedMessageError
-from protocol.steps import MAX_FIELDS, MAX_OBSERVATIONS, Landmark, Observation, PositionField
-from sensor_bridge.pending_observations import (
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.likelihood import log_likelihood_ratio
+from clustermcl.filter.observations.observation import Landmarks
+from clustermcl.filter.observations.observation import Observation as Placed
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.steps import (
+    MAX_FIELDS,
+    MAX_OBSERVATIONS,
+    Landmark,
+    Observation,
+    PositionField,
+)
+from clustermcl.sensor_bridge.pending_observations import (
     MAX_NAT,
     MAX_WAITING,
     OBSERVATION_AHEAD,
@@ -25,8 +31,8 @@ from sensor_bridge.pending_observations import (
     UNKNOWN_LANDMARK,
     PendingObservations,
 )
-from sensor_bridge.sources import LEAST_OUTLIER_PROBABILITY, NEW_SENDERS
-from sensor_bridge.stages import NO_ODOMETRY
+from clustermcl.sensor_bridge.sources import LEAST_OUTLIER_PROBABILITY, NEW_SENDERS
+from clustermcl.sensor_bridge.stages import NO_ODOMETRY
 
 SECOND = 1_000_000_000
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)

@@ -1,8 +1,8 @@
 import pytest
 
-from process_runtime.settings import BridgeSettings
-from protocol.errors import RecordingError, SettingsError
-from sensor_bridge.process import source_of
+from clustermcl.protocol.errors import RecordingError, SettingsError
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.process import source_of
 
 
 def test_a_live_robot_needs_no_source() -> None:
@@ -13,7 +13,7 @@ def test_a_live_robot_needs_no_source() -> None:
     ("source", "error", "words"),
     [
         ("nowhere.log", RecordingError, r"nowhere\.log"),
-        ("sim:cross", SettingsError, "sim:cross.*robot_simulator"),
+        ("sim:cross", SettingsError, "sim:cross.*clustermcl.simulator"),
     ],
 )
 def test_a_source_that_cannot_be_read_is_refused(

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.message import PoseTuple
-from protocol.reading_checks import MAX_LASERS
-from protocol.steps import LaserReading, Reading
-from sensor_bridge.stages import RESTART_AFTER
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.reading_checks import MAX_LASERS
+from clustermcl.protocol.steps import LaserReading, Reading
+from clustermcl.sensor_bridge.stages import RESTART_AFTER
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 from tests.unit.sensor_bridge.test_step_maker import a_maker, made_of
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.observations import Observation
-from protocol.answers import Belief
-from protocol.health import MAX_SOURCES
-from protocol.message import Covariance
-from protocol.steps import MAX_LANDMARKS, Landmark
-from sensor_bridge.sources import (
+from clustermcl.filter.observations.observation import Observation
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.health import MAX_SOURCES
+from clustermcl.protocol.message import Covariance
+from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark
+from clustermcl.sensor_bridge.sources import (
     LEAST_OUTLIER_PROBABILITY,
     MAX_KNOWN,
     RECENT_STEPS,

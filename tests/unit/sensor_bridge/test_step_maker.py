@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
-from protocol.live_settings import AS_STARTED, LiveSettings
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, Reading, Scan
-from sensor_bridge.stages import MAX_WAITING_SCANS, RESTART_AFTER
-from sensor_bridge.step_maker import MotionGate, StepMaker, steps_from
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, Reading, Scan
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.stages import MAX_WAITING_SCANS, RESTART_AFTER
+from clustermcl.sensor_bridge.step_maker import MotionGate, StepMaker, steps_from
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 

@@ -7,19 +7,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from evaluation.references import load_reference
-from grid_maps.grid_map import GridMap
-from particle_filter.arrays import OCCUPIED, Pose
-from particle_filter.poses import compose, inverse
-from particle_filter.sensor_model import Beams, usable_beams
-from process_runtime.settings import BridgeSettings
-from protocol.errors import RecordingError
-from protocol.steps import Scan
-from recordings.log_file import SkippedLine
-from recordings.map_file import load_map
-from recordings.recording import Recording, open_recording
-from sensor_bridge import recorded
-from sensor_bridge.recorded import steps_of
+from clustermcl.evaluation.references import load_reference
+from clustermcl.filter.arrays import OCCUPIED, Pose
+from clustermcl.filter.laser.sensor_model import Beams, usable_beams
+from clustermcl.filter.poses import compose, inverse
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.log_file import SkippedLine
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge import recorded
+from clustermcl.sensor_bridge.recorded import steps_of
 from tests.unit.recordings import recording_or_skip
 from tests.unit.recordings.logs import flaser, recording_of
 

@@ -8,9 +8,9 @@ import psutil
 import pytest
 from msgspec.structs import replace
 
-from process_runtime.supervisor import ChildExit
-from protocol.answers import Hypothesis
-from protocol.message import PoseTuple
+from clustermcl.protocol.answers import Hypothesis
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.runtime.supervisor import ChildExit
 from tests.soak import leak_promise
 from tests.soak.cables import Relay, set_cables
 from tests.soak.clean_end import STOP_WITHIN_S, clean_end_verdict
@@ -28,7 +28,7 @@ from tests.soak.promises import (
     TruthHeld,
 )
 from tests.soak.schedule import Kind, planned
-from tests.unit.live_view import messages
+from tests.unit.view import messages
 
 SECOND = 1_000_000_000
 START = eight_rooms().start

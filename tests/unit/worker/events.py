@@ -5,7 +5,7 @@ from functools import partial
 from operator import methodcaller
 from typing import TypeAlias
 
-from worker.worker import Instruction, Worker
+from clustermcl.worker.worker import Instruction, Worker
 
 Event: TypeAlias = Callable[[Worker], list[Instruction]]
 

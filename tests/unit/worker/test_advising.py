@@ -8,21 +8,21 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.stop import StopFlag
-from protocol.advice import Advice, AdviceQuestion
-from protocol.codec import decode, encode
-from protocol.steps import Landmark, Scan
-from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.catalogue import world
-from sensor_bridge.step_maker import StepMaker
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.advising import advice
+from clustermcl.link.node import Node
+from clustermcl.protocol.advice import Advice, AdviceQuestion
+from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.steps import Landmark, Scan
+from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.sensor_bridge.step_maker import StepMaker
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.worker.adviser import Adviser
+from clustermcl.worker.worker import Advise, Instruction, Worker
 from tests.unit.evaluation.places import place
-from worker.adviser import Adviser
-from worker.advising import advice
-from worker.worker import Advise, Instruction, Worker
-from zenoh_link.node import Node
 
 SETTINGS = FilterSettings()
 CROSS = world("cross_feature")
@@ -195,7 +195,7 @@ def test_an_invalid_advice_of_the_child_is_refused(
     node: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     invalid = Advice(sender="x" * 1000)
-    monkeypatch.setattr("worker.advising.advice", lambda *_: invalid)
+    monkeypatch.setattr("clustermcl.jobs.advising.advice", lambda *_: invalid)
     query, asked = Query(), question((0.0, 3.7, -1.57))
     with closing(Adviser(node)) as adviser:
         adviser.advise(task(asked, query))

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.cluster_filter import ParticleSet, measurement_update
-from particle_filter.grid import Grid
-from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.uniform_poses import UniformPoses
-from protocol.arrays import ArrayBlob
-from protocol.steps import Seen
-from protocol.work import Assignment, ElsewhereJob
+from clustermcl.filter.cluster.cluster_filter import ParticleSet, measurement_update
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.random_streams import Purpose, generator
+from clustermcl.filter.search.uniform_poses import UniformPoses
+from clustermcl.jobs.jobs import RunningJob, running, scan_beams
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.steps import Seen
+from clustermcl.protocol.work import Assignment, ElsewhereJob
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
     CELL_M,
@@ -23,7 +24,6 @@ from tests.unit.oracle.tiny_world import (
     plain_room,
     settings,
 )
-from worker.jobs import RunningJob, running, scan_beams
 
 STEPS = 4
 GRID_ERROR = 0.01

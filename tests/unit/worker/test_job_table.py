@@ -2,15 +2,15 @@ import msgspec
 import numpy as np
 import pytest
 
-from particle_filter.arrays import OCCUPIED
-from particle_filter.grid import Grid
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
-from protocol.arrays import ArrayBlob
-from protocol.codec import encode
-from protocol.steps import Scan
-from protocol.work import (
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import (
     Assignment,
     Particles,
     Report,
@@ -20,8 +20,8 @@ from protocol.work import (
     TrackReport,
     WorkOrder,
 )
+from clustermcl.worker.job_table import JobTable
 from tests.unit.coordinator import reports
-from worker.job_table import JobTable
 
 SETTINGS = FilterSettings(
     cluster=ClusterSettings(particles=100),

@@ -2,16 +2,21 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings, SensorSettings
-from protocol.arrays import ArrayBlob
-from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.steps import mirrored
-from protocol.work import Particles, SearchJob
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import (
+    ClusterSettings,
+    FilterSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from clustermcl.jobs.jobs import RunningJob, Tracking, running
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
+from clustermcl.protocol.steps import mirrored
+from clustermcl.protocol.work import Particles, SearchJob
 from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
-from worker.jobs import RunningJob, Tracking, running
 
 __all__ = ["model"]  # the fixture
 

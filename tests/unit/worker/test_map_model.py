@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grid_maps.grid_map import GridMap
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.sensor_model import LaserScan, MapArrays, SensorModel
-from particle_filter.settings import SensorSettings
-from protocol.steps import Landmark
-from worker import map_model
-from worker.map_model import sensor_model
+from clustermcl.filter.laser.likelihood_field import LikelihoodField
+from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import LaserScan, MapArrays, SensorModel
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs import map_model
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.steps import Landmark
+from clustermcl.recordings.maps.grid_map import GridMap
 
 SETTINGS = SensorSettings()
 

@@ -1,6 +1,6 @@
-from protocol.steps import KEPT_STEPS
+from clustermcl.protocol.steps import KEPT_STEPS
+from clustermcl.worker.job_table import KEPT_SEARCH_STEPS, RecentReports
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
-from worker.job_table import KEPT_SEARCH_STEPS, RecentReports
 
 HERE = (0.0, 0.0, 0.0)
 

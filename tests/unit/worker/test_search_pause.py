@@ -1,4 +1,4 @@
-from worker.search_queue import LONGEST_NS, SearchPause
+from clustermcl.worker.search_queue import LONGEST_NS, SearchPause
 
 MS = 1_000_000
 

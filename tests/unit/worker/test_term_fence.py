@@ -1,8 +1,8 @@
 import pytest
 
-from protocol.errors import OldTermError
+from clustermcl.protocol.errors import OldTermError
+from clustermcl.worker.worker import KEPT_TERMS, TermFence
 from tests.unit.coordinator.reports import checkpoint, work_order
-from worker.worker import KEPT_TERMS, TermFence
 
 
 def test_a_take_over_or_a_checkpoint_fences_lower_terms() -> None:

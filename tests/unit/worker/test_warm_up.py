@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from particle_filter import kernel_library, kernels
-from particle_filter.folders import remarks
-from particle_filter.settings import MotionSettings, SensorSettings
+from clustermcl.filter.folders import remarks
+from clustermcl.filter.kernels import compiled as kernels
+from clustermcl.filter.kernels import library as kernel_library
+from clustermcl.filter.settings import MotionSettings, SensorSettings
+from clustermcl.jobs.warm_up import compile_kernels, run_kernels
 from tests.unit.programs import ran
-from worker.warm_up import compile_kernels, run_kernels
 
 needs_compiler = pytest.mark.skipif(
     not shutil.which(os.environ.get("CC", "cc")), reason="there is no C compiler"
@@ -20,10 +21,10 @@ needs_compiler = pytest.mark.skipif(
 
 DRIVE = """
 import sys
-from particle_filter.settings import SensorSettings
-from worker.warm_up import compile_kernels
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs.warm_up import compile_kernels
 compile_kernels(SensorSettings())
-from clustermcl.command import app
+from clustermcl.commands.command import app
 app(["evaluate", "sim:cross_tags", "--steps", "40", "--jobs", "1"], standalone_mode=False)
 print("imported:", sorted({"numba", "llvmlite"} & set(sys.modules)))
 """

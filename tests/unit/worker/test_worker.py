@@ -3,16 +3,30 @@ from typing import Any
 import msgspec
 import pytest
 
-from particle_filter.sensor_model import SensorModel
-from particle_filter.sensor_models import computed_model
-from protocol.errors import MalformedMessageError, UnreachableError
-from protocol.live_settings import LiveSettings
-from protocol.steps import MapMessage, Scan
-from protocol.work import (
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.jobs.jobs import running
+from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
+from clustermcl.protocol.live_settings import LiveSettings
+from clustermcl.protocol.steps import MapMessage, Scan
+from clustermcl.protocol.work import (
     Assignment,
     OrderAnswer,
     Report,
     TakeOver,
+)
+from clustermcl.worker.job_table import MissingScans
+from clustermcl.worker.worker import (
+    HISTORY_TIMEOUT_S,
+    LOST_SCANS_TIMEOUT_S,
+    Answer,
+    BuildModel,
+    FetchMap,
+    FetchScans,
+    Instruction,
+    PublishReport,
+    Warn,
+    Worker,
 )
 from tests.unit.coordinator.living import MAP
 from tests.unit.coordinator.reports import checkpoint, work_order
@@ -31,20 +45,6 @@ from tests.unit.worker.events import (
 )
 from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
-from worker.job_table import MissingScans
-from worker.jobs import running
-from worker.worker import (
-    HISTORY_TIMEOUT_S,
-    LOST_SCANS_TIMEOUT_S,
-    Answer,
-    BuildModel,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishReport,
-    Warn,
-    Worker,
-)
 
 NO_ANSWER = UnreachableError(
     peer="map", problem="no answer on 'map': nobody is there", waited_s=30.0

@@ -3,8 +3,8 @@
 import argparse
 from contextlib import ExitStack
 
-from process_runtime.main import Invocation, process_main
-from zenoh_link.session import open_session
+from clustermcl.link.session import open_session
+from clustermcl.runtime.main import Invocation, process_main
 
 
 def body(invocation: Invocation) -> None:

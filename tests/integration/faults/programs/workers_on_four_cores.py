@@ -2,7 +2,7 @@
 
 import os
 
-from process_runtime.supervisor import ChildCount, use_one_thread_for_arithmetic
+from clustermcl.runtime.supervisor import ChildCount, use_one_thread_for_arithmetic
 
 IDLE_S = 2.0
 
@@ -15,6 +15,6 @@ if __name__ == "__main__":
     os.sched_getaffinity = four_cores  # type: ignore[assignment]
     ChildCount.__init__.__defaults__ = (IDLE_S,)  # type: ignore[misc]
     use_one_thread_for_arithmetic()  # before numpy is imported
-    from worker.process import main
+    from clustermcl.worker.process import main
 
     main()

@@ -7,8 +7,8 @@ import msgspec
 from benchmarks.experiments.case import Case, SimulatedRobot
 from benchmarks.experiments.measures import RunMeasures, Update, measures_of, update_of
 from benchmarks.experiments.observability import turned_copies
-from protocol.answers import Hypothesis, State
-from protocol.message import PoseTuple
+from clustermcl.protocol.answers import Hypothesis, State
+from clustermcl.protocol.message import PoseTuple
 from tests.unit.evaluation.places import outcome, place
 
 NOWHERE: PoseTuple = (50.0, 50.0, 0.0)

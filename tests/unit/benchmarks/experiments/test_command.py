@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from benchmarks.experiments.__main__ import app
 from benchmarks.experiments.catalogue import DATA_VARIABLE
-from protocol.errors import InputFileError, SettingsError
+from clustermcl.protocol.errors import InputFileError, SettingsError
 
 
 @pytest.fixture(autouse=True)

@@ -13,16 +13,16 @@ from benchmarks.experiments.mcl import (
     start_particles,
     uniform_over_free_space,
 )
-from particle_filter.arrays import UNKNOWN
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.grid import Grid
-from particle_filter.poses import between
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import BeliefSettings, ClusterSettings, FilterSettings
-from protocol.arrays import ArrayBlob
+from clustermcl.filter.arrays import UNKNOWN
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.poses import between
+from clustermcl.filter.settings import BeliefSettings, ClusterSettings, FilterSettings
+from clustermcl.protocol.arrays import ArrayBlob
+from tests.unit.filter.rooms import CELL_M, NO_OFFSET, plain_room
 from tests.unit.oracle import tiny_world
 from tests.unit.oracle.tiny_world import SENSOR, TRUTH, Drive
-from tests.unit.particle_filter.rooms import CELL_M, NO_OFFSET, plain_room
 
 ROOM_MODEL = computed_model(
     Grid(tiny_world.plain_room(), tiny_world.CELL_M, np.zeros(3)), tiny_world.SENSOR

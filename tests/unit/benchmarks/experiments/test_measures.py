@@ -7,7 +7,7 @@ from benchmarks.experiments.measures import (
     measures_of,
     update_of,
 )
-from protocol.answers import State
+from clustermcl.protocol.answers import State
 from tests.unit.benchmarks.experiments.made_up import (
     COPIES,
     NOWHERE,

@@ -8,10 +8,10 @@ from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRob
 from benchmarks.experiments.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from benchmarks.experiments.measures import RunMeasures
 from benchmarks.experiments.task import Task, run_task
-from particle_filter.cluster_filter import ParticleSet
-from particle_filter.settings import BeliefSettings, FilterSettings
-from process_runtime.settings_file import load_settings
-from tests.unit.particle_filter.rooms import model_of, plain_room
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.settings import BeliefSettings, FilterSettings
+from clustermcl.runtime.settings_file import load_settings
+from tests.unit.filter.rooms import model_of, plain_room
 
 SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())

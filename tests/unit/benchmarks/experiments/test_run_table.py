@@ -6,9 +6,9 @@ import pytest
 from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import RunTable, key_of, rows_of
 from benchmarks.experiments.task import Finished, Task
-from particle_filter.settings import BeliefSettings
-from process_runtime.settings import Settings
-from protocol.errors import InputFileError
+from clustermcl.filter.settings import BeliefSettings
+from clustermcl.protocol.errors import InputFileError
+from clustermcl.runtime.settings import Settings
 from tests.unit.benchmarks.experiments.made_up import case, measures
 
 

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.admission import (
+from clustermcl.belief.admission import (
     MOST_LOG,
     Admission,
     admission,
     first_places,
     log_weight_of_held,
 )
-from coordinator.belief.given_places import candidate, diagonal
-from coordinator.belief.search_pool import Pool
-from particle_filter.random_streams import Purpose
-from particle_filter.settings import FilterSettings, SearchSettings
-from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_tuple
+from clustermcl.belief.given_places import candidate, diagonal
+from clustermcl.belief.search_pool import Pool
+from clustermcl.filter.random_streams import Purpose
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_tuple
 from tests.unit.coordinator.reports import literal_bayes, pool_of
 
 SETTINGS = FilterSettings(

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from coordinator.belief.bayes_update import NEWS_M, new_evidence_share, weigh
-from coordinator.belief.cluster_set import LEAST_LOG, STILL_PROBABLE, Candidate, ClusterSet
-from particle_filter.evidence_model import residual, through_beam_loss
-from particle_filter.off_map import MapQuality
-from particle_filter.settings import SensorSettings
-from protocol.job_events import Ended
-from protocol.message import PoseTuple
-from protocol.work import TrackReport
+from clustermcl.belief.bayes_update import NEWS_M, new_evidence_share, weigh
+from clustermcl.belief.cluster_set import LEAST_LOG, STILL_PROBABLE, Candidate, ClusterSet
+from clustermcl.filter.cluster.evidence_model import residual, through_beam_loss
+from clustermcl.filter.laser.off_map import MapQuality
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.protocol.job_events import Ended
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import TrackReport
 from tests.unit.coordinator.reports import literal_bayes, place, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)

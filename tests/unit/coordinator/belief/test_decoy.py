@@ -3,11 +3,16 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.bayes_update import weigh
-from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
-from coordinator.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
-from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings, SensorSettings
-from protocol.work import SearchReport, TrackJob
+from clustermcl.belief.bayes_update import weigh
+from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
+from clustermcl.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
+from clustermcl.filter.settings import (
+    BeliefSettings,
+    FilterSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from clustermcl.protocol.work import SearchReport, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, place, searched, tracked
 
 SETTINGS = FilterSettings(search=SearchSettings(shards=1))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import STILL_PROBABLE
-from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.outcome import Outcome
-from coordinator.part import successor_of
-from particle_filter.settings import FilterSettings, SearchSettings
-from protocol.message import PoseTuple
-from protocol.work import ElsewhereJob, Report
+from clustermcl.belief.cluster_set import STILL_PROBABLE
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.outcome import Outcome
+from clustermcl.belief.part import successor_of
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import ElsewhereJob, Report
 from tests.unit.coordinator.reports import (
     elsewhere,
     literal_bayes,

@@ -4,12 +4,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from coordinator.belief.ensemble import ELSEWHERE, Ensemble
-from coordinator.belief.outcome import Outcome
-from particle_filter.settings import FilterSettings, SearchSettings
-from protocol.job_events import Began, Ended
-from protocol.message import PoseTuple
-from protocol.work import ElsewhereJob, Report, SearchJob, TrackJob
+from clustermcl.belief.ensemble import ELSEWHERE, Ensemble
+from clustermcl.belief.outcome import Outcome
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.job_events import Began, Ended
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import ElsewhereJob, Report, SearchJob, TrackJob
 from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)

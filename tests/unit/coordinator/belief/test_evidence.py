@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.search_pool import KEPT_STEPS, SearchPool
-from particle_filter.evidence_model import residual
-from particle_filter.settings import SearchSettings, SensorSettings
-from particle_filter.view_memory import ViewMemory
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
+from clustermcl.filter.cluster.evidence_model import residual
+from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.settings import SearchSettings, SensorSettings
 from tests.unit.coordinator.belief.test_ensemble import (
     EAST,
     NORTH,

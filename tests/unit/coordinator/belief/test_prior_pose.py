@@ -2,13 +2,13 @@ import math
 
 import pytest
 
-from coordinator.belief.cluster_set import Candidate
-from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.given_places import PriorPose, with_prior_pose
-from particle_filter.settings import FilterSettings, SearchSettings
-from protocol.job_events import Began
-from protocol.message import PoseTuple
-from protocol.work import Place
+from clustermcl.belief.cluster_set import Candidate
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.given_places import PriorPose, with_prior_pose
+from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.protocol.job_events import Began
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import Place
 from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, place, searched
 
 RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from coordinator.belief.search_course import KEPT_STEPS, SearchEvidence
+from clustermcl.belief.search_course import KEPT_STEPS, SearchEvidence
 
 
 def test_the_weight_of_a_search_is_that_of_elsewhere_times_the_likelihood_ratio() -> None:

@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from coordinator.belief.search_pool import SearchPool
-from particle_filter.settings import SearchSettings
+from clustermcl.belief.search_pool import SearchPool
+from clustermcl.filter.settings import SearchSettings
 from tests.unit.coordinator.reports import pool_of
 
 SETTINGS = SearchSettings(shards=1, converged_mass=0.8, max_steps=10)

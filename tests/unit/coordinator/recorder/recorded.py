@@ -6,18 +6,18 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from coordinator.coordinator import Coordinator, Started
-from coordinator.events import Event
-from coordinator.instructions import Instruction
-from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Head, RecordedEvent, freeze
-from coordinator.recorder.replay import Believed, Happening, replayed
-from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
-from coordinator.recovery import Term
-from coordinator.state import CoordinatorState
-from protocol.answers import Belief
-from protocol.codec import encode
-from recordings.run_log import RunLog, RunLogReader
+from clustermcl.coordinator.coordinator import Coordinator, Started
+from clustermcl.coordinator.events import Event
+from clustermcl.coordinator.instructions import Instruction
+from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
+from clustermcl.coordinator.recorder.records import Head, RecordedEvent, freeze
+from clustermcl.coordinator.recorder.replay import Believed, Happening, replayed
+from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
+from clustermcl.coordinator.recovery import Term
+from clustermcl.coordinator.state import CoordinatorState
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import encode
+from clustermcl.recordings.run_log import RunLog, RunLogReader
 from tests.unit.coordinator.reports import started
 
 VERSION = "test"

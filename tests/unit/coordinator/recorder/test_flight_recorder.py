@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
-from coordinator.recorder import flight_recorder
-from coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
-from coordinator.recorder.records import Happened, without_bulk
-from coordinator.recorder.ring import FILES, Ring, files_in
-from protocol.work import TrackReport
-from recordings import run_log
+from clustermcl.coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
+from clustermcl.coordinator.recorder import flight_recorder
+from clustermcl.coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
+from clustermcl.coordinator.recorder.records import Happened, without_bulk
+from clustermcl.coordinator.recorder.ring import FILES, Ring, files_in
+from clustermcl.protocol.work import TrackReport
+from clustermcl.recordings import run_log
 from tests.unit.coordinator.recorder.recorded import (
     STARTED,
     RecordedCoordinator,

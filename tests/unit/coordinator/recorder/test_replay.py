@@ -4,10 +4,10 @@ from pathlib import Path
 import hypothesis
 from hypothesis import strategies as st
 
-from coordinator.recorder.replay import replayed
-from coordinator.recorder.ring import files_in
-from particle_filter.sensor_model import SensorModel
-from protocol.answers import Belief, Relocalize, SetPose
+from clustermcl.coordinator.recorder.replay import replayed
+from clustermcl.coordinator.recorder.ring import files_in
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.answers import Belief, Relocalize, SetPose
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, as_bytes, beliefs
 

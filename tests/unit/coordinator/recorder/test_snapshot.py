@@ -6,14 +6,14 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.coordinator import Coordinator, Started
-from coordinator.events import Event
-from coordinator.instructions import Instruction, PublishBelief
-from coordinator.part import Part
-from coordinator.recorder.records import freeze, without_bulk
-from particle_filter.sensor_model import SensorModel
-from protocol.answers import Belief
-from protocol.conversion import decoded
+from clustermcl.belief.part import Part
+from clustermcl.coordinator.coordinator import Coordinator, Started
+from clustermcl.coordinator.events import Event
+from clustermcl.coordinator.instructions import Instruction, PublishBelief
+from clustermcl.coordinator.recorder.records import freeze, without_bulk
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.conversion import decoded
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 

@@ -5,18 +5,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from evaluation.map_check.agreement import Agreement, agreement_of
-from evaluation.map_check.mount import mount_of
-from evaluation.map_check.report import report_of
-from particle_filter.poses import compose
-from particle_filter.settings import FilterSettings
-from process_runtime.settings import BridgeSettings
-from protocol.message import PoseTuple
-from protocol.steps import Scan, mirrored
-from robot_simulator.sensors import LidarModel
-from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
+from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
+from clustermcl.evaluation.map_check.mount import mount_of
+from clustermcl.evaluation.map_check.report import report_of
+from clustermcl.filter.poses import compose
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan, mirrored
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.simulator.sensors import LidarModel
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
 
 MOUNT = (0.3, -0.1, 0.2)
 

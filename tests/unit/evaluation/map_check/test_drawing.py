@@ -3,10 +3,10 @@ from pathlib import Path
 from PIL import Image, ImageColor
 from typer.testing import CliRunner
 
-from clustermcl.command import app
-from evaluation.map_check.drawing import COLOURS, LANDMARK
-from protocol.errors import SettingsError
-from robot_simulator.worlds.catalogue import world
+from clustermcl.commands.command import app
+from clustermcl.evaluation.map_check.drawing import COLOURS, LANDMARK
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.simulator.worlds.catalogue import world
 from tests.maps import write_map
 
 UNIQUE, ONE, SOME, MANY = (colour for _, colour in COLOURS)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from evaluation.map_check.report import ground_of
-from grid_maps.grid_map import GridMap
+from clustermcl.evaluation.map_check.report import ground_of
+from clustermcl.recordings.maps.grid_map import GridMap
 
 
 def test_pieces_and_the_open_rim_of_the_ground_are_measured() -> None:

@@ -7,14 +7,14 @@ import pytest
 
 from benchmarks.experiments.observability import turned_copies
 from benchmarks.worlds import world
-from evaluation.map_check import ambiguity
-from evaluation.map_check.ambiguity import distinguishable
-from evaluation.map_check.look_alikes import LookAlikeSearch
-from evaluation.map_check.report import MapReport, report_of
-from grid_maps.grid_map import GridMap
-from particle_filter.poses import heading_distance
-from protocol.pose_arrays import pose_tuple
-from protocol.steps import Landmark
+from clustermcl.evaluation.map_check import ambiguity
+from clustermcl.evaluation.map_check.ambiguity import distinguishable
+from clustermcl.evaluation.map_check.look_alikes import LookAlikeSearch
+from clustermcl.evaluation.map_check.report import MapReport, report_of
+from clustermcl.filter.poses import heading_distance
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.protocol.steps import Landmark
+from clustermcl.recordings.maps.grid_map import GridMap
 
 
 def report_on(plan: GridMap, places: int, laser_range_m: float = 12.0) -> MapReport:

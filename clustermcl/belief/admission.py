@@ -1,0 +1,120 @@
+"""Select the places of a search that become clusters, and give their probabilities (section 4).
+
+A search explains what the belief calls elsewhere. The weight of a found place is the probability
+of elsewhere when the search began, times the likelihood of all scans since, times the place's
+share; the weight of a cluster is its probability then, times its likelihood since.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from clustermcl.belief.overlaps import is_near
+from clustermcl.belief.search_pool import Pool
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.work import Place
+
+
+def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
+    """Return the places of a first search to track, most probable first.
+
+    The probability of a place is its share. The rest, up to one, is the probability of elsewhere.
+    """
+    first = enumerate(pool.share[: rules.max_clusters])
+    return [pool.place(index, share) for index, share in first if share >= rules.least_probability]
+
+
+MOST_LOG = 100.0
+"""Bound of a log weight relative to the belief: far more is the same, and numbers stay finite."""
+
+
+@dataclass(frozen=True)
+class Admission:
+    """The result of comparing a search with the clusters."""
+
+    entering: tuple[Place, ...]
+    """Most probable first; the share of each is its weight relative to the belief."""
+    explained: float
+    """Share of the search's probability in places that clusters hold or that enter."""
+    eligible: int
+    """Places that are probable enough to enter, whether there is room or not."""
+
+
+def admission(
+    pool: Pool,
+    held: Sequence[PoseTuple],
+    room: Sequence[float],
+    log_weight: float,
+    settings: FilterSettings,
+    *,
+    is_over: bool,
+    holds_own: bool = False,
+    most: float = math.inf,
+) -> Admission:
+    """Select the places of a search that no cluster holds and that are probable enough.
+
+    When the search is over, its places get a trial weight: the belief may have lost the robot
+    without noticing. A place too near to a cluster for a search to separate them is more likely
+    that cluster's own, and gets no trial.
+
+    Args:
+        pool: the places of the search.
+        held: where the clusters were at the step of the pool.
+        room: probabilities of the clusters that may be replaced, least first; 0 is a free place.
+        log_weight: log weight of all places of the search together, relative to the belief.
+        settings: distances at which places count as one.
+        is_over: the search takes no further scans.
+        holds_own: some clusters are places of this search; they give the search its weight.
+        most: largest probability of all new clusters together, used to decide which clusters they
+            may replace.
+    """
+    rules, search = settings.belief, settings.search
+    reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
+    reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
+    is_held = is_near(pool.mean, held, reach_m, reach_rad)
+    is_tracked = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
+    share = np.array(pool.share)
+    explained = sum(share[is_held].tolist(), start=0.0)
+    earned = math.exp(min(log_weight, MOST_LOG))
+    has_trial = is_over and not holds_own
+    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
+    weight = share * np.where(is_tracked, earned, on_trial)
+    eligible = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
+    eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
+    total = math.fsum(weight[eligible])
+    got = min(1.0, most / total) if total > 0.0 else 1.0
+    entering = [
+        index
+        for index, leaving in zip(eligible.tolist(), room, strict=False)
+        if weight[index] * got > leaving
+    ]
+    explained += math.fsum(pool.share[index] for index in entering)
+    weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
+    return Admission(weighed, min(explained, 1.0), len(eligible))
+
+
+def log_weight_of_held(
+    pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: SearchSettings
+) -> float | None:
+    """Return the log weight of a search, computed from its places that are clusters already.
+
+    The weight is the ratio of their probability as clusters to their share in the search.
+
+    Args:
+        pool: the places of the search.
+        held: pose, at the step of the pool, and probability of each cluster from this search.
+        rules: distances within which a place and a cluster are the same.
+
+    Returns:
+        The log weight; None: no place of the pool is a cluster.
+    """
+    reach = (rules.source_radius_m, rules.source_heading_rad)
+    is_found = is_near([mean for mean, _ in held], pool.mean, *reach)
+    near = [one for one, found in zip(held, is_found, strict=True) if found]
+    is_of_near = is_near(pool.mean, [mean for mean, _ in near], *reach)
+    share = math.fsum(np.array(pool.share)[is_of_near])
+    probability = math.fsum(probability for _, probability in near)
+    return math.log(probability / share) if probability > 0.0 and share > 0.0 else None

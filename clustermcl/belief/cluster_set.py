@@ -1,0 +1,409 @@
+"""The tracked places and their probabilities, and those of elsewhere and off the map."""
+
+import math
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from typing import Annotated, ClassVar, TypeAlias
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from clustermcl.belief import log_probabilities as belief
+from clustermcl.belief.overlaps import merge_overlapping
+from clustermcl.belief.part import FEW, Count, LogProbability, Part
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.cluster.evidence_model import UsualFit
+from clustermcl.filter.laser.off_map import MapQuality
+from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
+from clustermcl.filter.poses import compose
+from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
+from clustermcl.protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
+from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
+from clustermcl.protocol.work import ParticleCount, Place
+
+ALTERNATIVE = 0.1
+"""A cluster with this share of the best one's probability is an alternative."""
+STILL_PROBABLE = 0.05
+"""Least probability of an alternative after candidates entered: the alarm may have been false."""
+ESTABLISHED_VIEWS = 5.0
+"""New views after which a robot that was certain of its place is on the map: it drove there. Beams
+that then pass through walls show what has changed in the building."""
+LEAST_LOG = -1e6
+"""Least log probability: it stays finite, so that evidence can raise it again."""
+
+
+class Cluster(msgspec.Struct, frozen=True):
+    """One tracked place."""
+
+    cluster: Number
+    log_probability: Annotated[float, Meta(ge=-sys.float_info.max, le=1e-6)]
+    born_step: NumberOrNone
+    pose: PoseTuple
+    covariance: Covariance
+    protected_until: int = -1
+    """The step before which it may not be replaced."""
+    effective_sample_size: NotNegative = 0.0
+    particles: ParticleCount | None = None
+    """Particles that track it from `particles_from` on; None: not decided."""
+    particles_from: NumberOrNone = -1
+    """First step that may resample to `particles`; -1: since it began."""
+    confirmed: bool = True
+    """Whether a scan was weighed there; a pose that was given waits for one."""
+    mirrored: bool = False
+    """A decoy: the mirrored scans are tracked here."""
+
+    @property
+    def job_id(self) -> str:
+        return f"{'d' if self.mirrored else 'c'}{self.cluster}"
+
+    @property
+    def probability(self) -> float:
+        return math.exp(self.log_probability)
+
+
+Candidate: TypeAlias = tuple[Place, BeganCause]
+"""A place that may become a cluster, and its origin. The share of the place is its weight relative
+to the belief, which sums to one before the place enters."""
+
+
+class ClusterSet(Part):
+    """All clusters of one robot, in the order of their numbers."""
+
+    local: ClassVar = frozenset({"rules", "sensor"})
+    rules: BeliefSettings = BeliefSettings()
+    sensor: SensorSettings = SensorSettings()
+    clusters: Annotated[dict[Number, Cluster], FEW] = {}
+    """By number, in the order in which they are summed."""
+    next_cluster: Count = 0
+    quality: MapQuality = MapQuality()
+    """Quality of the map, learned during the run."""
+    fit: UsualFit = UsualFit()
+    """How well scans fit where the robot is."""
+    certain_views: NotNegative = 0.0
+    """New views at which the best place was certain, since the robot was lost."""
+    log_elsewhere: LogProbability = math.nan
+    log_off_map: LogProbability = math.nan
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.log_elsewhere):  # a new set
+            self._is_anywhere()
+
+    def __len__(self) -> int:
+        return len(self.clusters)
+
+    @property
+    def elsewhere(self) -> float:
+        return math.exp(self.log_elsewhere)
+
+    @property
+    def off_map(self) -> float:
+        return math.exp(self.log_off_map)
+
+    @property
+    def outside_clusters(self) -> float:
+        """The probability that the robot is elsewhere or off the map."""
+        return self.elsewhere + self.off_map
+
+    def all(self) -> tuple[Cluster, ...]:
+        """Return the clusters in the order in which they are summed."""
+        return tuple(self.clusters.values())
+
+    @property
+    def job_ids(self) -> tuple[str, ...]:
+        return tuple(cluster.job_id for cluster in self.clusters.values())
+
+    def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
+        """Set the number of particles of a cluster, to be drawn from `first_step` on."""
+        self.clusters[cluster] = replace(
+            self.clusters[cluster], particles=particles, particles_from=first_step
+        )
+
+    def by_probability(self) -> list[Cluster]:
+        """Return the clusters, most probable first."""
+        return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
+
+    def carry(
+        self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
+    ) -> None:
+        """Move clusters without a report by odometry.
+
+        Args:
+            job_ids: ids of the jobs that track these clusters.
+            before_from_after: (3,) motion of the robot since the step before.
+            motion: noise of the odometry, which is added to the clusters' covariances.
+        """
+        noise = motion_covariance(before_from_after, motion)
+        for cluster in self.all():
+            if cluster.job_id in job_ids:
+                mean, known = np.array(cluster.pose), covariance_matrix(cluster.covariance)
+                covariance = composed_covariance(mean, known, before_from_after, noise)
+                self.clusters[cluster.cluster] = replace(
+                    cluster,
+                    pose=pose_tuple(compose(mean, before_from_after)),
+                    covariance=covariance_tuple(covariance),
+                )
+
+    def merge_overlaps(self) -> list[Ended]:
+        """Join clusters at the same place: probabilities add, the most probable one stays."""
+        ordered = self.by_probability()
+        if len(ordered) < 2:
+            return []
+        rules, ended = self.rules, list[Ended]()
+        means = np.array([cluster.pose for cluster in ordered])
+        into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
+        for index in np.unique(into):
+            first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
+            total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
+            self.clusters[first.cluster] = replace(first, log_probability=float(total))
+            ended += self.end(rest, "merged", first)
+        return ended
+
+    def admit(
+        self,
+        candidates: Sequence[Candidate],
+        step: int,
+        *,
+        first_step: float = math.inf,
+        protected_until: int = -1,
+    ) -> tuple[list[Cluster], list[JobEvent]]:
+        """Add candidates; if there are too many clusters, end the least probable ones.
+
+        Args:
+            candidates: with weights relative to the belief; all are normalised afterwards.
+            step: the step after which they are tracked.
+            first_step: of the search that has found them; its earlier finds are not protected.
+            protected_until: the step before which they may not be replaced.
+
+        Returns:
+            The new clusters, in the order of the candidates, and who began and who ended.
+        """
+        leaving = self._make_room(len(candidates), step, first_step)
+        first = self.next_cluster
+        for place, cause in candidates:
+            self.clusters[self.next_cluster] = Cluster(
+                self.next_cluster,
+                math.log(place.share) if place.share > 0.0 else LEAST_LOG,
+                step,
+                place.pose,
+                place.covariance,
+                protected_until,
+                confirmed=cause != "given",
+            )
+            self.next_cluster += 1
+        self._normalise()
+        admitted = [self.clusters[number] for number in range(first, self.next_cluster)]
+        events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
+        events += [
+            Began(cluster.job_id, cause, cluster.probability)
+            for cluster, (_, cause) in zip(admitted, candidates, strict=True)
+        ]
+        return admitted, events
+
+    def sharing(
+        self, candidates: Sequence[Candidate], first_step: int, explained: float
+    ) -> list[Candidate]:
+        """Move probability to candidates, from earlier places of the same search only.
+
+        Args:
+            candidates: newly found places, with weights relative to the belief.
+            first_step: first step of the search; clusters that began since then have a positive
+                probability.
+            explained: probability that moves from elsewhere to the places of the search.
+        """
+        own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
+        held = math.fsum(cluster.probability for cluster in own)
+        weight = math.fsum(place.share for place, _ in candidates)
+        kept = (held + explained) / (held + weight)
+        for cluster in own:
+            less = replace(cluster, log_probability=cluster.log_probability + math.log(kept))
+            self.clusters[cluster.cluster] = less
+        return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
+
+    def room(self, step: int, first_step: float = math.inf) -> list[float]:
+        """Return the probabilities of the clusters that candidates may replace, in ascending order.
+
+        Free places come first, as clusters of probability 0. Clusters within their minimum
+        lifetime are replaced only by later places of their own search.
+        """
+        free = self.rules.max_clusters - len(self.clusters)
+        return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
+
+    def protect_alternatives(self, until: int) -> None:
+        """Protect the probable clusters from replacement before this step.
+
+        One or two scans among people may give a false alarm. The places that a search finds then
+        must not replace the right one.
+        """
+        ordered = self.by_probability()
+        for cluster in ordered:
+            if cluster.probability >= ALTERNATIVE * ordered[0].probability:
+                protected = replace(cluster, protected_until=max(cluster.protected_until, until))
+                self.clusters[cluster.cluster] = protected
+
+    def apply_floor(self, step: int, first_step: int) -> None:
+        """Raise earlier protected clusters to `STILL_PROBABLE` after candidates entered.
+
+        Args:
+            step: number of the last step.
+            first_step: first step of the search that found the candidates; clusters that began
+                since then stay as they are.
+        """
+        for cluster in self.all():
+            old = cluster.born_step < first_step and step < cluster.protected_until
+            if old and cluster.probability < STILL_PROBABLE:
+                lifted = replace(cluster, log_probability=math.log(STILL_PROBABLE))
+                self.clusters[cluster.cluster] = lifted
+        self._normalise()
+
+    def drop_improbable(self, step: int) -> list[Ended]:
+        """End clusters below the least probability; elsewhere gets theirs."""
+        least = self.rules.least_probability
+        leaving = [
+            cluster
+            for cluster in self.by_probability()[1:]
+            if cluster.probability < least and step >= cluster.protected_until
+        ]
+        ended = self.end(leaving, "improbable")
+        if leaving and self.rules.kidnapping_probability > 0.0:
+            logs = [cluster.log_probability for cluster in leaving]
+            self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
+        self._normalise()
+        return ended
+
+    def count_certain_views(self, new_view: float) -> None:
+        """Add the view of a scan after its update."""
+        if self.outside_clusters > self.rules.lost_probability:
+            self.certain_views = 0.0
+        elif self.by_probability()[0].probability >= self.rules.localized_probability:
+            self.certain_views = min(self.certain_views + new_view, ESTABLISHED_VIEWS)
+
+    @property
+    def is_established(self) -> bool:
+        """Whether beam classes no longer speak against the robot being on the map."""
+        return self.certain_views >= ESTABLISHED_VIEWS
+
+    def take_from_elsewhere(self, share: float) -> None:
+        """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
+        rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
+        self.log_elsewhere += rest
+
+    def keep_off_map(
+        self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
+    ) -> None:
+        """Raise off the map before `admit`, so that candidates have elsewhere's odds against it.
+
+        A search also finds places that fit well for a robot that is off the map. So the good fit
+        of candidates is no evidence about off the map.
+
+        Args:
+            candidates: with weights relative to the belief.
+            log_elsewhere: log of the probability of elsewhere when their search began.
+            log_off_map: log of the probability of off the map at that time.
+        """
+        weight = math.fsum(place.share for place, _ in candidates)
+        most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)
+        kept = min(
+            log_of(weight) + log_off_map - log_elsewhere,
+            log_of(most / (1.0 - most)) + log_of(1.0 - self.off_map + weight),
+        )
+        self.log_off_map = max(self.log_off_map, kept)
+
+    def split(
+        self, job_id: str, parts: Sequence[Place], step: int
+    ) -> tuple[list[Cluster], list[JobEvent]]:
+        """Replace a cluster by its parts, which share its probability."""
+        whole = self.clusters.pop(int(job_id.removeprefix("c")))
+        total = math.fsum(part.share for part in parts)
+        candidates: list[Candidate] = [
+            (replace(part, share=whole.probability * part.share / total), "split") for part in parts
+        ]
+        admitted, events = self.admit(candidates, step)
+        for part in admitted:
+            aged = replace(
+                part,
+                born_step=whole.born_step,
+                protected_until=whole.protected_until,
+            )
+            self.clusters[part.cluster] = aged
+        return admitted, [_ended(whole, "split", *admitted), *events]
+
+    def _is_anywhere(self) -> None:
+        """Give all probability to elsewhere and off the map."""
+        self.log_elsewhere, self.log_off_map = 0.0, -math.inf
+        self.forget_where_outside()
+
+    def forget_where_outside(self) -> None:
+        """Give off the map its prior share of the probability outside the clusters."""
+        is_ever_lost = self.rules.kidnapping_probability > 0.0
+        off = self.rules.off_map_probability if is_ever_lost else 0.0
+        log_outside = float(np.logaddexp(self.log_elsewhere, self.log_off_map))
+        self.log_elsewhere = log_outside + log_of(1.0 - off)
+        self.log_off_map = log_outside + log_of(off)
+
+    def clear(self, cause: EndedCause) -> list[Ended]:
+        """End all clusters; the robot may be anywhere."""
+        self._is_anywhere()
+        self.fit, self.certain_views = UsualFit(), 0.0
+        return self.end(self.all(), cause)
+
+    def _leaving(self, step: int, first_step: float) -> list[Cluster]:
+        """Return the clusters that may be replaced, least probable first."""
+        return [
+            cluster
+            for cluster in reversed(self.by_probability())
+            if step >= cluster.protected_until or cluster.born_step >= first_step
+        ]
+
+    def _make_room(self, count: int, step: int, first_step: float) -> list[Cluster]:
+        """Remove the clusters that exceed the maximum after `count` more; return them."""
+        surplus = len(self.clusters) + count - self.rules.max_clusters
+        leaving = self._leaving(step, first_step)[: max(surplus, 0)]
+        for cluster in leaving:
+            del self.clusters[cluster.cluster]
+        return leaving
+
+    def end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
+        """Remove clusters, whose probability nothing else gets yet; return their events."""
+        for cluster in leaving:
+            del self.clusters[cluster.cluster]
+        return [_ended(cluster, cause, *by) for cluster in leaving]
+
+    def log_probabilities(self) -> belief.LogProbabilities:
+        """Return (K + 2,) log probabilities of the clusters, of elsewhere, and of off the map."""
+        clusters = (cluster.log_probability for cluster in self.all())
+        return np.array([*clusters, self.log_elsewhere, self.log_off_map])
+
+    def _normalise(self) -> None:
+        if self.clusters and self.rules.kidnapping_probability == 0.0:
+            self.log_elsewhere = self.log_off_map = -math.inf
+        self.set_log_probabilities(belief.normalised_logs(self.log_probabilities()))
+
+    def set_log_probabilities(self, log_probabilities: NDArray[np.float64]) -> None:
+        *clusters, self.log_elsewhere, self.log_off_map = log_probabilities.tolist()
+        for cluster, value in zip(self.all(), clusters, strict=True):
+            finite = replace(cluster, log_probability=max(value, LEAST_LOG))
+            self.clusters[cluster.cluster] = finite
+
+
+def log_of(probability: float) -> float:
+    return math.log(probability) if probability > 0.0 else -math.inf
+
+
+def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
+    """Return the events of replaced clusters, each with the candidate that replaced it.
+
+    If there are fewer candidates than replaced clusters, the last one replaced the rest.
+    """
+    pushing = admitted[-len(leaving) :]
+    return [
+        _ended(cluster, "pushed out", *(pushing[place : place + 1] or pushing[-1:]))
+        for place, cluster in enumerate(leaving)
+    ]
+
+
+def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:
+    return Ended(cluster.job_id, cause, tuple(other.job_id for other in by), cluster.probability)

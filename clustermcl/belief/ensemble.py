@@ -1,0 +1,507 @@
+"""The belief of one robot and its search for new places.
+
+The class has no clock, network or particles. It runs in the coordinator process and in
+`clustermcl evaluate`, so both have the same beliefs bit for bit. Each decision takes effect at a
+step number, so it does not depend on when a message arrives.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from msgspec.structs import replace
+
+from clustermcl.belief.admission import admission, first_places, log_weight_of_held
+from clustermcl.belief.bayes_update import new_evidence_share, weigh
+from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
+from clustermcl.belief.given_places import PriorPose, with_prior_pose
+from clustermcl.belief.outcome import Outcome, hypothesis_of
+from clustermcl.belief.part import Part
+from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
+from clustermcl.belief.search_pool import Pool, pool_of
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.cluster.evidence_model import UsualFit
+from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.answers import Hypothesis, State
+from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent
+from clustermcl.protocol.message import Circle, Corners
+from clustermcl.protocol.work import (
+    ElsewhereJob,
+    ElsewhereReport,
+    Job,
+    Place,
+    Report,
+    TrackJob,
+    TrackReport,
+)
+
+SHARE_EVERY_STEPS = 20
+"""Steps from one review of the clusters' numbers of particles to the next."""
+SHARE_AFTER_STEPS = 10
+"""Steps from a review until its numbers hold. No step is created while four are undecided, so all
+workers receive the order before, and resample at the same step. Snapshots, at least as frequent,
+let a job that moves to another worker start after the review before."""
+NEARLY = 0.8
+"""A cluster keeps its number of particles while its share is at least this much of it."""
+ELSEWHERE = "e0"
+"""The job that weighs scans over the whole map; it starts again when steps or maps do."""
+OPEN = 0.1
+"""A decoy is tracked while the robot is off the map with a higher probability than this."""
+LEADS = 0.1
+"""A decoy is tracked only if one cluster has more than this share: else none is near 0.9."""
+NOT_WEIGHED = 1e6
+"""Log-likelihood of a scan that most of the belief has not weighed: a search that used it has no
+evidence against the belief [nat]."""
+LEAST_REST = 1e-12
+"""Least probability of all other places after a certain pose was given."""
+
+
+class Ensemble(Part, kw_only=True):
+    """All clusters of one robot and the search for new ones (section 4)."""
+
+    local: ClassVar = frozenset({"settings", "begin", "events"})
+    settings: FilterSettings = FilterSettings()
+    clusters: ClusterSet
+    search: SearchCourse
+    decoy: Decoy
+    prior_pose: PriorPose | None = None
+    """A pose from an earlier run; it is used until the first search has ended."""
+    given: bool = False
+    """Whether the place was given, and the robot was not lost since: no search runs."""
+    seen: ViewMemory = ViewMemory()
+    found: bool = False
+    """Whether a place was found since the last search that began without any."""
+    begin: dict[str, Job] = {}
+    events: list[JobEvent] = []
+
+    @classmethod
+    def of(cls, settings: FilterSettings) -> "Ensemble":
+        return cls(
+            settings=settings,
+            clusters=ClusterSet(settings.belief, settings.sensor),
+            search=SearchCourse(settings),
+            decoy=Decoy(SearchCourse(settings, mirrored=True)),
+        )
+
+    def use(self, settings: FilterSettings) -> None:
+        self.settings = settings
+        self.clusters.rules, self.clusters.sensor = settings.belief, settings.sensor
+        self.search.use(settings, mirrored=False)
+        self.decoy.search.use(settings, mirrored=True)
+
+    @property
+    def searches(self) -> int:
+        return self.search.begun
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """The jobs that have to report on the next step."""
+        searches = (*self.search.job_ids, *self.decoy.search.job_ids)
+        return (*self.clusters.job_ids, *self.decoy.track_ids, *searches, *self._elsewhere)
+
+    @property
+    def deferrable(self) -> tuple[str, ...]:
+        """The expected jobs that may report later: searches, while clusters are tracked."""
+        return (*self.search.job_ids, *self.decoy.search.job_ids) if len(self.clusters) else ()
+
+    def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
+        """Start the first search, before the first step; return the jobs that process its scan."""
+        self.prior_pose = prior_pose
+        self.begin |= self.standing_jobs(step)
+        self._start_search(step)
+        begin, self.begin = self.begin, {}
+        return begin
+
+    def standing_jobs(self, first_step: int) -> dict[str, Job]:
+        """Return the jobs that always run, from this step on."""
+        return {job_id: ElsewhereJob(first_step=first_step) for job_id in self._elsewhere}
+
+    def advance(
+        self, step: int, reports: Sequence[Report], before_from_after: Pose | None = None
+    ) -> Outcome:
+        """Apply one step.
+
+        Args:
+            step: number of the step.
+            reports: reports of this step that arrived in time, and reports of searches, which may
+                belong to an earlier step.
+            before_from_after: (3,) motion of the robot since the step before, by odometry; moves
+                clusters without a report. None: unknown.
+        """
+        was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
+        arrived = {report.job_id for report in reports if report.step == step}
+        arrived |= set(self.deferrable)  # searches may lag
+        missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
+        tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
+        of_elsewhere = (r for r in reports if isinstance(r, ElsewhereReport) and r.step == step)
+        elsewhere = next(of_elsewhere, None)
+        observed = elsewhere.places if elsewhere else None
+        is_weighed = self._is_weighed_by(tracks)
+        new_view = self._new_view(before_from_after)
+        news = 1.0
+        is_given = not all(cluster.confirmed for cluster in self.clusters.all())
+        if before_from_after is not None and observed is None and not is_given:
+            news = new_evidence_share(before_from_after)
+        log_likelihood = weigh(
+            self.clusters,
+            tracks,
+            elsewhere.log_likelihood if elsewhere else math.nan,
+            observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
+            new_view=new_view,
+            news=news,
+            decoy=self.decoy.best_of(tracks),
+            awaits_decoy=self.decoy.is_awaited,
+        )
+        if self.search.runs:
+            self.search.evidence.gather(step, log_likelihood if is_weighed else NOT_WEIGHED)
+        if missing and before_from_after is not None:
+            self.clusters.carry(missing, before_from_after, self.settings.motion)
+        if observed is not None and len(self.clusters):
+            self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
+        self.search.note_means(step, self.clusters.all())
+        if step % self.settings.belief.merge_every_steps == 0:
+            self.events += self.clusters.merge_overlaps()
+        self._split(tracks.values(), step)
+        self.events += self.clusters.drop_improbable(step)
+        if step % SHARE_EVERY_STEPS == 0:
+            self._share_particles(step)
+        self._follow_search(step, reports)
+        self._follow_decoy(step, reports)
+        if self._lost and not was_lost:
+            self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
+        self._look_elsewhere(step, had_fallen=had_fallen)
+        return self.outcome(step, missing)
+
+    def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
+        """Return whether at least half of the clusters, by probability, have reported a step."""
+        clusters = self.clusters.all()
+        held = math.fsum(cluster.probability for cluster in clusters)
+        return held <= 2.0 * math.fsum(c.probability for c in clusters if c.job_id in reports)
+
+    def set_pose(self, given: Place) -> Outcome:
+        """Replace the belief by a pose that an operator gave, as AMCL does.
+
+        Look-alikes do not enter beside it until scans speak against it, and a search begins.
+        """
+        self._forget(given.sample.step, "forgotten")
+        self.seen, self.found = ViewMemory(), False
+        weight = given.share / max(1.0 - given.share, LEAST_REST)
+        self._admit([(replace(given, share=weight), "given")], given.sample.step)
+        self.given = True
+        return self.outcome(given.sample.step)
+
+    def relocalize(
+        self,
+        step: int,
+        cause: EndedCause = "forgotten",
+        near: Circle | None = None,
+        corners: Corners = (),
+    ) -> Outcome:
+        """Forget all clusters and search from the next step on.
+
+        Later searches always cover the whole map.
+
+        Args:
+            step: number of the last step.
+            cause: reason for the end of the clusters.
+            near: circle to search first; None: the whole map.
+            corners: corners of the region to search first; empty: the whole map.
+        """
+        self._forget(step, cause)
+        self.seen, self.found = ViewMemory(), False
+        self._start_search(step + 1, near, corners)
+        return self.outcome(step)
+
+    def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
+        """Replace all clusters by these places, whose shares sum to one."""
+        self._forget(step, cause)
+        self.seen = ViewMemory()
+        self.clusters.take_from_elsewhere(1.0)
+        self._admit([(place, "prior pose") for place in places], step)
+        return self.outcome(step)
+
+    # --- clusters
+
+    def _new_view(self, before_from_after: Pose | None) -> float:
+        """Return the share of a scan that is a new view after this motion."""
+        if before_from_after is None:
+            self.seen, before_from_after = ViewMemory(), np.zeros(3)
+        rules = self.settings
+        new_view, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
+        return new_view
+
+    def _split(self, reports: Iterable[TrackReport], step: int) -> None:
+        """Split clusters whose particles form several parts; these share its probability."""
+        for report in reports:
+            if not report.parts or report.job_id not in self.clusters.job_ids:
+                continue
+            self._track(report.parts, *self.clusters.split(report.job_id, report.parts, step))
+
+    # --- the search
+
+    def _start_search(
+        self,
+        first_step: int,
+        near: Circle | None = None,
+        corners: Corners = (),
+    ) -> None:
+        self.clusters.protect_alternatives(first_step + self.settings.belief.minimum_lifetime_steps)
+        outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
+        self.begin |= self.search.begin(first_step, *outside, near, corners)
+
+    def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
+        """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
+        fails = self.given and self._lost
+        if self.given and not fails:
+            return
+        if fails:
+            self.given = False
+            self.clusters.forget_where_outside()
+        if fails or (self.clusters.fit.has_fallen and not had_fallen):
+            self.events += self.search.stop(step, "search stopped")
+            self._start_search(step + 1)
+        elif not self.search.runs and self.search.is_due(step, self._patience):
+            self._start_search(step + 1)
+
+    def _forget(self, step: int, cause: EndedCause) -> None:
+        """End all clusters and the decoy: the robot may be anywhere."""
+        self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
+        self.prior_pose, self.given = None, False
+        self.events += self.search.stop(step, "search stopped")
+        self.begin |= self.standing_jobs(step + 1)
+
+    def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
+        fresh = self.search.on_reports(reports, self.clusters.job_ids)
+        if fresh is None:
+            return
+        log_weight = self.search.evidence.log_weight(fresh.step, fresh.log_evidence)
+        weight = math.exp(min(log_weight, 0.0))
+        if self._is_elsewhere and weight < self.settings.belief.least_probability:
+            # It has seen scans from before the robot was lifted, and kept where that was.
+            self.events += self.search.stop(step, "search stopped")
+            return
+        all_in = True
+        is_over = self.search.finished(fresh, patient=self._is_patient)
+        if not len(self.clusters):
+            self._admit_first(fresh, step)
+        else:
+            all_in = self._admit_candidates(fresh, step, is_over=is_over)
+        if is_over and all_in:
+            self.events += self.search.stop(step, "search over")
+            self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
+
+    def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
+        best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
+        has_best = best > LEADS * (1.0 - self.clusters.outside_clusters)
+        is_open = has_best and self.clusters.off_map > OPEN
+        begin, ended = self.decoy.follow(step, reports, is_open=is_open)
+        self.begin |= begin
+        self.events += ended
+
+    def _admit_first(self, pool: Pool, step: int) -> None:
+        """Admit the most probable places (section 4), and the prior pose if there is one."""
+        first = first_places(pool, self.settings.belief)
+        if not first:
+            return
+        entering: list[Candidate] = [(place, "first search") for place in first]
+        if self.prior_pose is not None:
+            odom_from_robot = first[0].sample.odom_from_robot
+            entering = with_prior_pose(first, self.prior_pose, odom_from_robot, self.settings)
+        self.prior_pose = None
+        explained = min(math.fsum(place.share for place, _ in entering), 1.0)
+        before = self.clusters.elsewhere
+        self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
+        self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
+
+    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> bool:
+        """Admit places that no cluster holds; their probability is taken from elsewhere.
+
+        The scans since the search began determine its weight. Once some of its places are
+        clusters, their probability determines it, and is shared with later places.
+
+        Returns:
+            False if some places have to wait until the protection of other clusters ends.
+        """
+        first_step, evidence = self.search.first_step, self.search.evidence
+        then, settings = self.search.means_at(pool.step), self.settings
+        clusters = self.clusters.all()
+        own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
+        log_held = log_weight_of_held(pool, own, settings.search)
+        since = evidence.log_weight(pool.step, pool.log_evidence)
+        log_weight = since if log_held is None else log_held
+        held = [then[cluster.job_id] for cluster in clusters]
+        room = self.clusters.room(step, first_step)
+        before = self.clusters.elsewhere
+        most = math.inf if log_held is None else before + math.fsum(share for _, share in own)
+        found = admission(
+            pool,
+            held,
+            room,
+            log_weight,
+            settings,
+            is_over=is_over,
+            holds_own=bool(own),
+            most=most,
+        )
+        self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
+        entering: list[Candidate] = [(place, "restart") for place in found.entering]
+        if log_held is not None:
+            explained = before - self.clusters.elsewhere
+            entering = self.clusters.sharing(entering, first_step, explained)
+        self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
+        self._admit(entering, step, first_step, step + settings.belief.minimum_lifetime_steps)
+        if entering and not own:
+            self.clusters.apply_floor(step, first_step)
+        return found.eligible <= len(room) or len(room) == settings.belief.max_clusters
+
+    def _admit_observed(self, pool: Pool) -> None:
+        """Admit places that an observation allows; they share the probability of elsewhere."""
+        step, log_weight = pool.step, self.clusters.log_elsewhere
+        held = [cluster.pose for cluster in self.clusters.all()]
+        room = self.clusters.room(step)
+        found = admission(pool, held, room, log_weight, self.settings, is_over=False)
+        if found.entering:
+            self.clusters.take_from_elsewhere(found.explained)
+            entering: list[Candidate] = [(place, "observed") for place in found.entering]
+            self._admit(
+                entering, step, protected_until=step + self.settings.belief.minimum_lifetime_steps
+            )
+
+    def _admit(
+        self,
+        candidates: Sequence[Candidate],
+        step: int,
+        first_step: float = math.inf,
+        protected_until: int = -1,
+    ) -> None:
+        if candidates and len(self.clusters):
+            self.seen = ViewMemory.of_this_scan()  # further scans separate others, not these
+        admitted = self.clusters.admit(
+            candidates, step, first_step=first_step, protected_until=protected_until
+        )
+        self._track([place for place, _ in candidates], *admitted)
+
+    def _track(
+        self, places: Iterable[Place], clusters: Iterable[Cluster], events: Iterable[JobEvent]
+    ) -> None:
+        """Begin the jobs of new clusters, each with the sample of its place."""
+        for place, cluster in zip(places, clusters, strict=True):
+            particles = self._particles(cluster)
+            self.clusters.set_particles(cluster.cluster, particles)
+            self.begin[cluster.job_id] = TrackJob(
+                cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
+            )
+        self.events += events
+
+    # --- the number of particles
+
+    def _particles(self, cluster: Cluster) -> int:
+        """Return the number of particles of a cluster: the maximum, a half of it, a quarter ...
+
+        The number follows from its probability among the clusters. It stays if it is nearly right,
+        because each change is an order to a worker.
+        """
+        shared, rules = self.settings.belief.particles, self.settings.cluster
+        if shared == 0:
+            return rules.particles
+        log_all = np.logaddexp.reduce([one.log_probability for one in self.clusters.all()])
+        share = shared * math.exp(cluster.log_probability - log_all)
+        wanted = min(max(share, rules.min_particles), rules.particles)
+        present = cluster.particles or 0
+        if NEARLY * present <= wanted < 2 * present:
+            return present
+        return max(
+            round(rules.particles * 0.5 ** math.ceil(math.log2(rules.particles / wanted))), 1
+        )
+
+    def _share_particles(self, step: int) -> None:
+        """Change the number of particles of clusters whose probability has changed."""
+        for cluster in self.clusters.all():
+            particles = self._particles(cluster)
+            if particles != cluster.particles:
+                self.clusters.set_particles(cluster.cluster, particles, step + SHARE_AFTER_STEPS)
+
+    # --- outcome
+
+    def outcome(self, step: int, missing: tuple[str, ...] = ()) -> Outcome:
+        """Return the outcome of a step or a command; jobs and events only at the first call."""
+        is_confirmed = any(cluster.confirmed for cluster in self.clusters.all())
+        most = self.settings.belief.lost_probability
+        self.found |= is_confirmed and self.clusters.outside_clusters <= most
+        events, self.events = tuple(self.events), []
+        ended = {event.job_id for event in events if isinstance(event, Ended)}
+        begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
+        self.begin = {}
+        resized = (c for c in self.clusters.all() if c.particles_from == step + SHARE_AFTER_STEPS)
+        tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
+        return Outcome(
+            step=step,
+            state=self._state(tracked),
+            hypotheses=tracked,
+            elsewhere_probability=self.clusters.outside_clusters,
+            off_map_probability=self.clusters.off_map,
+            searching=self.search.runs,
+            missing=missing,
+            begin=begin,
+            resize={
+                c.job_id: (c.particles, c.particles_from)
+                for c in resized
+                if c.particles is not None
+            },
+            events=events,
+            search_progress=self.search.progress,
+        )
+
+    def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
+        if not len(self.clusters):
+            return "searching"
+        if self._is_elsewhere and (self._is_founding or not self.found):
+            return "searching"  # among more look-alikes than can be tracked, nothing was lost
+        if self._lost:
+            return "lost"
+        if not self.clusters.by_probability()[0].confirmed:
+            return "searching"
+        sure = hypotheses[0].probability >= self.settings.belief.localized_probability
+        return "localized" if sure else "ambiguous"
+
+    @property
+    def _is_founding(self) -> bool:
+        """Whether all clusters come from the current search."""
+        first_step = self.search.first_step
+        return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
+
+    @property
+    def _is_patient(self) -> bool:
+        """Whether a search with more places than can be tracked may still continue.
+
+        Not while the robot is probably off the map, or at clusters from before the search.
+        """
+        first_step, most = self.search.first_step, self.settings.belief.lost_probability
+        before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
+        return self.clusters.off_map <= most and math.fsum(before) <= most
+
+    @property
+    def _lost(self) -> bool:
+        rules = self.settings.belief
+        most = rules.localized_probability if self.given else rules.lost_probability
+        return self.clusters.outside_clusters > most
+
+    @property
+    def _is_elsewhere(self) -> bool:
+        """Whether the robot is lost, and a search would find it."""
+        return self.clusters.elsewhere > self.settings.belief.lost_probability
+
+    @property
+    def _patience(self) -> int:
+        """Steps from the end of a search to the next; 0 if the robot is lost on this map."""
+        rules = self.settings.belief
+        if self._is_elsewhere:
+            return 0
+        return rules.search_every_steps // (LOST_SEARCHES if self._lost else 1)
+
+    @property
+    def _elsewhere(self) -> tuple[str, ...]:
+        """The job that weighs scans over the whole map; empty if a kidnapping is impossible."""
+        return (ELSEWHERE,) if self.settings.belief.kidnapping_probability > 0.0 else ()

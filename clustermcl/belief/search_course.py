@@ -1,0 +1,252 @@
+"""Searches for new places and for a decoy: when they begin, what they find, when they end."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, ClassVar
+
+from msgspec import Meta, field
+from msgspec.structs import replace
+
+from clustermcl.belief.cluster_set import Cluster
+from clustermcl.belief.part import FEW, Count, LogProbability, Part
+from clustermcl.belief.search_pool import Pool, SearchPool
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.job_events import Ended, EndedCause
+from clustermcl.protocol.message import Circle, Corners, Finite, Number, PoseTuple
+from clustermcl.protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
+
+LOST_SEARCHES = 5
+"""Searches are this many times as frequent while the robot is probably not on the map."""
+
+DECOYS = 3
+"""Tracked places of the mirrored robot."""
+SCANS = 4
+"""Scans that a search for a decoy uses."""
+PATIENCE = 10
+"""Steps from the end of a search for a decoy to the next one."""
+KEPT_STEPS = 100
+"""Largest number of steps by which a search may lag behind the clusters."""
+
+
+class SearchEvidence(Part):
+    """The evidence of scans since a search began, and the share of its places that are clusters."""
+
+    log_elsewhere: LogProbability = 0.0
+    """Log of the probability, when the search began, that the robot was elsewhere."""
+    log_off_map: LogProbability = -math.inf
+    """Log of the probability, when the search began, that the robot was not on the map."""
+    gathered: Annotated[dict[Number, Finite], FEW] = {}
+    """Log-likelihood of all scans since the search began, up to each of the last steps."""
+    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    """Share of the search's places that clusters hold or that were admitted."""
+
+    def gather(self, step: int, log_likelihood: float) -> None:
+        """Add the log-likelihood of a scan, averaged over the whole belief."""
+        self.gathered[step] = next(reversed(self.gathered.values()), 0.0) + log_likelihood
+        if len(self.gathered) > KEPT_STEPS:
+            del self.gathered[next(iter(self.gathered))]
+
+    def log_weight(self, step: int, log_evidence: float) -> float:
+        """Return the log weight of all places of the search, relative to the belief.
+
+        Args:
+            step: the last step that the search has used.
+            log_evidence: log of the average likelihood of all its scans over the whole map.
+        """
+        gathered = self.gathered.get(step)
+        return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
+
+    def newly_explained(self, share: float) -> float:
+        """Return the share of elsewhere that is newly `explained`, at most 1."""
+        before, self.explained = self.explained, max(share, self.explained)
+        return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0
+
+
+class SearchCourse(Part):
+    """The current search, if any, and the evidence of the clusters since it began."""
+
+    local: ClassVar = frozenset({"settings", "mirrored", "means"})
+    settings: FilterSettings = FilterSettings()
+    mirrored: bool = False
+    pool: SearchPool | None = None
+    """The places that the current search has found; None: no search is running."""
+    evidence: SearchEvidence = field(default_factory=SearchEvidence)
+    """Log-likelihoods of the clusters since the search began."""
+    begun: Count = 0
+    next_step: int = 0
+    """The step after which the next search is due."""
+    means: dict[int, dict[str, PoseTuple]] = {}
+    """Mean of each cluster at the last steps; by odometry where a report is missing."""
+
+    def use(self, settings: FilterSettings, *, mirrored: bool) -> None:
+        self.settings, self.mirrored = settings, mirrored
+        if self.pool is not None:
+            self.pool.settings, self.pool.mirrored = settings.search, mirrored
+
+    @property
+    def runs(self) -> bool:
+        return self.pool is not None
+
+    @property
+    def job_ids(self) -> tuple[str, ...]:
+        """The jobs of the current search, one for each shard."""
+        return self.pool.job_ids if self.pool else ()
+
+    @property
+    def first_step(self) -> int:
+        """The first step whose scan the search uses; 0: no search is running."""
+        return self.pool.first_step if self.pool else 0
+
+    @property
+    def progress(self) -> float:
+        """Progress of the search, 0 to 1; 0: no search is running."""
+        return self.pool.progress if self.pool else 0.0
+
+    def is_due(self, step: int, patience: int) -> bool:
+        """Return whether the next search may begin, `patience` steps after the last."""
+        sooner = self.settings.belief.search_every_steps - patience
+        return step >= self.next_step - sooner
+
+    def postpone(self, step: int) -> None:
+        """Delay the next periodic search; a search for a lost robot may still begin."""
+        self.next_step = max(self.next_step, step + 1)
+
+    def begin(
+        self,
+        first_step: int,
+        log_elsewhere: float = 0.0,
+        log_off_map: float = -math.inf,
+        near: Circle | None = None,
+        corners: Corners = (),
+    ) -> dict[str, Job]:
+        """Begin a search, and return its jobs.
+
+        Args:
+            first_step: the first step whose scan it uses.
+            log_elsewhere: log of the probability that the robot is elsewhere on the map.
+            log_off_map: log of the probability that it is not on the map.
+            near: circle to search; None: the whole map.
+            corners: corners of the region to search; empty: the whole map.
+        """
+        self.pool = SearchPool(self.begun, first_step, self.settings.search, self.mirrored)
+        jobs: dict[str, Job] = {
+            job_id: SearchJob(
+                search=self.begun,
+                shard=shard,
+                first_step=first_step,
+                near=near,
+                corners=corners,
+                mirrored=self.mirrored,
+            )
+            for shard, job_id in enumerate(self.pool.job_ids)
+        }
+        self.begun += 1
+        self.evidence = SearchEvidence(log_elsewhere, log_off_map)
+        return jobs
+
+    def stop(self, step: int, cause: EndedCause) -> list[Ended]:
+        """End the search, if one is running; the next is due `search_every_steps` later."""
+        ended = [Ended(job_id, cause) for job_id in self.job_ids]
+        self.pool, self.evidence = None, SearchEvidence()
+        self.next_step = step + self.settings.belief.search_every_steps
+        return ended
+
+    def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
+        self.means[step] = {cluster.job_id: cluster.pose for cluster in clusters}
+        while len(self.means) > KEPT_STEPS:
+            del self.means[next(iter(self.means))]
+
+    def means_at(self, step: int) -> Mapping[str, PoseTuple]:
+        """Return the means of the clusters after a step, by job; empty for old steps."""
+        return self.means.get(step, {})
+
+    def on_reports(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
+        """Return the places that the search has found, if all shards have reported a new step.
+
+        Args:
+            reports: reports of all jobs.
+            clusters: jobs of the clusters with which the places are compared.
+
+        Returns:
+            None: a shard has not reported a new step, or a cluster's mean at that step is unknown.
+        """
+        if self.pool is None:
+            return None
+        for report in reports:
+            if isinstance(report, SearchReport) and report.job_id in self.job_ids:
+                self.pool.add(report)
+        fresh = self.pool.pooled()
+        if fresh is None:
+            return None
+        then = self.means_at(fresh.step)
+        return fresh if all(job_id in then for job_id in clusters) else None
+
+    def finished(self, pool: Pool, *, patient: bool) -> bool:
+        """Return `SearchPool.finished` for the maximum number of clusters."""
+        most = self.settings.belief.max_clusters
+        return self.pool is None or self.pool.finished(pool, most, patient=patient)
+
+
+class Decoy(Part):
+    """Searches for a mirrored robot and tracks it (docs/unknown.md).
+
+    A mirrored robot is not on the map, so its fit is the fit of a wrong place. The ensemble needs
+    it only while it is uncertain whether the robot is on the map.
+    """
+
+    search: SearchCourse
+    places: Annotated[tuple[Cluster, ...], FEW] = ()
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether the first search for the decoy is running."""
+        return self.search.runs and not self.places
+
+    @property
+    def track_ids(self) -> tuple[str, ...]:
+        return tuple(place.job_id for place in self.places)
+
+    def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
+        """Return the report of the decoy that the mirrored scan fits best; None: there is none."""
+        found = [(place, reports.get(place.job_id)) for place in self.places]
+        self.places = tuple(
+            replace(place, pose=report.pose, covariance=report.covariance) if report else place
+            for place, report in found
+        )
+        fits = [r for _, r in found if r and not math.isnan(r.log_likelihood_per_beam)]
+        return max(fits, key=lambda report: report.log_likelihood_per_beam, default=None)
+
+    def follow(
+        self, step: int, reports: Sequence[Report], *, is_open: bool
+    ) -> tuple[dict[str, Job], list[Ended]]:
+        """Begin and end the decoy's jobs after a step, and return them.
+
+        `is_open`: it is uncertain whether the robot is on the map.
+        """
+        begin: dict[str, Job] = {}
+        ended: list[Ended] = []
+        pool = self.search.on_reports(reports, ())
+        if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
+            ended += self._end_tracking() + self.search.stop(step, "search over")
+            first = (self.search.begun - 1) * DECOYS
+            for index in range(min(len(pool.share), DECOYS)):
+                found, number = pool.place(index, 1.0), first + index
+                place = Cluster(number, 0.0, step, found.pose, found.covariance, mirrored=True)
+                self.places += (place,)
+                begin[place.job_id] = TrackJob(
+                    cluster=number, start=found.sample, exact=False, mirrored=True
+                )
+        if not self.search.runs and self.search.is_due(step, PATIENCE):
+            if is_open:
+                begin |= self.search.begin(step + 1)
+            else:
+                ended += self._end_tracking()
+        return begin, ended
+
+    def stop(self, step: int) -> list[Ended]:
+        return self._end_tracking() + self.search.stop(step, "search stopped")
+
+    def _end_tracking(self) -> list[Ended]:
+        ended = [Ended(job_id, "search stopped") for job_id in self.track_ids]
+        self.places = ()
+        return ended

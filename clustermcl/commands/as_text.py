@@ -1,0 +1,211 @@
+"""Converts messages to lines of text."""
+
+import math
+import time
+from collections.abc import Iterator
+
+from clustermcl.protocol.advice import Advice, Way
+from clustermcl.protocol.answers import Belief, Hypotheses, PoseAnswer, Status
+from clustermcl.protocol.health import Health
+from clustermcl.protocol.job_events import NumberedEvent, event_text
+from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
+
+SILENT_AFTER_S = 3.0
+"""A process counts as silent if its health, published every second, is older than this [s]."""
+OFF_MAP = 0.5
+"""Probability of off the map above which the text contains a warning."""
+SAME_RANGE_M = 0.5
+"""Ranges at two places that are nearer to each other are listed as one [m]."""
+CLOCK_SET_NS = 1_000_000_000_000_000_000
+"""A later stamp is a date after 2001 [ns]."""
+DOUBT = 0.01
+"""Probability of elsewhere above which the text mentions it."""
+
+
+def pose_text(pose: PoseTuple) -> str:
+    """Return ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
+    x, y, heading = pose
+    return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
+
+
+def place_text(pose: PoseTuple, covariance: Covariance) -> str:
+    """Return a pose and its standard deviations, as in ``x 1.23 m ...  +-0.06 m, 3.6 deg``.
+
+    The first is the largest one of the position, the second that of the heading.
+    """
+    longer_m, _, _ = ellipse_axes(covariance[0], covariance[1], covariance[4])
+    heading_deg = math.degrees(math.sqrt(max(covariance[8], 0.0)))
+    return f"{pose_text(pose)}  +-{longer_m:.2f} m, {heading_deg:.1f} deg"
+
+
+def pose_lines(answer: PoseAnswer) -> Iterator[str]:
+    """Yield the robot's pose as text, and the reasons to doubt the pose."""
+    if answer.freshness == "none":
+        yield f"{answer.state}: no scan has arrived yet"
+    elif answer.pose is None or answer.covariance is None:
+        yield f"{answer.state}: no place is known yet (step {answer.step})"
+    else:
+        yield (
+            f"{answer.state} with probability {answer.probability:.2f}: "
+            f"{place_text(answer.pose, answer.covariance)}"
+        )
+    yield from _doubts(answer)
+    if answer.pose is not None and answer.elsewhere_probability > DOUBT:
+        yield f"it may be elsewhere, with probability {answer.elsewhere_probability:.2f}"
+    yield from _off_map(answer)
+    if answer.workers == 0:
+        yield "no worker is alive: the belief does not follow the robot"
+
+
+def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
+    """Yield all places as text, or the pose's text if no place is known."""
+    if not answer.hypotheses:
+        yield from pose_lines(answer.pose)
+        return
+    yield f"{answer.pose.state} at step {answer.pose.step}"
+    for place in answer.hypotheses:
+        yield f"  {place.probability:6.3f}  {place_text(place.pose, place.covariance)}"
+    yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
+    yield from _off_map(answer.pose)
+    yield from _doubts(answer.pose)
+
+
+def advice_lines(answer: Advice) -> Iterator[str]:
+    """Yield the ways as text, best first, or the reason why there is none."""
+    if answer.step >= 0:
+        yield f"{len(answer.clusters)} places at step {answer.step}"
+    for number, way in enumerate(answer.ways, 1):
+        x_m, y_m, _ = (*way.poses, *way.rest)[-1]
+        bearing = math.degrees(math.atan2(y_m, x_m))
+        where = f"to {math.hypot(x_m, y_m):.1f} m at {bearing:.0f} deg" if way.length_m else "turn"
+        if way.explores:
+            yield f"  {number}. {where}, straight on, to ground that was not seen yet"
+            continue
+        yield (
+            f"  {number}. {where}, {way.length_m:.1f} m of way: {way.information:.2f} nat, "
+            f"localized then with probability {way.sure_probability:.2f}"
+        )
+        if way.rest:
+            yield f"     ask again at {math.hypot(*way.poses[-1][:2]):.1f} m"
+        ranges = way.sight_ranges_m
+        if not way.landmarks or max(ranges) - min(ranges) > SAME_RANGE_M:
+            yield f"     {_sight(way)}"
+        if way.landmarks:
+            yield f"     landmarks in sight at some places: {', '.join(way.landmarks)}"
+    if answer.note:
+        yield answer.note
+
+
+def _sight(way: Way) -> str:
+    """Return which range differs most between the places at the end of a way."""
+    groups: list[list[float]] = []
+    for range_m in sorted(way.sight_ranges_m):
+        if groups and range_m - groups[-1][-1] < SAME_RANGE_M:
+            groups[-1].append(range_m)
+        else:
+            groups.append([range_m])
+    ranges = ", ".join(f"{group[0]:.1f} m in {len(group)}" for group in groups)
+    bearing = math.degrees(way.sight_bearing_rad)
+    return f"then at {bearing:.0f} deg: {ranges} of {len(way.sight_ranges_m)} places"
+
+
+def _off_map(answer: PoseAnswer) -> Iterator[str]:
+    if answer.off_map_probability > OFF_MAP:
+        yield f"probably not on this map ({answer.off_map_probability:.2f})"
+
+
+def _doubts(answer: PoseAnswer) -> Iterator[str]:
+    """Yield a warning if the pose is stale or comes from dead reckoning."""
+    match answer.freshness:
+        case "stale":
+            yield f"stale: the newest data is {answer.age_s:.1f} s old"
+        case "dead_reckoning":
+            yield f"dead reckoning: odometry alone moves the pose, {_last_scan(answer.scan_age_s)}"
+
+
+def _last_scan(scan_age_s: float) -> str:
+    return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan yet"
+
+
+def search_text(progress: float, *, runs: bool) -> str:
+    """Return such as ``, a search runs 50 %``; the progress from 0 to 1 alone, or nothing."""
+    reached = f" {100.0 * progress:.0f} %" if progress > 0.0 else ""
+    return f"{', a search runs' if runs else ''}{reached}"
+
+
+def belief_line(belief: Belief) -> str:
+    """Return a belief as one line: its state, its best pose, and its largest probabilities."""
+    runs = belief.searching and belief.state != "searching"
+    search = search_text(belief.search_progress, runs=runs)
+    note = ", dead reckoning" if is_unweighed(belief) else ""
+    head = f"step {belief.step}: {belief.state}{search}{note}"
+    if not belief.hypotheses:
+        return head
+    best = belief.hypotheses[0]
+    shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
+    more = ", ..." if len(belief.hypotheses) > 6 else ""
+    elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
+    if belief.off_map_probability > OFF_MAP:
+        elsewhere += ", probably not on this map"
+    return f"{head}; best {pose_text(best.pose)}; probabilities {shown}{more}{elsewhere}"
+
+
+def is_unweighed(belief: Belief) -> bool:
+    """Return whether all places are dead reckoning: no worker weighed any of them in the step."""
+    jobs = {f"c{hypothesis.cluster}" for hypothesis in belief.hypotheses}
+    return bool(jobs) and jobs <= set(belief.missing)
+
+
+def event_line(numbered: NumberedEvent) -> str:
+    """Return an event as text, such as ``11:45:51 step 200: c3 merged into c1 (0.02)``.
+
+    The time is that of the robot's clock, in local time, if it is a date and no count from 0.
+    """
+    clock = ""
+    if numbered.stamp_ns > CLOCK_SET_NS:
+        clock = time.strftime("%H:%M:%S ", time.localtime(numbered.stamp_ns // 1_000_000_000))
+    return f"{clock}step {numbered.step}: {event_text(numbered.event)}"
+
+
+def status_lines(status: Status) -> Iterator[str]:
+    """Yield a status as text: state, steps, map, workers and processes."""
+    age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
+    search = search_text(status.search_progress, runs=status.searching)
+    scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "dead_reckoning" else ""
+    yield f"state     {status.state}, {status.freshness.replace('_', ' ')}{age}{scan}"
+    yield (
+        f"steps     at {status.step}, {status.steps_applied} applied, {status.steps_lost} lost, "
+        f"{status.reports_missing} reports missing"
+    )
+    if status.overloaded:
+        yield "          overloaded: steps wait, so scans are dropped and searches postponed"
+    yield f"clusters  {status.clusters}{search}"
+    yield f"map       {status.map_digest[:12] or 'not known yet'}"
+    yield f"running   {status.uptime_s:.0f} s, version {status.version}"
+    yield f"workers   {len(status.workers)}"
+    for name, jobs in status.workers.items():
+        yield f"  {name}: {' '.join(jobs) or 'idle'}"
+    if status.processes:
+        yield "processes"
+        for process in status.processes:
+            yield from (f"  {line}" for line in _process_lines(process))
+
+
+def _process_lines(process: Health) -> Iterator[str]:
+    """Yield a process's health as text, with the work it did and the messages it dropped."""
+    memory = f", {process.memory_bytes / 1e6:.0f} MB" if process.memory_bytes else ""
+    silent = f", silent for {process.age_s:.0f} s" if process.age_s > SILENT_AFTER_S else ""
+    yield (
+        f"{process.sender} ({process.role}) {process.version}, "
+        f"up {process.uptime_s:.0f} s{memory}{silent}"
+    )
+    for what, rate in sorted(process.rates_per_s.items()):
+        age_s = process.ages_s.get(what, 0.0) + process.age_s
+        yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
+    for cause, count in sorted(process.dropped.items()):
+        yield f"  dropped or refused: {cause}: {count}"
+    for source in process.sources:
+        yield (
+            f"  source {source.name}: {source.recent_nat:.1f} nat in 20 steps, "
+            f"broken with probability {source.broken_probability:.0%}"
+        )

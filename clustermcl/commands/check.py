@@ -1,0 +1,156 @@
+"""`clustermcl check`: is a map suitable, and does a recording match it?"""
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import typer
+
+from clustermcl.commands.as_json import dumped
+from clustermcl.commands.as_text import pose_text
+from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
+from clustermcl.evaluation.map_check.drawing import drawn_report
+from clustermcl.evaluation.map_check.look_alikes import WAY_M
+from clustermcl.evaluation.map_check.report import MapReport, Place, report_of
+from clustermcl.filter.poses import between
+from clustermcl.protocol.errors import MapFileError, SettingsError
+from clustermcl.protocol.steps import Landmark
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.landmarks import landmarks_of_map
+from clustermcl.recordings.maps.map_file import load_map_with_obstacles
+from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.sensor_bridge.recorded import opened, steps_of
+
+MOST_CELLS = 2**26
+"""Limit for the cells of a map; the check needs about 42 bytes for each."""
+EXIT_ANOTHER_MAP = 1
+"""Exit code for a recording that is probably of another map."""
+_MOST_GROUPS, _MOST_PLACES = 3, 8
+
+
+def run_check(
+    map_file: str,
+    recording: Path | None,
+    settings: Settings,
+    *,
+    laser_range_m: float,
+    places: int,
+    as_json: bool,
+    report_file: Path | None = None,
+) -> None:
+    """Check a map, and whether a recording matches the map; print a report.
+
+    The exit code is `EXIT_ANOTHER_MAP` if the recording is probably of another map.
+    """
+    if report_file is not None:
+        if report_file.suffix.lower() != ".png":
+            problem = f"--report {report_file}: the picture is a .png file"
+            raise SettingsError(key="--report", problem=problem)
+        check_output_file(report_file)
+    grid_map = load_map_with_obstacles(map_file)
+    if grid_map.cells.size > MOST_CELLS:
+        rows, cols = grid_map.cells.shape
+        problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
+        raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
+    landmarks = landmarks_of_map(map_file)
+    agreement = None
+    if recording is not None:
+        read = opened(str(recording), settings.bridge)
+        scans = steps_of(read, settings.bridge, grid_map.digest)
+        agreement = agreement_of(scans, grid_map, settings)
+    report = report_of(
+        map_file,
+        grid_map.with_landmarks(landmarks),
+        laser_range_m=laser_range_m,
+        places=places,
+        seed=settings.seed,
+        agreement=agreement,
+    )
+    if report_file is not None:
+        drawn_report(report, grid_map, landmarks).save(report_file)
+    if problem := _off_the_map(landmarks, grid_map):
+        report = msgspec.structs.replace(report, remarks=(*report.remarks, problem))
+    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
+    typer.echo(text)
+    if agreement is not None and agreement.is_of_another_map:
+        sys.exit(EXIT_ANOTHER_MAP)
+
+
+def _off_the_map(landmarks: Sequence[Landmark], grid_map: GridMap) -> str:
+    """Return a remark on landmarks that lie outside the map; empty: none does."""
+    corner, (width, height) = np.array(grid_map.map_from_grid), grid_map.size_m
+    outside = []
+    for each in landmarks:
+        x, y, _ = between(corner, np.array([each.x, each.y, 0.0]))
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            outside.append(each.name)
+    if not outside:
+        return ""
+    count = f"{len(outside)} of {len(landmarks)} landmarks"
+    return f"{count} lie outside the map, such as {outside[0]}: are they in its frame, in metres?"
+
+
+def lines_of(report: MapReport) -> Iterator[str]:
+    ground = report.ground
+    yield (
+        f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "
+        f"{ground.width_m:.1f} x {ground.height_m:.1f} m"
+    )
+    pieces = "in one piece" if ground.pieces == 1 else f"in {ground.pieces} pieces"
+    yield f"free: {ground.free_m2:.0f} m2, {pieces}; unknown: {ground.unknown_share:.0%} of the map"
+    yield from _looks(report)
+    if report.agreement is not None:
+        yield from _agreement(report.agreement)
+    if not report.remarks:
+        yield "The map is suitable for localization."
+    for remark in report.remarks:
+        yield f"* {remark}"
+
+
+def _looks(report: MapReport) -> Iterator[str]:
+    looked_at = len(report.places)
+    alone = sum(not place.look_alikes for place in report.places)
+    how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
+    yield f"{alone} of {looked_at} places are unique ({how})"
+    shown: set[int] = set()
+    for place in sorted(report.places, key=lambda place: -len(place.look_alikes)):
+        count = 1 + len(place.look_alikes)
+        if count > 1 and count not in shown and len(shown) < _MOST_GROUPS:
+            shown.add(count)
+            yield from _group(place)
+
+
+def _group(place: Place) -> Iterator[str]:
+    places = (place.pose, *place.look_alikes)
+    for_good = ", wherever the robot drives" if place.distinguishable is False else ""
+    yield f"  these {len(places)} places look alike{for_good}:"
+    for pose in places[:_MOST_PLACES]:
+        yield f"    {pose_text(pose)}"
+    if len(places) > _MOST_PLACES:
+        yield f"    and {len(places) - _MOST_PLACES} more"
+
+
+def _agreement(agreement: Agreement) -> Iterator[str]:
+    yield (
+        f"recording: localized on {agreement.localized_share:.0%} of the first "
+        f"{agreement.steps} steps; probability off the map {agreement.off_map_probability:.0%}"
+    )
+    mirrored = f"localized on {agreement.decoy_localized_share:.0%}"
+    yield f"  its mirror image (a robot off the map): {mirrored}"
+    if agreement.fitting_share is not None:
+        yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
+    if agreement.mount is None:
+        yield "  laser and odometry cannot be checked: the robot is localized or turns too briefly"
+        return
+    x, y, heading = agreement.mount.robot_from_laser
+    x_off, y_off, heading_off = agreement.mount.standard_errors
+    yield (
+        f"  laser: {x:.2f} +-{x_off:.2f} m ahead, {y:.2f} +-{y_off:.2f} m left, "
+        f"{math.degrees(heading):.1f} +-{math.degrees(heading_off):.1f} deg"
+    )
+    drives, turns = agreement.mount.odometry_distance_scale, agreement.mount.odometry_turn_scale
+    yield f"  odometry: {drives - 1.0:+.1%} of the distance, {turns - 1.0:+.1%} of the turns"

@@ -1,0 +1,140 @@
+"""`clustermcl record`: write map, scans, odometry and beliefs of a running system to a file."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+import zenoh
+
+from clustermcl.link.node import Node
+from clustermcl.link.wire import ask
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.message import Message
+from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
+from clustermcl.recordings.maps.map_message import from_message
+from clustermcl.recordings.run_log import RunLog
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag, stop_on_signals
+
+M = TypeVar("M", bound=Message)
+
+_POLL_S = 0.1
+_MAP_TIMEOUT_S = 30.0
+_HISTORY_TIMEOUT_S = 2.0
+_END_WITHIN_S = 60.0
+"""Limit for writing what was received until Ctrl-C [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+def run_record(settings: Settings, path: Path) -> int:
+    """Record until SIGINT or SIGTERM, and return the number of recorded steps."""
+    recorder = Recorder(settings, stop_on_signals(exit_after_s=_END_WITHIN_S))
+    recorder.write(path)
+    return recorder.steps
+
+
+@contextmanager
+def recorded(session: zenoh.Session, settings: Settings, path: Path | None) -> Iterator[None]:
+    """Record in a thread within the ``with`` block; without a path, record nothing.
+
+    Raises:
+        OutputError: the file cannot be written; raised at the end of the block.
+    """
+    if path is None:
+        yield
+        return
+    stop = StopFlag()
+    recorder = Recorder(settings, stop, session)
+    with ThreadPoolExecutor(1, "record") as pool:
+        writing = pool.submit(recorder.write, path)
+        try:
+            yield
+        finally:
+            stop.set()
+    writing.result()
+
+
+def listen(
+    node: Node, key: str, message: type[M], handler: Callable[[M], object], kept: int
+) -> None:
+    """Call `handler` with each message on `key`, of which at most `kept` wait."""
+    node.subscribe(key, message, lambda one, _received: handler(one), kind=key, kept=kept)
+
+
+def handle_until_stopped(node: Node) -> None:
+    """Handle received messages until the node's stop flag is set and its inbox is empty."""
+    while node.turn(0.0 if node.stop.is_set() else _POLL_S) or not node.stop.is_set():
+        pass
+
+
+class Recorder:
+    """Writes scans, odometry, beliefs and the map to a file.
+
+    Args:
+        settings: the robot and the router.
+        stop: flag that ends the recording.
+        session: a session to use; None: open one.
+
+    Raises:
+        UnreachableError: no router answers in time.
+    """
+
+    def __init__(
+        self, settings: Settings, stop: StopFlag, session: zenoh.Session | None = None
+    ) -> None:
+        self._log: RunLog
+        self._last: Scan | None = None
+        self.steps = 0
+        self._node = node = Node("record", "recorder", settings, stop, peers=None, session=session)
+        listen(node, keys.SCAN, Scan, self._on_scan, 1024)
+        listen(node, keys.ODOMETRY, OdometryReading, self._on_odometry, 4096)
+        listen(node, keys.BELIEF, Belief, self._on_belief, 1024)
+        node.open(settings.zenoh.connect_timeout_s)
+
+    def write(self, path: Path) -> None:
+        """Write received messages until the flag is set and all messages are written."""
+        with closing(self._node), RunLog.to(path) as self._log:
+            handle_until_stopped(self._node)
+
+    def _on_odometry(self, reading: OdometryReading) -> None:
+        self._log.on_odometry(reading)
+
+    def _on_belief(self, belief: Belief) -> None:
+        self._log.on_belief(belief, belief.stamp_ns)
+
+    def _on_scan(self, scan: Scan) -> None:
+        last = self._last
+        if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
+            return  # the scan was published again
+        for one in (*self._lost_before(scan), scan):
+            if self._log.wants_map(one):
+                self._write_map(one)
+            self._log.on_scan(one, one.stamp_ns)
+            self.steps += 1
+        self._last = scan
+
+    def _lost_before(self, scan: Scan) -> tuple[Scan, ...]:
+        """Return the scans that were lost before a scan, as far as the bridge still has them."""
+        if self._last is None or scan.step <= self._last.step + 1:
+            return ()
+        selector = keys.scan_history(self._last.step + 1, scan.step - 1)
+        try:
+            session, timeout_s = self._node.session, _HISTORY_TIMEOUT_S
+            return ask(session, selector, ScanHistory, timeout_s=timeout_s).scans
+        except ClusterMclError as error:
+            self._node.causes.warn(_log, "steps lost", error, time.monotonic())
+            return ()
+
+    def _write_map(self, scan: Scan) -> None:
+        try:
+            message = ask(self._node.session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
+            self._log.on_map(from_message(message), scan.stamp_ns)
+        except ClusterMclError as error:
+            self._node.causes.warn(_log, "no map", error, time.monotonic())

@@ -1,0 +1,150 @@
+"""`clustermcl record-landmarks`: add unknown landmarks that a localized robot sees to a file."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from clustermcl.commands.record import handle_until_stopped, listen
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.motion.trajectory import Trajectory
+from clustermcl.filter.poses import between, compose
+from clustermcl.link.node import Node
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.pose_arrays import covariance_matrix
+from clustermcl.protocol.reading_checks import observation_problem
+from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
+from clustermcl.recordings.maps.landmarks import load_landmarks
+from clustermcl.runtime.output_files import check_output_file, write_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
+
+MIN_OBSERVATIONS = 5
+"""A landmark that was observed at fewer steps is not written."""
+MAX_OBSERVATIONS = 200
+MOST_SCATTER_M = 1.0
+"""Observations farther from the median of their name are false [m]."""
+LEAST_RIGHT = 0.7
+"""A name with a smaller share of right observations stands for several landmarks, or a moving one.
+"""
+LEAST_SIGMA_M = 0.02
+"""Least standard deviation: errors of map and mount do not average out [m]."""
+_MOST_WAITING = 64
+
+_log = logging.getLogger(__name__)
+
+
+def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
+    """Measure unknown landmarks until the stop flag is set, then add them to the file.
+
+    Args:
+        settings: the robot and the router.
+        path: landmarks file; created if it does not exist.
+        stop: flag that ends the recording.
+
+    Returns:
+        Number of landmarks added.
+
+    Raises:
+        LandmarksFileError: the existing file is damaged.
+        OutputError: the file cannot be written.
+        UnreachableError: no router answers in time.
+    """
+    check_output_file(path)
+    known = {each.name for each in load_landmarks(path)} if path.exists() else set()
+    survey = LandmarkSurvey(known)
+    with closing(Node("record-landmarks", "recorder", settings, stop, peers=None)) as node:
+        listen(node, keys.ODOMETRY, OdometryReading, survey.on_odometry, 4096)
+        listen(node, keys.BELIEF, Belief, survey.on_belief, 64)
+        listen(node, keys.OBSERVATION_READING, Observation, survey.on_observation, 256)
+        node.open(settings.zenoh.connect_timeout_s)
+        handle_until_stopped(node)
+    entries = yaml.safe_load(path.read_bytes())["landmarks"] if path.exists() else []
+    if added := list(survey.entries()):
+        file = {"landmarks": [*entries, *added]}
+        write_output_file(path, yaml.safe_dump(file, sort_keys=False, allow_unicode=True))
+    return len(added)
+
+
+class LandmarkSurvey:
+    """Averages the positions of unknown landmarks, with one observation of each in a step."""
+
+    def __init__(self, known: set[str]) -> None:
+        self._known = known
+        self._trajectory = Trajectory(most=400)
+        self._waiting: list[Observation] = []
+        self._belief: Belief | None = None
+        self._steps: dict[str, int] = {}
+        """Step of the last observation of each name."""
+        self._seen: dict[str, list[tuple[Pose, Pose]]] = {}
+        """Positions (2,) in the map and their covariances (2, 2)."""
+
+    def on_belief(self, belief: Belief) -> None:
+        self._belief = belief
+
+    def on_observation(self, seen: Observation) -> None:
+        """Queue an observation until odometry of its time has arrived."""
+        if not seen.landmark or seen.landmark in self._known or observation_problem(seen):
+            return
+        self._waiting = [*self._waiting, seen][-_MOST_WAITING:]
+
+    def on_odometry(self, reading: OdometryReading) -> None:
+        self._trajectory.add(reading.stamp_ns, reading.odom_from_robot)
+        ready = [each for each in self._waiting if each.stamp_ns <= reading.stamp_ns]
+        self._waiting = [each for each in self._waiting if each.stamp_ns > reading.stamp_ns]
+        for seen in ready:
+            self._place(seen)
+
+    def _place(self, seen: Observation) -> None:
+        belief, pose = self._belief, self._trajectory.pose_at(seen.stamp_ns)
+        if belief is None or belief.state != "localized" or pose is None:
+            return
+        name, best = seen.landmark, belief.hypotheses[0]
+        if self._steps.get(name) == belief.step or (
+            name not in self._seen and len(self._known) + len(self._seen) >= MAX_LANDMARKS
+        ):
+            return
+        self._steps[name] = belief.step
+        since = between(np.array(belief.odom_from_robot), np.array(pose))
+        x, y, heading = compose(np.array(best.pose), since)
+        cos, sin = np.cos(heading), np.sin(heading)
+        map_from_robot = np.array([[cos, -sin], [sin, cos]])
+        off = map_from_robot @ np.array(seen.mean)
+        by_pose = np.array([[1.0, 0.0, -off[1]], [0.0, 1.0, off[0]]])
+        covariance = by_pose @ covariance_matrix(best.covariance) @ by_pose.T
+        covariance += map_from_robot @ np.reshape(seen.covariance, (2, 2)) @ map_from_robot.T
+        positions = self._seen.setdefault(name, [])
+        positions.append((np.array([x, y]) + off, covariance))
+        del positions[:-MAX_OBSERVATIONS]
+        if len(positions) == MIN_OBSERVATIONS:
+            _log.info("landmark %s was seen at %d steps, which is enough", name, MIN_OBSERVATIONS)
+
+    def entries(self) -> Iterator[dict[str, Any]]:
+        """Yield the found landmarks as entries of a landmarks file."""
+        for name, seen in sorted(self._seen.items()):
+            positions, covariances = map(np.array, zip(*seen, strict=True))
+            off_m = np.hypot(*(positions - np.median(positions, axis=0)).T)
+            right = off_m <= MOST_SCATTER_M
+            count, of = int(np.count_nonzero(right)), len(seen)
+            if count < max(MIN_OBSERVATIONS, LEAST_RIGHT * of):
+                what = f"{count} of {of} observations are within {MOST_SCATTER_M} m of the median"
+                _log.warning("landmark %s is left out: %s", name, what)
+                continue
+            positions, covariances = positions[right], covariances[right]
+            weights = np.linalg.inv(covariances)
+            stated = np.linalg.inv(weights.sum(axis=0))
+            x, y = stated @ (weights @ positions[:, :, None]).sum(axis=0)[:, 0]
+            scattered = np.cov(positions.T) / count
+            covariance = max(stated, scattered, key=np.trace) + LEAST_SIGMA_M**2 * np.eye(2)
+            yield {
+                "id": name,
+                "x": round(float(x), 3),
+                "y": round(float(y), 3),
+                "covariance": [round(value, 6) for value in covariance.ravel().tolist()],
+                "count": count,
+            }

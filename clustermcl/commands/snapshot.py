@@ -1,0 +1,48 @@
+"""`clustermcl snapshot`: save the map and the places where the robot may be as a picture."""
+
+import time
+from pathlib import Path
+
+from clustermcl.client import Client
+from clustermcl.protocol import keys
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import stop_on_signals
+from clustermcl.view.drawing import drawn_picture
+from clustermcl.view.frames import place_frames, scan_frame
+
+STANDS_AFTER_S = 2.0
+"""Time without a scan after which the robot counts as standing still, and is drawn without one."""
+
+
+def save_snapshot(file: Path, settings: Settings) -> None:
+    """Save a picture of a running system.
+
+    Args:
+        file: path that ends in ``.png``.
+        settings: the router's endpoint and the robot's name.
+
+    Raises:
+        SettingsError: the path has another suffix.
+        UnreachableError: no system of this robot is running, or it has no map yet.
+        OutputError: the file cannot be written.
+    """
+    if file.suffix.lower() != ".png":
+        raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
+    check_output_file(file)
+    with Client(settings, stop=stop_on_signals()) as client:
+        grid_map, scan = client.map(), _next_scan(client)
+        places = client.hypotheses().hypotheses
+    slots = {place.cluster: slot for slot, place in enumerate(places)}
+    frame = {"places": place_frames(places, slots), **scan_frame(scan), "truth": None}
+    drawn_picture(grid_map, frame).save(file)
+
+
+def _next_scan(client: Client) -> Scan | None:
+    until_s = time.monotonic() + STANDS_AFTER_S
+    for scan in client.published(keys.SCAN, Scan):
+        if scan is not None or time.monotonic() > until_s:
+            return scan
+    return None

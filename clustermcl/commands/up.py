@@ -1,0 +1,131 @@
+"""`clustermcl up`: run all processes of a robot on this machine until Ctrl-C."""
+
+import os
+import shlex
+import sys
+import time
+from contextlib import closing
+from typing import assert_never
+
+import msgspec
+
+from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
+from clustermcl.commands.verbosity import say
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.folders import kept_folder, recording_folder
+from clustermcl.runtime.main import outermost
+from clustermcl.runtime.parent import die_with_parent
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.sources import (
+    NO_MAP,
+    Live,
+    Recorded,
+    Simulated,
+    is_published,
+    parsed_source,
+)
+from clustermcl.runtime.stop import stop_on_signals
+from clustermcl.runtime.supervisor import ChildExit
+from clustermcl.view.admission import parsed_address
+
+
+def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
+    """Run all processes of a robot until Ctrl-C; restart a process that ends."""
+    _check_in_child(settings)
+    page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
+    stop = stop_on_signals(exit_after_s=2.8)
+    with temporary_folder() as folder:
+        recorded = _recorded(settings)
+        stack = Stack(recorded, folder, logs_in_folder=False, page_arguments=page)
+        with closing(stack):
+            stack.start_all()
+            say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
+            say(f"query it with: {_query_command(settings)}")
+            if (recording := recording_folder(recorded)) is not None:
+                say(f"see what happened with: clustermcl replay {shlex.quote(str(recording))}")
+            while not stack.supervisor.wait(stop):
+                for ended in stack.supervisor.poll(time.monotonic()):
+                    if ended.restart_in_s is None:
+                        raise ProcessEndedError(ended)
+                    say(
+                        f"{ended.name} ended with code {ended.code}; "
+                        f"starting it again in {ended.restart_in_s:.1f} s"
+                    )
+
+
+def _query_command(settings: Settings) -> str:
+    usual, words = Settings(), ["clustermcl", "pose"]
+    if settings.robot.name != usual.robot.name:
+        words += ["--robot", settings.robot.name]
+    if settings.zenoh.router != usual.zenoh.router:
+        words += ["--router", settings.zenoh.router]
+    return shlex.join(words)
+
+
+def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
+    address = parsed_address(view_at)
+    return ["--listen", address.netloc, *(["--allow-commands"] if allow_commands else [])]
+
+
+def _recorded(settings: Settings) -> Settings:
+    """Return settings with a folder for the flight recorder, the default if they have none."""
+    if settings.recorder.folder:
+        return settings
+    folder = str(kept_folder("state") / "flight-recorder")
+    recorder = msgspec.structs.replace(settings.recorder, folder=folder)
+    return msgspec.structs.replace(settings, recorder=recorder)
+
+
+def _check_in_child(settings: Settings) -> None:
+    """Check the settings in a child process, whose memory for maps and scipy ends with it.
+
+    Raises:
+        SystemExit: the child has printed why the settings are refused.
+        ProcessEndedError: the child was killed.
+    """
+    parent = os.getpid()
+    if (child := os.fork()) == 0:
+        die_with_parent(parent)
+        code = outermost("clustermcl", lambda: _check(settings))
+        sys.stderr.flush()
+        os._exit(code)
+    _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        why = "the map may need more memory than there is"
+        raise ProcessEndedError(ChildExit("settings check", code, None, why))
+    if code:
+        raise SystemExit(code)
+
+
+def _check(settings: Settings) -> None:
+    """Raise an error if a process could not start, before any is started."""
+    from clustermcl.link.configuration import as_zenoh, client_configuration  # noqa: PLC0415
+    from clustermcl.recordings.recording import open_recording  # noqa: PLC0415 - for the child only
+    from clustermcl.ros2.process import check_ros2  # noqa: PLC0415
+    from clustermcl.simulator.worlds.catalogue import simulated_world  # noqa: PLC0415
+
+    as_zenoh(client_configuration(settings.zenoh, settings.robot))
+    if settings.ros2.enabled:
+        check_ros2(settings)
+    bridge = settings.bridge
+    match parsed_source(bridge.source):
+        case Simulated() as robot:
+            simulated_world(robot)
+        case Recorded(path):
+            _check_map(bridge.map, path)
+            open_recording(path, bridge)
+        case Live():
+            if not is_published(bridge.map, bridge.source, ros2=settings.ros2.enabled):
+                _check_map(bridge.map)
+        case choice:
+            assert_never(choice)
+
+
+def _check_map(named: str, recording: str = "") -> None:
+    from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of  # noqa: PLC0415
+
+    map_file = map_file_of(named, recording) if recording else named
+    if not map_file:
+        raise SettingsError(key="bridge.map", problem=NO_MAP)
+    load_map_with_obstacles(map_file)

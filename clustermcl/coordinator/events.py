@@ -1,0 +1,161 @@
+"""Events of a coordinator: plain facts, in the order in which they happened.
+
+The loop creates them from messages, tokens and queries. They are recorded as MessagePack, and a
+replay uses the same objects.
+"""
+
+from contextlib import suppress
+from typing import TypeAlias
+
+import msgspec
+
+from clustermcl.belief.free_ground import FreeGround
+from clustermcl.protocol.answers import Relocalize, SetPose
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.validity import assignment_problem
+from clustermcl.protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerState
+
+
+class WorkerSnapshot(msgspec.Struct, frozen=True):
+    """A worker's answer, decoded; fields as in `WorkerState`."""
+
+    term: int
+    holds: tuple[Assignment, ...] = ()
+    reports: tuple[Report, ...] = ()
+    terms: tuple[int, ...] = ()
+    founded: int = 0
+
+
+def snapshot_of(state: WorkerState) -> WorkerSnapshot:
+    """Decode the reports in a worker's answer; leave out malformed reports and jobs."""
+    reports = list[Report]()
+    for payload in state.reports:
+        with suppress(MalformedMessageError):
+            reports.append(decode(payload, Report))  # type: ignore[arg-type] # a union
+    return WorkerSnapshot(
+        term=state.term,
+        holds=tuple(held for held in state.holds if assignment_problem(held) is None),
+        reports=tuple(reports),
+        terms=state.terms,
+        founded=state.founded,
+    )
+
+
+class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
+    """Base class of all events; the tag is the class's name."""
+
+
+class ScanArrived(_Fact, frozen=True):
+    """The bridge published the scan of a step."""
+
+    scan: Scan
+
+
+class HistoryArrived(_Fact, frozen=True):
+    """The bridge answered with earlier scans; the answer may be empty."""
+
+    scans: tuple[Scan, ...]
+
+
+class OdometryArrived(_Fact, frozen=True):
+    """The bridge published odometry."""
+
+    reading: OdometryReading
+
+
+class ReportArrived(_Fact, frozen=True):
+    """A worker reported a step of a job."""
+
+    worker: str
+    report: Report
+
+
+class WorkerJoined(_Fact, frozen=True):
+    """A worker's liveliness token appeared."""
+
+    worker: str
+
+
+class WorkerLeft(_Fact, frozen=True):
+    """A worker's liveliness token is gone for certain."""
+
+    worker: str
+
+
+class WorkerReturned(_Fact, frozen=True):
+    """A worker's token reappeared after this process's link was lost."""
+
+    worker: str
+
+
+class WorkerStateArrived(_Fact, frozen=True):
+    """A worker answered a new coordinator's query."""
+
+    worker: str
+    state: WorkerSnapshot
+
+
+class OrderAnswered(_Fact, frozen=True):
+    """A worker accepted or refused an order."""
+
+    worker: str
+    answer: OrderAnswer
+
+
+class TokenChanged(_Fact, frozen=True):
+    """A liveliness token appeared or vanished; `Replica` decides what follows."""
+
+    worker: str | None
+    """Name of the worker; None: the token of a coordinator."""
+    alive: bool
+
+
+class LinkChanged(_Fact, frozen=True):
+    """The link to the router was lost or restored, or a pause left it uncertain who leads.
+
+    Between, the coordinator decides nothing.
+    """
+
+    up: bool
+
+
+class CheckpointArrived(_Fact, frozen=True):
+    """Another coordinator published its checkpoint."""
+
+    checkpoint: Checkpoint
+
+
+class CommandArrived(_Fact, frozen=True):
+    """A client gave the robot's pose, or started a search."""
+
+    command: SetPose | Relocalize
+
+
+class MapArrived(_Fact, frozen=True):
+    """The bridge answered with its map."""
+
+    ground: FreeGround
+
+
+class TimePassed(_Fact, frozen=True):
+    """Time passed without another event."""
+
+
+Event: TypeAlias = (
+    ScanArrived
+    | HistoryArrived
+    | OdometryArrived
+    | ReportArrived
+    | WorkerJoined
+    | WorkerLeft
+    | WorkerReturned
+    | WorkerStateArrived
+    | OrderAnswered
+    | CheckpointArrived
+    | LinkChanged
+    | CommandArrived
+    | MapArrived
+    | TimePassed
+)

@@ -1,0 +1,278 @@
+"""Jobs, their workers, and snapshots from which other workers could continue.
+
+A job's epoch rises each time it changes hands. Reports of a replaced worker have the old epoch, so
+they do not count.
+"""
+
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
+from typing import Annotated, ClassVar
+
+from msgspec import Meta
+from msgspec.structs import replace
+
+from clustermcl.belief.part import FEW, Part
+from clustermcl.protocol.message import Id, Number
+from clustermcl.protocol.names import LONGEST_NAME, NAME_PATTERN
+from clustermcl.protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Job,
+    Report,
+    SearchJob,
+    TrackJob,
+    TrackReport,
+)
+
+
+def balanced(
+    jobs: Mapping[str | None, Collection[str]],
+    workers: Collection[str],
+    may_move: Callable[[str], bool],
+) -> dict[str, str]:
+    """Give each waiting job to the least loaded worker, then balance the load.
+
+    A job moves only from a worker that has two more than another, so that it does not move back
+    soon. Of equally loaded workers, the first by name gets a job and the last by name loses one.
+
+    Args:
+        jobs: each worker's jobs by id; those of None wait for a worker.
+        workers: workers that may get jobs; jobs of others stay where they are.
+        may_move: whether a job may leave a healthy worker.
+
+    Returns:
+        The new worker of each job that changes hands, by job id.
+    """
+    if not workers:
+        return {}
+    load = {worker: len(jobs.get(worker, ())) for worker in workers}
+    moves: dict[str, str] = {}
+
+    def give(job_id: str) -> None:
+        least = min(load, key=lambda name: (load[name], name))
+        load[least] += 1
+        moves[job_id] = least
+
+    for job_id in sorted(jobs.get(None, ())):
+        give(job_id)
+    movable: dict[str, list[str]] = {}
+    while max(load.values()) - min(load.values()) >= 2:
+        most = max(load, key=lambda name: (load[name], name))
+        if most not in movable:
+            movable[most] = sorted(filter(may_move, jobs[most]))
+        if not movable[most]:
+            break
+        load[most] -= 1
+        give(movable[most].pop(0))
+    return moves
+
+
+HAND_OVER_NS = 2_000_000_000
+"""A step waits at least this long for a job that was just given to a worker [ns]."""
+AWAITED_NS = 1_500_000_000
+"""After a take-over, absent workers keep their jobs for this time: longer than the longest pause
+between two attempts to connect, shorter than `HAND_OVER_NS`."""
+
+WorkerName = Annotated[str, Meta(pattern=NAME_PATTERN, max_length=LONGEST_NAME)]
+
+
+class PlacedJob(Part):
+    """A job, its worker, and a snapshot from which another worker could continue."""
+
+    local: ClassVar = frozenset({"placed_ns", "reported", "in_step", "term", "is_handed_on"})
+    job: Job | None
+    """None only in a transferred state, if the worker holds the particles."""
+    epoch: Number = 0
+    worker: WorkerName | None = None
+    """None: the job waits for a worker."""
+    placed_ns: int = 0
+    """When the job was given to the worker [ns]."""
+    reported: bool = False
+    in_step: bool = False
+    """Whether the present worker has reported a step in time, so it has received the job."""
+    term: int = 0
+    """Term of the coordinator that gave the job to its worker."""
+    is_handed_on: bool = False
+    """Whether another coordinator began the job."""
+
+    def is_held_as(self, held: Assignment) -> bool:
+        """Return whether a worker's assignment of the same id is this job.
+
+        The previous coordinator may have given the job to that worker after it published its state.
+        A coordinator that continued from an earlier state, or from none, reused the same ids.
+        """
+        given_since = self.is_handed_on and held.term == self.term and held.epoch > self.epoch
+        return held.epoch == self.epoch or given_since
+
+
+class Jobs(Part):
+    """All jobs that are to be done; each has one worker, or waits for one."""
+
+    local: ClassVar = frozenset({"newest_epoch", "awaited_until_ns"})
+    placed: Annotated[dict[Id, PlacedJob], FEW] = {}
+    newest_epoch: int = 0
+    awaited_until_ns: dict[str, int] = {}
+    """Until when absent workers keep the jobs that the previous coordinator gave them [ns]."""
+
+    def assignment(self, job_id: str) -> Assignment:
+        """Return a job as it is given to its worker."""
+        job = self.placed[job_id]
+        assert job.job is not None  # None only in a transferred state
+        return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
+
+    def by_worker(self) -> dict[str | None, dict[str, int]]:
+        """Return the epochs of each worker's jobs by job id, in the order in which jobs began.
+
+        The key None stands for jobs that wait for a worker.
+        """
+        found: dict[str | None, dict[str, int]] = {}
+        for job_id, job in self.placed.items():
+            found.setdefault(job.worker, {})[job_id] = job.epoch
+        return found
+
+    def shards(self) -> dict[str, PlacedJob]:
+        """Return the jobs of the running search, by id."""
+        return {
+            job_id: job for job_id, job in self.placed.items() if isinstance(job.job, SearchJob)
+        }
+
+    def of_lone_cluster(self) -> list[str]:
+        """Return the ids of all jobs, if they are one cluster, which comes first, and elsewhere."""
+        others = [i for i, job in self.placed.items() if isinstance(job.job, ElsewhereJob)]
+        clusters = [i for i, job in self.placed.items() if isinstance(job.job, TrackJob)]
+        is_lone = len(clusters) == 1 and len(others) + 1 == len(self.placed)
+        return [*clusters, *others] if is_lone else []
+
+    # --- begin, change hands and end
+
+    def begin(self, jobs: Mapping[str, Job]) -> None:
+        self.placed |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
+
+    def end(self, job_ids: Iterable[str]) -> None:
+        for job_id in job_ids:
+            self.placed.pop(job_id, None)
+
+    def resize(self, job_id: str, particles: int, first_step: int) -> str | None:
+        """Change a cluster's number of particles from a step on; return the worker, if any."""
+        job = self.placed[job_id]
+        assert isinstance(job.job, TrackJob)  # only clusters have a number of particles
+        job.job = replace(job.job, particles=particles, particles_from=first_step)
+        return job.worker
+
+    def may_move(self, job_id: str) -> bool:
+        """Return whether a job may leave a healthy worker; a search that has reported may not."""
+        job = self.placed[job_id]
+        return not isinstance(job.job, SearchJob) or not job.reported
+
+    def move(self, moves: Mapping[str, str], term: int, now_ns: int) -> None:
+        """Give jobs to workers; each gets an epoch above all epochs of earlier terms."""
+        for job_id, worker in moves.items():
+            job = self.placed[job_id]
+            self.newest_epoch = max(self.newest_epoch, term) + 1
+            job.epoch, job.worker, job.placed_ns = self.newest_epoch, worker, now_ns
+            job.term, job.in_step = term, False
+
+    def take_from(self, worker: str) -> None:
+        """Take all jobs from a worker; they wait for another one."""
+        for job in self.placed.values():
+            if job.worker == worker:
+                job.worker = None
+
+    def on_report(self, report: Report, *, in_time: bool) -> None:
+        """Store the snapshot of a report, from which another worker could continue."""
+        job = self.placed[report.job_id]
+        job.reported = True
+        job.in_step |= in_time
+        snapshot = report.snapshot if isinstance(report, TrackReport) else None
+        if snapshot is not None and isinstance(job.job, TrackJob):
+            job.job = replace(job.job, start=snapshot, exact=True)
+
+    def step_applied(self, step: int) -> None:
+        """Move the first step of an `ElsewhereJob` past an applied step."""
+        for job in self.placed.values():
+            if isinstance(job.job, ElsewhereJob) and job.job.first_step <= step:
+                job.job = ElsewhereJob(first_step=step + 1)
+
+    # --- which reports count, and how long they are waited for
+
+    def refusal_of(self, report: Report, worker: str) -> str:
+        """Return why a worker's report does not count; empty if it does."""
+        job = self.placed.get(report.job_id)
+        if job is None or job.worker is None or job.epoch != report.epoch:
+            return "report of an old epoch"
+        return "" if job.worker == worker else "report of another worker's job"
+
+    def placed_ns(self, job_id: str) -> int:
+        """Return when the job was given to its worker [ns].
+
+        0 if the job has no worker, or if the worker has since reported a step of the job in time.
+        """
+        job = self.placed.get(job_id)
+        return job.placed_ns if job is not None and job.worker and not job.in_step else 0
+
+    # --- from one coordinator to the next
+
+    def resume(
+        self,
+        handed_on: "Jobs",
+        rebuilt: Callable[[str], TrackJob],
+        present: Container[str],
+        now_ns: int,
+        *,
+        term: int,
+    ) -> None:
+        """Continue with another coordinator's jobs; absent workers keep theirs for a while.
+
+        Args:
+            handed_on: jobs in the other coordinator's state.
+            rebuilt: makes the job of a cluster whose particles only its worker holds.
+            present: workers that have appeared.
+            now_ns: time by the clock of all events [ns].
+            term: the other coordinator's term.
+        """
+        self.placed = {
+            job_id: PlacedJob(
+                job.job or rebuilt(job_id),
+                job.epoch,
+                job.worker,
+                now_ns,
+                reported=True,
+                term=term,
+                is_handed_on=True,
+            )
+            for job_id, job in handed_on.placed.items()
+        }
+        self.awaited_until_ns = {
+            job.worker: now_ns + AWAITED_NS
+            for job in self.placed.values()
+            if job.worker is not None and job.worker not in present
+        }
+
+    def give_up_awaited(self, now_ns: int) -> None:
+        """Take the jobs from workers that have not appeared in time."""
+        for worker in [w for w, until_ns in self.awaited_until_ns.items() if until_ns <= now_ns]:
+            del self.awaited_until_ns[worker]
+            self.take_from(worker)
+
+    def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
+        """Store the jobs and snapshots that a worker reports.
+
+        Returns:
+            The jobs that remain with the worker. The others have ended, belong to another worker
+            by a newer epoch, or come from a coordinator whose state was not adopted.
+        """
+        kept = []
+        for held in holds:
+            job = self.placed.get(held.job_id)
+            if job is None or not job.is_held_as(held):
+                continue
+            job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
+            match job.job, held.job:
+                case _, ElsewhereJob():
+                    pass  # the worker's copy may be ahead of the applied step
+                case TrackJob(particles=particles, particles_from=first_step), TrackJob() as track:
+                    # The order with the newest number of particles may have been lost.
+                    job.job = replace(track, particles=particles, particles_from=first_step)
+                case _:
+                    job.job = held.job
+            kept.append(held)
+        return kept

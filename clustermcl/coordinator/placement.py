@@ -1,0 +1,269 @@
+"""Live workers, their jobs, and the orders to them.
+
+An order names all jobs of a worker, so the newest one replaces all lost ones. It is sent when it
+differs from the last one, and repeated until the worker has answered it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import msgspec
+from msgspec import field
+from msgspec.structs import replace
+
+from clustermcl.belief.part import Part
+from clustermcl.coordinator.jobs import HAND_OVER_NS, Jobs, PlacedJob, balanced
+from clustermcl.coordinator.slow_workers import SilentShards, StragglerPolicy, origin
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.work import (
+    Assignment,
+    OrderAnswer,
+    Report,
+    SearchReport,
+    TrackJob,
+    WorkOrder,
+)
+
+RESEND_AFTER_NS = 500_000_000
+
+
+class LiveWorker(Part):
+    """A worker whose token is present, and the last order to it."""
+
+    order: int = 0
+    sent_ns: int = -RESEND_AFTER_NS
+    ordered: dict[str, int] | None = None
+    """Jobs and epochs of the order; None: another order is due in any case."""
+    confirmed: dict[str, int] = {}
+    answered: bool = True
+    silent_until_ns: int = 0
+    """The worker gets no order before this time, because it is first asked for its state [ns]."""
+
+
+class Placement(Part):
+    """Spreads jobs over live workers, and takes them from workers that are gone or too slow."""
+
+    sender: str
+    settings: FilterSettings
+    snapshot_every_steps: int
+    live: dict[str, LiveWorker] = {}
+    orders_sent: int = 0
+    jobs: Jobs = field(default_factory=Jobs)
+    stragglers: StragglerPolicy = field(default_factory=StragglerPolicy)
+    silent_shards: SilentShards = field(default_factory=SilentShards)
+
+    @property
+    def workers(self) -> dict[str, tuple[str, ...]]:
+        """Ids of the jobs of each live worker."""
+        jobs = self.jobs.by_worker()
+        return {name: tuple(jobs.get(name, ())) for name in sorted(self.live)}
+
+    # --- workers
+
+    def on_worker_joined(self, worker: str, silent_until_ns: int = 0) -> None:
+        """Add a worker; a known worker was restarted and has lost its jobs."""
+        if worker in self.live:
+            self.on_worker_left(worker)
+        self.jobs.awaited_until_ns.pop(worker, None)
+        self.live[worker] = LiveWorker(silent_until_ns=silent_until_ns)
+
+    def on_worker_left(self, worker: str) -> None:
+        """Remove a worker; others continue its jobs from the last snapshots."""
+        self.live.pop(worker, None)
+        self.stragglers.forget(worker)
+        self.jobs.take_from(worker)
+
+    def on_worker_jobs(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
+        """Store the jobs that a worker holds, with their snapshots; it may get orders now."""
+        confirmed = {job.job_id: job.epoch for job in self.jobs.held(worker, holds, now_ns)}
+        live = self.live[worker]
+        live.ordered, live.silent_until_ns = None, 0
+        live.confirmed |= confirmed
+
+    def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
+        """Store which jobs a worker has.
+
+        A worker that was restarted unnoticed answers without the jobs that it should keep; it gets
+        the order again.
+        """
+        if (live := self.live.get(worker)) is None:
+            return
+        live.confirmed = {job_id: epoch for job_id, epoch, _ in answer.jobs}
+        accepted = answer.order == live.order and not answer.problem
+        kept = live.ordered is None or live.ordered.items() <= live.confirmed.items()
+        live.answered = accepted and kept
+
+    def repeat_order(self, worker: str) -> None:
+        """Send a worker its order again, after a lost link or the change of a job."""
+        self.live[worker].ordered = None
+
+    def on_link_back(self) -> None:
+        """Repeat all orders: workers then repeat the reports that were lost."""
+        self.silent_shards.forgive()
+        for worker in self.live:
+            self.repeat_order(worker)
+
+    def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
+        """Change numbers of particles; `sizes`: the number and its first step, by job id."""
+        for job_id, (particles, first_step) in sizes.items():
+            worker = self.jobs.resize(job_id, particles, first_step)
+            if worker is not None and worker in self.live:
+                self.repeat_order(worker)
+
+    # --- steps
+
+    def waits_for(self, job_id: str) -> bool:
+        """Return whether a step waits for a job's report; a silent worker delays only one step."""
+        job = self.jobs.placed.get(job_id)
+        return job is None or job.worker is None or self.stragglers.waits_for(job.worker)
+
+    def on_report(self, report: Report, *, in_time: bool) -> None:
+        self.jobs.on_report(report, in_time=in_time)
+        job = self.jobs.placed[report.job_id]
+        if job.worker is not None:
+            self.stragglers.on_report(job.worker, in_time=in_time)
+        if isinstance(report, SearchReport):
+            self.silent_shards.on_report(report.job_id, report.step)
+
+    def on_step_decided(
+        self,
+        expected: Iterable[str],
+        missing: Iterable[str],
+        now_ns: int,
+        *,
+        patient: bool = False,
+    ) -> None:
+        """Take the jobs of workers that were late too often.
+
+        Workers with a search keep it: its steps may take longer than a deadline. `patient`
+        says that all workers are slow, so that moving jobs would not help.
+        """
+        placed = self.jobs.placed
+        owed = {job_id: job for job_id in expected if (job := placed.get(job_id)) is not None}
+        late = {
+            job.worker
+            for job_id in missing
+            if (job := owed.pop(job_id, None))
+            and job.worker
+            and now_ns >= job.placed_ns + HAND_OVER_NS
+        }
+        reported = {job.worker for job in owed.values() if job.worker}
+        late -= {job.worker for job in self.jobs.shards().values()}
+        for worker in self.stragglers.on_step_decided(reported, late, now_ns, patient=patient):
+            self.jobs.take_from(worker)
+
+    # --- orders
+
+    def orders(
+        self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
+    ) -> list[tuple[str, WorkOrder]]:
+        """Give waiting jobs to workers, balance the load, and return each worker's due order.
+
+        `newest_step` is the newest step whose scan has arrived.
+        """
+        self.jobs.give_up_awaited(now_ns)
+        self._give_up_silent_shards(newest_step, now_ns)
+        ready = [name for name, live in sorted(self.live.items()) if live.silent_until_ns <= now_ns]
+        may_work, live = self.stragglers.may_work, self.live
+        able = [name for name in ready if may_work(name, now_ns, answers=live[name].answered)]
+        able = able or ready
+        trusted = self.stragglers.trusted(able) or able
+        self.jobs.move(self._moves(trusted), term, now_ns)
+        self.jobs.move(self._trials(able, trusted), term, now_ns)
+        jobs = self.jobs.by_worker()
+        return [
+            (name, self._order(live[name], jobs.get(name, {}), term, map_digest, now_ns))
+            for name in ready
+            if self._is_order_due(live[name], jobs.get(name, {}), now_ns)
+        ]
+
+    def _moves(self, trusted: Sequence[str]) -> dict[str, str]:
+        """Return the new worker of each job that changes hands.
+
+        One worker does all jobs of a lone cluster: to wake a second one costs more than the
+        other job.
+        """
+        lone = self.jobs.of_lone_cluster()
+        if not lone or not trusted:
+            return balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
+        held_by = [self.jobs.placed[job_id].worker for job_id in lone]
+        at_work = [worker for worker in held_by if worker is not None and worker in trusted]
+        home = at_work[0] if at_work else min(trusted)
+        return {
+            job_id: home
+            for job_id, worker in zip(lone, held_by, strict=True)
+            if worker is None or (worker != home and worker in trusted)
+        }
+
+    def _is_order_due(self, worker: LiveWorker, jobs: dict[str, int], now_ns: int) -> bool:
+        is_unanswered = not worker.answered and now_ns - worker.sent_ns >= RESEND_AFTER_NS
+        return worker.ordered != jobs or is_unanswered
+
+    def _order(
+        self, worker: LiveWorker, jobs: dict[str, int], term: int, map_digest: str, now_ns: int
+    ) -> WorkOrder:
+        self.orders_sent += 1
+        worker.order, worker.sent_ns = self.orders_sent, now_ns
+        worker.ordered, worker.answered = jobs, False
+        keep = tuple(sorted(jobs.items() & worker.confirmed.items()))
+        begin = sorted(jobs.items() - worker.confirmed.items())
+        kept = ((job_id, self.jobs.placed[job_id].job) for job_id, _ in keep)
+        return WorkOrder(
+            sender=self.sender,
+            order=worker.order,
+            term=term,
+            map_digest=map_digest,
+            filter_settings=msgspec.to_builtins(self.settings),
+            snapshot_every_steps=self.snapshot_every_steps,
+            keep=keep,
+            begin=tuple(self.jobs.assignment(job_id) for job_id, _ in begin),
+            resize=tuple(
+                (job_id, job.particles, job.particles_from)
+                for job_id, job in kept
+                if isinstance(job, TrackJob) and job.particles and job.particles_from >= 0
+            ),
+        )
+
+    def _give_up_silent_shards(self, newest_step: int, now_ns: int) -> None:
+        shards = self.jobs.shards()
+        for job_id in self.silent_shards.given_up(shards, newest_step, now_ns):
+            worker, shards[job_id].worker = shards[job_id].worker, None
+            if worker is not None and self.stragglers.give_up(worker, now_ns):
+                self.jobs.take_from(worker)  # with its other shards
+
+    def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> dict[str, str]:
+        """Return a trial job, by id, for one worker of each origin that has never reported.
+
+        Such a worker gets no search.
+        """
+        others = {origin(name): name for name in reversed(able) if name not in trusted}
+        if not others:
+            return {}
+        jobs = self.jobs.by_worker()
+        tried = {origin(name) for name in jobs if name and name not in self.stragglers.proven}
+        waiting = [name for one, name in sorted(others.items()) if one not in tried]
+        most = max(trusted, key=lambda name: len(jobs.get(name, ())))
+        spare = sorted(jobs.get(most, {}).keys() - self.jobs.shards().keys())[1:]
+        return dict(zip(spare, waiting, strict=False))
+
+    # --- from one coordinator to the next
+
+    def jobs_to_hand_on(self) -> Jobs:
+        """Return all jobs, without particles that a worker holds."""
+
+        def handed_on(job_id: str, job: PlacedJob) -> PlacedJob:
+            worker = self.live.get(job.worker or "")
+            is_held = worker is not None and worker.confirmed.get(job_id) == job.epoch
+            return replace(job, job=None) if is_held and isinstance(job.job, TrackJob) else job
+
+        return Jobs({job_id: handed_on(job_id, job) for job_id, job in self.jobs.placed.items()})
+
+    def resume(
+        self, jobs: Jobs, rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
+    ) -> None:
+        """Continue with another coordinator's jobs; see `Jobs.resume`.
+
+        They replace all jobs that this coordinator ordered and that workers confirmed.
+        """
+        self.jobs.resume(jobs, rebuilt, self.live, now_ns, term=term)
+        for worker in self.live.values():
+            worker.ordered, worker.confirmed = None, {}

@@ -1,0 +1,213 @@
+"""Replays a flight recording with the real coordinator, and compares the beliefs."""
+
+from collections.abc import Generator, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import msgspec
+
+from clustermcl.coordinator.coordinator import Coordinator
+from clustermcl.coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
+from clustermcl.coordinator.recorder.records import (
+    Happened,
+    Head,
+    RecordedEvent,
+    happened,
+    happened_to,
+)
+from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
+from clustermcl.protocol import conversion
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.recordings.run_log import BELIEF, LogMessage, RunLogReader, decoded
+
+
+@dataclass(frozen=True)
+class CoordinatorActs:
+    """A coordinator began to lead."""
+
+    sender: str
+    term: int
+    after_step: int | None
+    """The last step of its predecessor; None: it began without a state."""
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A belief was published."""
+
+    belief: Belief
+    same: bool | None
+    """Whether it equals the recorded belief bit for bit; None: the recording ends before it."""
+
+
+Happening: TypeAlias = Happened | CoordinatorActs | Believed
+
+
+def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
+    """Replay the recordings in a folder, one coordinator after another by their start.
+
+    Args:
+        folder: folder of the recordings; a file in it, or the folder above it, will do.
+        version: version of this software.
+
+    Yields:
+        The wall clock [ns] and what happened.
+
+    Raises:
+        RecordingError: the folder holds no recording, or an unreadable one.
+    """
+    files, is_empty = _files_at(folder), True
+    if not files:
+        raise RecordingError(folder, _nothing_in(folder))
+    for _, series in groupby(files, series_of):
+        coordinator = yield from _replayed_series(series, version)
+        is_empty = is_empty and coordinator is None
+    if is_empty:
+        raise RecordingError(folder, "all files in it are cut off at their beginning")
+
+
+def _replayed_series(
+    files: Iterable[Path], version: str
+) -> Generator[tuple[int, Happening], None, Coordinator | None]:
+    """Replay the files of one coordinator, oldest first; return it at the end.
+
+    If events before a file are missing, the replay continues with the state in the file's head.
+    """
+    coordinator: Coordinator | None = None
+    events = wall_ns = 0
+    for path in files:
+        log = RunLogReader(path)
+        for entry in _entries(log, version):
+            if isinstance(entry, Head):
+                head, wall_ns, missing = entry, entry.wall_ns, entry.first_event - events
+                if missing:
+                    yield wall_ns, Happened("not recorded", f"{missing} events before {path.name}")
+                if coordinator is None or missing:
+                    coordinator = _unpacked(
+                        path, "not a coordinator's snapshot", head.snapshot, Coordinator
+                    )
+                    events = head.first_event
+                    yield wall_ns, Happened("recording", f"{path.name}, made with {head.made_with}")
+            else:
+                assert coordinator is not None  # each file begins with a head
+                wall_ns, events = head.wall_ns + entry.recorded.now_ns - head.now_ns, events + 1
+                for happening in _replay(path, coordinator, entry, events):
+                    yield wall_ns, happening
+        if log.cut:
+            yield wall_ns, Happened("cut off", f"{path.name}: {log.cut}")
+    return coordinator
+
+
+def _replay(
+    path: Path, coordinator: Coordinator, entry: "_Entry", number: int
+) -> Iterator[Happening]:
+    """Pass an event, the coordinator's `number`-th, to the coordinator."""
+    recorded, had_begun = entry.recorded, coordinator.term.begun
+    yield from happened(recorded.event)
+    try:
+        instructions = coordinator.handle(recorded.event, recorded.now_ns)
+    except Exception as error:  # a recorded bug, or a forged file
+        problem = f"the coordinator fails at event {number}: {type(error).__name__}: {error}"
+        raise RecordingError(path, problem) from error
+    if coordinator.term.begun and not had_begun:
+        yield _begins(instructions)
+    yield from happened_to(instructions)
+    yield from _compared(instructions, entry)
+
+
+def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Believed]:
+    beliefs = [do.belief for do in instructions if isinstance(do, PublishBelief)]
+    for index, belief in enumerate(beliefs):
+        same = [encode(belief)] == [encode(one) for one in entry.beliefs[index : index + 1]]
+        yield Believed(belief, same if entry.is_followed else None)
+    for belief in entry.beliefs[len(beliefs) :]:  # published only in the recording
+        yield Believed(belief, same=False)
+
+
+@dataclass
+class _Entry:
+    """An event, and the beliefs published because of it."""
+
+    recorded: RecordedEvent
+    beliefs: list[Belief] = field(default_factory=list)
+    is_followed: bool = False
+    """Whether the file contains anything after the event."""
+
+
+def _entries(log: RunLogReader, version: str) -> Iterator[Head | _Entry]:
+    """Yield the head of a file, then its events."""
+    entry: _Entry | None = None
+    for number, message in enumerate(log.messages()):
+        if number == 0:
+            yield _head(log.path, message, version)
+        elif message.topic == EVENTS:
+            for recorded in _unpacked(log.path, EVENTS, message.data, list[RecordedEvent]):
+                if entry is not None:
+                    entry.is_followed = True
+                    yield entry
+                entry = _Entry(recorded)
+        elif entry is not None and message.topic == BELIEF:
+            entry.is_followed = True
+            entry.beliefs.append(decoded(message, Belief, log.path))
+    if entry is not None:
+        yield entry
+
+
+class _Version(msgspec.Struct, frozen=True):
+    version: str
+
+
+T = TypeVar("T")
+
+
+def _head(path: Path, message: LogMessage, version: str) -> Head:
+    if message.topic != HEAD:
+        raise RecordingError(
+            path, "it has no events of a coordinator; show it with clustermcl view"
+        )
+    found = _unpacked(path, HEAD, message.data, _Version).version
+    if found != version:
+        problem = f"recorded by version {found}, this is {version}: replay it with that version"
+        raise RecordingError(path, problem)
+    return _unpacked(path, HEAD, message.data, Head)
+
+
+def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
+    try:
+        return conversion.decoded(data, kind)
+    except (ValueError, RecursionError) as error:  # msgspec's errors are ValueErrors
+        raise RecordingError(path, f"{what}: {error}") from None
+
+
+def _files_at(path: Path) -> list[Path]:
+    """Return the files of the recording at a path, oldest first."""
+    if path.is_file():
+        beside = files_in(path.parent)
+        return beside if path in beside else [path]  # any other kind is refused when it is read
+    if found := files_in(path):
+        return found
+    below = [files_in(each) for each in path.iterdir() if each.is_dir()] if path.is_dir() else []
+    recordings = [files for files in below if files]
+    return recordings[0] if len(recordings) == 1 else []
+
+
+def _nothing_in(folder: Path) -> str:
+    if not folder.is_dir():
+        return (
+            "neither a folder nor a file" if folder.exists() else "no such folder; check the path"
+        )
+    robots = [each.name for each in sorted(folder.iterdir()) if each.is_dir() and files_in(each)]
+    if robots:
+        return f"it contains several flight recordings: name one of {', '.join(robots)}"
+    return "it contains no flight recording"
+
+
+def _begins(instructions: list[Instruction]) -> CoordinatorActs:
+    """Return the start of a coordinator; a first belief shows that it took over."""
+    checkpoint = next(do.checkpoint for do in instructions if isinstance(do, PublishCheckpoint))
+    steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
+    return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

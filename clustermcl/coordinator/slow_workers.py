@@ -1,0 +1,217 @@
+"""Time limits for workers that do not report, after which other workers get their jobs.
+
+The first step without a worker's report waits for one deadline. No later step waits for that
+worker until it reports again, and after some more steps the worker loses its jobs. It gets jobs
+again after a pause, which doubles each time; otherwise it would take and lose jobs forever.
+
+Workers that have reported come first. All others with one certificate, whose names differ only in
+their number, count as one worker. Otherwise sixty workers that answer orders and compute nothing
+would each delay a step.
+"""
+
+from collections.abc import Mapping, Sequence, Set
+
+from clustermcl.belief.part import Part
+from clustermcl.coordinator.jobs import PlacedJob
+from clustermcl.protocol.work import SearchJob
+
+GIVEN_UP_AFTER = 3
+"""A worker loses its jobs after this number of steps in a row without a report in time."""
+GIVEN_UP_LATER = 10
+"""The same number of steps while all workers are slow."""
+FIRST_PAUSE_NS = 2_000_000_000
+LONGEST_PAUSE_NS = 60_000_000_000
+FORGOTTEN_AFTER_NS = 120_000_000_000
+"""A worker's next pause is short again if the last one ended longer ago than this [ns]."""
+
+
+class Punctuality(Part):
+    """The steps that a worker has missed, and its pause."""
+
+    missed: int = 0
+    """Steps in a row."""
+    silent: bool = False
+    """Whether the worker has missed a step and has not reported since."""
+    paused: bool = False
+    pause_ns: int = FIRST_PAUSE_NS
+    """Length of the next pause [ns]."""
+    pause_ends_ns: int = 0
+    """End of the last pause [ns]; 0: there was no pause."""
+
+
+def origin(worker: str) -> str:
+    """Return a worker's name without its number: the name of its machine and certificate."""
+    prefix, _, number = worker.rpartition("-")
+    return prefix if prefix and number.isdecimal() else worker
+
+
+class StragglerPolicy(Part):
+    """Decides which workers a step waits for, and which may have jobs."""
+
+    records: dict[str, Punctuality] = {}
+    """By name for workers that have reported, by origin for the others."""
+    proven: set[str] = set()
+
+    def on_report(self, worker: str, *, in_time: bool) -> None:
+        """Process a worker's report; a late one only shows that the worker is alive."""
+        self.proven.add(worker)
+        record = self.records.get(worker)
+        if record is not None:
+            record.silent = False
+            record.missed = 0 if in_time else record.missed
+
+    def on_step_decided(
+        self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
+    ) -> list[str]:
+        """Record which workers missed a step; return those that lose their jobs.
+
+        Args:
+            reported: workers that reported at least one of their jobs.
+            missing: workers that did not report all of their jobs in time.
+            now_ns: time by the clock of all events [ns].
+            patient: whether all workers are slow.
+        """
+        if not reported:  # the network is slow then, not one worker
+            return []
+        late: dict[str, list[str]] = {}
+        for worker in sorted(missing - reported):
+            late.setdefault(self._counted_as(worker), []).append(worker)
+        given_up = []
+        for name, workers in late.items():
+            record = self.records.setdefault(name, Punctuality())
+            record.missed += 1
+            record.silent = True
+            if record.missed >= (GIVEN_UP_LATER if patient else GIVEN_UP_AFTER):
+                given_up += workers
+                self._pause(record, now_ns)
+        return given_up
+
+    def give_up(self, worker: str, now_ns: int) -> bool:
+        """Give a worker no new jobs for a while; return whether it has never reported."""
+        self._pause(self.records.setdefault(self._counted_as(worker), Punctuality()), now_ns)
+        return worker not in self.proven
+
+    def trusted(self, workers: Sequence[str]) -> list[str]:
+        """Return the workers that get a full share of the jobs.
+
+        These are the workers that have reported, and those of the same origin. Before the first
+        report, all workers are trusted. An origin that was given up is not trusted.
+        """
+        known = {origin(worker) for worker in self.proven}
+        paused = {name for name, record in self.records.items() if record.pause_ends_ns > 0}
+        return [
+            worker
+            for worker in workers
+            if worker in self.proven
+            or ((not known or origin(worker) in known) and origin(worker) not in paused)
+        ]
+
+    def _counted_as(self, worker: str) -> str:
+        return worker if worker in self.proven else origin(worker)
+
+    def waits_for(self, worker: str) -> bool:
+        record = self.records.get(self._counted_as(worker))
+        return record is None or not record.silent
+
+    def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
+        """Return whether a worker may have jobs.
+
+        After a pause it may if it `answers`: it has answered its last order, so it is not frozen.
+        """
+        record = self.records.get(self._counted_as(worker))
+        if record is None or not record.paused:
+            return True
+        if answers and now_ns >= record.pause_ends_ns:
+            record.paused = False
+            record.silent = worker not in self.proven  # no step waits for a trial
+        return not record.paused
+
+    def forget(self, worker: str) -> None:
+        """Forget a worker that is gone; a later one of the same name has reported nothing."""
+        if worker in self.proven:
+            self.proven.discard(worker)
+            self.records.pop(worker, None)
+
+    def _pause(self, record: Punctuality, now_ns: int) -> None:
+        if now_ns > record.pause_ends_ns + FORGOTTEN_AFTER_NS:
+            record.pause_ns = FIRST_PAUSE_NS
+        record.paused, record.missed = True, 0
+        record.pause_ends_ns = now_ns + record.pause_ns
+        record.pause_ns = min(2 * record.pause_ns, LONGEST_PAUSE_NS)
+
+
+STEPS = 5
+"""A shard is silent when the others have reported this number of steps each since its report."""
+SHORTEST_NS = 3_000_000_000
+"""A shard is given up after this time at the earliest [ns]."""
+TIMES_THE_OTHERS = 3
+"""A shard may take this multiple of the slowest other shard's time for its first step."""
+LONGEST_NS = 30_000_000_000
+"""A shard is given up after this time in any case; doubled each time, as maps may be large [ns]."""
+
+
+class ShardReports(Part):
+    """The reports of a shard, and the silence of its present worker."""
+
+    reports: int = 0
+    step: int = -1
+    took_ns: int | None = None
+    """Duration of its first step [ns]; None: it has reported none."""
+    times_given_up: int = 0
+    watched: tuple[int, int] | None = None
+    """Epoch and number of reports when the present silence began; None: it is not watched."""
+    others: int = 0
+    """Number of reports of other workers' shards when it began."""
+    since_ns: int = 0
+    """When the present silence began [ns]."""
+
+
+class SilentShards(Part):
+    """Decides which shards of a search another worker should have.
+
+    A step of a search may take long, depending on the map. So the time of a shard is compared with
+    the times of the others. A limit in seconds holds in any case.
+    """
+
+    records: dict[str, ShardReports] = {}
+
+    def on_report(self, job_id: str, step: int) -> None:
+        record = self.records.setdefault(job_id, ShardReports())
+        record.reports += 1
+        record.step = max(step, record.step)
+
+    def forgive(self) -> None:
+        """Begin all silences again: reports were lost, or this process was stopped."""
+        for record in self.records.values():
+            record.watched = None
+
+    def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
+        """Return the shards of the running search that have been silent for too long.
+
+        No report is due after `newest_step`, the newest step whose scan has arrived.
+        """
+        self.records = {job_id: self.records.get(job_id, ShardReports()) for job_id in shards}
+        return [job_id for job_id in shards if self._is_silent(job_id, shards, newest_step, now_ns)]
+
+    def _is_silent(
+        self, job_id: str, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int
+    ) -> bool:
+        placed, record = shards[job_id], self.records[job_id]
+        others = [self.records[one] for one, job in shards.items() if job.worker != placed.worker]
+        reported, watched = sum(other.reports for other in others), (placed.epoch, record.reports)
+        first = placed.job.first_step if isinstance(placed.job, SearchJob) else 0
+        owes = newest_step >= max(first, record.step + 1)
+        if record.watched != watched or not owes or placed.worker is None:
+            is_same_worker = record.watched is not None and record.watched[0] == placed.epoch
+            if is_same_worker and record.reports and record.took_ns is None:
+                record.took_ns = now_ns - record.since_ns
+            record.watched, record.others, record.since_ns = watched, reported, now_ns
+            return False
+        silent_ns = now_ns - record.since_ns
+        took_ns = max((other.took_ns or 0 for other in others), default=0)
+        is_overtaken = bool(others) and reported - record.others >= STEPS * len(others)
+        is_silent = silent_ns >= LONGEST_NS << record.times_given_up or (
+            is_overtaken and silent_ns >= max(SHORTEST_NS, TIMES_THE_OTHERS * took_ns)
+        )
+        record.times_given_up += is_silent
+        return is_silent

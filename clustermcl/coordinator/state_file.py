@@ -1,0 +1,206 @@
+"""The coordinator's state on disk, from which the next process continues.
+
+One file is replaced once a second as a whole, and survives a power cut. Between, states are written
+in turn over two others without waiting for the disk: if a process dies while it writes one, the
+other is whole. The newest counts. A checksum detects a damaged file, which is logged and not used.
+"""
+
+import hashlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache, partial
+from io import BufferedWriter
+from pathlib import Path
+from urllib.parse import quote
+
+import msgspec
+
+from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.protocol.codec import decode, encode, max_bytes
+from clustermcl.protocol.conversion import decoded
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.terms import check_term
+from clustermcl.protocol.work import Checkpoint
+from clustermcl.runtime.threads import ended, started
+
+MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
+SYNC_EVERY_S = 1.0
+"""A power cut loses at most this time; a killed process loses nothing that was written [s]."""
+LAST_WRITE_S = 0.4
+"""Longest wait for the disk at the end [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    sha256: bytes
+    content: bytes = msgspec.field(name="checkpoint")
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return the content of a file that `without_checksum` reads."""
+    return msgspec.msgpack.encode(_File(sha256=hashlib.sha256(content).digest(), content=content))
+
+
+def without_checksum(data: bytes) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    kept = decoded(data, _File)  # its errors are ValueErrors
+    if hashlib.sha256(kept.content).digest() != kept.sha256:
+        raise ValueError("its checksum is wrong")
+    return kept.content
+
+
+@cache
+def files_of(folder: Path, robot: str) -> tuple[Path, Path, Path]:
+    """Return the file that survives a power cut, and the two for states since."""
+    file = folder / f"state-{quote(robot, safe='')}.msgpack"
+    return file, Path(f"{file}.0"), Path(f"{file}.1")
+
+
+def read(folder: Path, robot: str) -> Checkpoint | None:
+    """Return the newest state in a robot's files; None: all are missing, unreadable or invalid."""
+    found = filter(None, map(_read, files_of(folder, robot)))
+    return max(found, key=lambda checkpoint: checkpoint.rank, default=None)
+
+
+def _read(path: Path) -> Checkpoint | None:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        if len(data) > MAX_FILE_BYTES:
+            raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
+        checkpoint = decode(without_checksum(data), Checkpoint)
+        check_term(checkpoint, time.time_ns())
+        state_in(checkpoint)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, MalformedMessageError) as error:
+        _log.warning("the state in %s is not used: %s", path, error)
+        return None
+    return checkpoint
+
+
+def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
+    """Write a state; create the folder if it is missing.
+
+    With `sync`, wait until the state is on the disk, so that it survives a power cut.
+
+    Raises:
+        OSError: the folder cannot be written, or the disk is full; earlier states are kept.
+    """
+    target, *recent = files_of(folder, robot)
+    content = with_checksum(encode(checkpoint))
+    if not sync:  # a rename, or an empty file, would make some file systems begin to write
+        with _opened(recent[checkpoint.serial % 2], folder) as file:
+            file.write(content)
+            file.truncate()
+        return
+    part = target.with_suffix(".part")  # one name: what a killed process left is written over
+    try:
+        with _opened(part, folder) as file:
+            file.write(content)
+            file.truncate()
+            os.fsync(file.fileno())
+        part.replace(target)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(number)  # wait until the renamed file's name is on the disk
+    finally:
+        os.close(number)
+
+
+def _opened(file: Path, folder: Path) -> BufferedWriter:
+    """Open a file to write it over; create its folder only if that fails, which is seldom."""
+    flags = os.O_WRONLY | os.O_CREAT
+    try:
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
+    except FileNotFoundError:
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
+
+
+class StateKeeper:
+    """Writes the newest state in a separate thread, so a slow disk delays no belief.
+
+    Only a state of a higher rank replaces `kept`, the state in the files. Without a `folder` no
+    state is written.
+    """
+
+    def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:
+        self._folder, self._robot = folder, robot
+        self._rank = kept.rank if kept else None
+        self._changed = threading.Condition()
+        self._newest: Checkpoint | None = None
+        self._closed = self._failed = False
+        self._term: int | None = None
+
+    def offer(self, checkpoint: Checkpoint) -> None:
+        """Write a state soon, if its rank is higher than that of the last one.
+
+        Call it before the state is published. The first state of a term is written immediately:
+        once workers have received the term, an older file does not count.
+        """
+        if self._folder is None or (self._rank is not None and checkpoint.rank <= self._rank):
+            return
+        self._rank = checkpoint.rank
+        if checkpoint.term != self._term:
+            self._term = checkpoint.term
+            self._write(self._folder, checkpoint, sync=False)
+            return
+        with self._changed:
+            self._newest = checkpoint
+            self._changed.notify()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Write within the ``with`` block; at its end write the newest state, and wait a moment."""
+        if self._folder is None:
+            yield
+            return
+        thread = started(partial(self._run, self._folder), "state-keeper")
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._closed = True
+                self._changed.notify()
+            if not ended(thread, LAST_WRITE_S):
+                _log.warning("%s: slow disk; a power cut now loses the last state", self._folder)
+
+    def _run(self, folder: Path) -> None:
+        sync_at_s, unsynced, closed = time.monotonic(), None, False
+        while not closed:
+            wait_s = max(sync_at_s - time.monotonic(), 0.0) if unsynced else None
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._newest is not None, wait_s)
+                checkpoint, self._newest = self._newest or unsynced, None
+                closed = self._closed
+            if checkpoint is not None:
+                sync = closed or time.monotonic() >= sync_at_s
+                if closed:  # first where no slow disk is waited for
+                    self._write(folder, checkpoint, sync=False)
+                self._write(folder, checkpoint, sync=sync)
+                unsynced = None if sync else checkpoint
+                if sync:
+                    sync_at_s = time.monotonic() + SYNC_EVERY_S
+
+    def _write(self, folder: Path, checkpoint: Checkpoint, *, sync: bool) -> None:
+        """Write a state; log the first of several consecutive failures."""
+        try:
+            write(folder, self._robot, checkpoint, sync=sync)
+            self._failed = False
+        except OSError as error:
+            if not self._failed:
+                _log.warning("the state cannot be kept in %s: %s", folder, error)
+            self._failed = True

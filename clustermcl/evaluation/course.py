@@ -1,0 +1,102 @@
+"""The steps of one run, with true poses, of a simulated or a recorded robot."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from clustermcl.evaluation.references import load_reference
+from clustermcl.filter.motion.trajectory import Trajectory
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.sources import Simulated
+from clustermcl.sensor_bridge.recorded import steps_of
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import simulated_world
+
+TrueStep = tuple[Scan, PoseTuple | None]
+"""A step and the true pose at its scan; None where the truth is unknown."""
+
+
+class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot to simulate."""
+
+    world: str
+    """Name of a world, or a map file."""
+    map: Path | None = None
+    """Map for the localizer; None: the world's own map."""
+
+    def simulation(self, seed: int) -> Simulation:
+        return Simulation(simulated_world(Simulated(self.world)), seed)
+
+
+class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """A recording of a robot, with its map and perhaps the ground truth."""
+
+    recording: Path
+    map: Path
+    reference: Path | None = None
+    """File with the ground truth; None: the ground truth is unknown, so no step is scored."""
+
+    def opened(self, settings: BridgeSettings) -> Recording:
+        return open_recording(self.recording, settings)
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot and the length of a run."""
+
+    robot: SimulatedRobot | RecordedRobot
+    updates: int | None = None
+    """Largest number of steps; None: to the end of the recording."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """The steps of one run."""
+
+    map: GridMap
+    """The map given to the localizer."""
+    map_name: str
+    """File or world of the map, for errors."""
+    steps: Iterator[TrueStep]
+    """The steps, each computed when it is requested."""
+    simulation: Simulation | None
+    """The simulated robot; None: it is a recorded one."""
+
+
+def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
+    """Begin a run.
+
+    Raises:
+        ClusterMclError: a file cannot be used, or the world does not exist; a recording may
+            raise it at its first step.
+    """
+    match case.robot:
+        case SimulatedRobot() as robot:
+            simulation = robot.simulation(seed)
+            source = SimulatedSource(simulation, steps=case.updates)
+            grid_map = load_map(robot.map) if robot.map else simulation.world.map
+            steps = simulated_steps(source, settings, grid_map.digest)
+            map_name = str(robot.map or robot.world)
+            return Course(grid_map, map_name, steps, simulation)
+        case RecordedRobot() as robot:
+            grid_map = load_map(robot.map)
+            reference = load_reference(robot.reference) if robot.reference else None
+            scans = steps_of(robot.opened(settings), settings, grid_map.digest)
+            true_steps = _with_truth(scans, reference, start_step, case.updates)
+            return Course(grid_map, str(robot.map), true_steps, None)
+
+
+def _with_truth(
+    scans: Iterator[Scan], reference: Trajectory | None, start_step: int, steps: int | None
+) -> Iterator[TrueStep]:
+    end = None if steps is None else start_step + steps
+    for scan in itertools.islice(scans, start_step, end):
+        yield scan, reference.pose_at(scan.stamp_ns) if reference else None

@@ -1,0 +1,226 @@
+"""`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy.
+
+It runs without Zenoh, as fast as possible.
+"""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
+from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
+from clustermcl.evaluation.results import (
+    MORE_TABLES,
+    POSES,
+    Columns,
+    Result,
+    table_rows,
+    write_results,
+)
+from clustermcl.evaluation.run import Run, in_parallel
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.recordings.maps.map_file import map_file_of
+from clustermcl.runtime.logs import is_quiet
+from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.sources import Simulated, parsed_source
+from clustermcl.runtime.stop import stop_on_signals
+from clustermcl.sensor_bridge.recorded import opened
+
+DEFAULT_STEPS = 300
+"""Default number of steps of a simulated robot, which drives until it is stopped."""
+DEFAULT_STEPS_OF_A_START = 60
+
+
+def executed(run: Run, on_update: Callable[[], None] = lambda: None) -> RunMeasures:
+    """Execute a run; `on_update` is called after each step."""
+    _, steps = run.begun()
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    facts: list[StepFacts] = []
+    for number, (scan, outcome, truth) in enumerate(steps):
+        facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
+        on_update()
+    return measures_of(
+        facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
+    )
+
+
+def run_evaluate(
+    settings: Settings,
+    *,
+    recording: str,
+    map_file: str | None = None,
+    reference: Path | None = None,
+    seeds: int = 1,
+    starts: int | None = None,
+    steps: int | None = None,
+    jobs: int | None = None,
+    as_json: bool = False,
+    output: Path | None = None,
+) -> None:
+    """Execute all runs, print tables or JSON, and write the results.
+
+    Args:
+        settings: the settings; the first run has their seed.
+        recording: a recording, ``sim:WORLD`` or ``sim:MAP.yaml``.
+        map_file: map for the localizer; None: that in the recording, or of the world.
+        reference: file with the ground truth of a recording.
+        seeds: number of seeds.
+        starts: number of runs: of a recording, from start steps spread evenly; of a simulated
+            robot, with different seeds. None: from the first step.
+        steps: largest number of steps of a run.
+        jobs: number of parallel runs; None: one per core.
+        as_json: print JSON instead of tables.
+        output: CSV file for the results; None: write no file.
+
+    Raises:
+        ClusterMclError: an input cannot be used, or a run failed.
+        StoppedError: interrupted.
+    """
+    robot = robot_of(recording, map_file, reference)
+    case, seeds = case_of(robot, seeds, starts, steps)
+    if output is not None:
+        if output.suffix.lower() != ".csv":
+            problem = f"--output {output}: must end in .csv; --json prints JSON"
+            raise SettingsError(key="--output", problem=problem)
+        check_output_file(output)
+    if isinstance(robot, RecordedRobot):
+        opened(recording, settings.bridge)  # reports the skipped lines, once
+    runs = [
+        Run(case=case, seed=seed, settings=settings)
+        for seed in range(settings.seed, settings.seed + seeds)
+    ]
+    known = _steps_count(runs[0])  # raises input errors before any process is started
+    if starts is not None and isinstance(robot, RecordedRobot):
+        at = start_steps(known, starts, case.updates or known)
+        runs = [replace(run, start_step=start) for start in at for run in runs]
+    finished = _all_results(runs, jobs, min(known, case.updates or known))
+    results = [
+        {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
+        for run, measures in zip(runs, finished, strict=True)
+    ]
+    common = {"recording": recording, "map": map_file}
+    if output is not None:
+        write_results(output, common, results)
+    if as_json:
+        sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
+    else:
+        _print_tables({_title(recording, results): POSES, **MORE_TABLES}, results)
+
+
+def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
+    console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is not an emoji
+    for heading, columns in tables.items():
+        console.print(heading, soft_wrap=True)
+        table = Table(*columns, box=None, padding=(0, 1, 0, 0), header_style="bold")
+        for column in table.columns:
+            column.justify, column.no_wrap = "right", True
+        for row in table_rows(runs, columns):
+            table.add_row(*row)
+        console.print(table)
+
+
+def _title(recording: str, runs: Sequence[Result]) -> str:
+    if all(run["log_score_mean"] is None for run in runs):
+        return f"{recording}: errors unknown without true poses (--reference)"
+    return f"{recording}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
+
+
+def case_of(
+    robot: SimulatedRobot | RecordedRobot, seeds: int, starts: int | None, steps: int | None
+) -> tuple[Case, int]:
+    """Return the robot and length of each run, and the number of seeds.
+
+    Raises:
+        SettingsError: options contradict each other.
+    """
+    simulated = isinstance(robot, SimulatedRobot)
+    default = DEFAULT_STEPS if simulated else None  # None: to the recording's end
+    if starts is not None:
+        default = DEFAULT_STEPS_OF_A_START
+        if simulated and seeds > 1:
+            problem = "--seeds: every start of a simulated robot has a seed of its own; omit it"
+            raise SettingsError(key="--seeds", problem=problem)
+        seeds = starts if simulated else seeds
+    return Case(robot=robot, updates=steps or default), seeds
+
+
+def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
+    """Return start steps of runs, evenly from 0 to the last from which a full run fits.
+
+    Raises:
+        SettingsError: the recording is too short for this number of starts.
+    """
+    last = max(steps - steps_each, 0)
+    if starts > last + 1:
+        problem = f"--starts {starts}: {steps} steps allow {last + 1} starts of {steps_each} steps"
+        raise SettingsError(key="--starts", problem=problem)
+    return tuple(round(index * last / max(starts - 1, 1)) for index in range(starts))
+
+
+def robot_of(
+    recording: str, map_file: str | None, reference: Path | None
+) -> SimulatedRobot | RecordedRobot:
+    """Return the robot that the options name.
+
+    Raises:
+        SettingsError: options contradict each other, or one is missing.
+    """
+    named = map_file_of(map_file or "", recording)
+    file = Path(named) if named else None
+    source = parsed_source(recording)
+    if isinstance(source, Simulated):
+        if reference:
+            problem = "--reference: a simulated robot knows where it is; leave it out"
+            raise SettingsError(key="--reference", problem=problem)
+        return SimulatedRobot(world=source.world, map=file)
+    if file is None:
+        problem = "--map is missing: a recording needs the map it was made in"
+        raise SettingsError(key="--map", problem=problem)
+    return RecordedRobot(recording=Path(recording), map=file, reference=reference)
+
+
+def _steps_count(run: Run) -> int:
+    """Return the number of steps of the robot; opens all inputs, which checks them."""
+    if isinstance(run.case.robot, SimulatedRobot):
+        next(run.begun()[0].steps)
+        return run.case.updates or DEFAULT_STEPS
+    whole = replace(run, case=msgspec.structs.replace(run.case, updates=None))
+    return sum(1 for _ in whole.begun()[0].steps)
+
+
+def _all_results(runs: Sequence[Run], jobs: int | None, steps: int) -> list[RunMeasures]:
+    """Execute the runs, in parallel if there are several; return their measures in order."""
+    stop = stop_on_signals(exit_after_s=5.0)
+    done: dict[int, RunMeasures] = {}
+    with _progress() as progress:
+        bar = progress.add_task("steps", total=steps * len(runs))
+
+        def on_update() -> None:
+            stop.check()
+            progress.advance(bar)
+
+        if len(runs) == 1:
+            done[0] = executed(runs[0], on_update)
+        else:
+            for index, finished in in_parallel(executed, runs, jobs or os.cpu_count() or 1, stop):
+                progress.advance(bar, finished.steps)
+                done[index] = finished
+    stop.check()
+    return [done[index] for index in range(len(runs))]
+
+
+def _progress() -> Progress:
+    """Return a progress bar on standard error; hidden with ``--quiet`` or without a terminal."""
+    console = Console(stderr=True, emoji=False)
+    hidden = is_quiet() or not console.is_terminal
+    return Progress(console=console, transient=True, disable=hidden)

@@ -1,0 +1,56 @@
+"""`clustermcl check --report`: a picture of the map with its look-alike places."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from clustermcl.evaluation.map_check.report import MapReport, Place
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Landmark
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.view.drawing import View, map_canvas, smoothed
+
+COLOURS = ((0, "#009E73"), (1, "#F0E442"), (3, "#E69F00"), (10**9, "#c0262d"))
+"""Colour of a tested place by the largest number of places that look like it."""
+LANDMARK = "#0072B2"
+_ARROW_PX, _LINE_PX, _LANDMARK_PX = 18, 6, 16
+_MANY = 8
+
+
+def drawn_report(
+    report: MapReport, grid_map: GridMap, landmarks: Sequence[Landmark] = ()
+) -> Image.Image:
+    """Draw tested places as filled arrows, joined with their look-alikes.
+
+    A diamond is a landmark. A circle around a place: no drive distinguishes it from its
+    look-alikes.
+    """
+    canvas, view = map_canvas(grid_map)
+    draw = ImageDraw.Draw(canvas, "RGBA")
+    for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
+        _draw_place(draw, view, place)
+    for landmark in landmarks:
+        square = (*view.at(landmark.x, landmark.y), _LANDMARK_PX)
+        draw.regular_polygon(square, 4, rotation=45, fill=LANDMARK)
+    return smoothed(canvas)
+
+
+def _draw_place(draw: ImageDraw.ImageDraw, view: View, place: Place) -> None:
+    count = len(place.look_alikes)
+    colour = next(colour for most, colour in COLOURS if count <= most)
+    alpha = "70" if count < _MANY else "28"
+    start = view.at(*place.pose[:2])
+    for other in place.look_alikes:
+        draw.line((start, view.at(*other[:2])), fill=f"{colour}{alpha}", width=_LINE_PX)
+        draw.polygon(_arrow(view, other), outline=colour, width=_LINE_PX)
+    draw.polygon(_arrow(view, place.pose), fill=colour)
+    if place.distinguishable is False:
+        draw.circle(start, 1.5 * _ARROW_PX, outline=colour, width=_LINE_PX)
+
+
+def _arrow(view: View, pose: PoseTuple) -> list[tuple[float, float]]:
+    corners = np.array([(1.6, 0.0, 0.0), (-1.0, 0.9, 0.0), (-1.0, -0.9, 0.0)])
+    corners *= _ARROW_PX / view.px_per_m
+    return [view.at(x, y) for x, y, _ in compose(np.array(pose), corners)]

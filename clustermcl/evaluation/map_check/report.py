@@ -1,0 +1,245 @@
+"""Compiles the report of `clustermcl check` on a map, with its warnings."""
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+from scipy.ndimage import binary_dilation, label
+
+from clustermcl.evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
+from clustermcl.evaluation.map_check.ambiguity import distinguishable
+from clustermcl.evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.pose_arrays import pose_tuple
+from clustermcl.recordings.maps.grid_map import GridMap
+
+_COARSE_CELL_M, _FINE_CELL_M = 0.1, 0.02
+_WHOLE_SHARE = 0.9
+_OPEN_SHARE = 0.3
+_BLIND_SHARE = 0.3
+_FOUND_SHARE, _FITTING_SHARE = 0.1, 0.7
+_MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
+_SCALE_OFF = 0.05
+_DECOY_SHARE = 0.3
+SMALLEST_PIECE_M2 = 0.5
+"""Smaller free components are ignored."""
+
+
+class Ground(msgspec.Struct, frozen=True, kw_only=True):
+    """Statistics of a map."""
+
+    rows: int
+    cols: int
+    cell_m: float
+    width_m: float
+    height_m: float
+    free_m2: float
+    occupied_share: float
+    unknown_share: float
+    pieces: int
+    """Number of connected components of free ground of at least 0.5 m², or 1."""
+    largest_piece_share: float
+    """Share of the free ground in the largest component."""
+    open_rim_share: float
+    """Share of unknown cells among the cells that border free ground."""
+
+
+def ground_of(grid_map: GridMap) -> Ground:
+    cells = grid_map.cells
+    free = cells == FREE
+    numbers, _ = label(free)
+    sizes = np.bincount(numbers.ravel())[1:] * grid_map.cell_m**2
+    # Ground off the map is unknown, too.
+    padded = np.pad(cells, 1, constant_values=UNKNOWN)
+    rim = padded[binary_dilation(padded == FREE) & (padded != FREE)]
+    rows, cols = cells.shape
+    width_m, height_m = grid_map.size_m
+    return Ground(
+        rows=rows,
+        cols=cols,
+        cell_m=grid_map.cell_m,
+        width_m=width_m,
+        height_m=height_m,
+        free_m2=grid_map.grid.free_m2,
+        occupied_share=float(np.mean(cells == OCCUPIED)),
+        unknown_share=float(np.mean(cells == UNKNOWN)),
+        pieces=max(int(np.count_nonzero(sizes >= SMALLEST_PIECE_M2)), 1),
+        largest_piece_share=float(sizes.max() / sizes.sum()),
+        open_rim_share=float(np.mean(rim == UNKNOWN)) if len(rim) else 0.0,
+    )
+
+
+class Place(msgspec.Struct, frozen=True, kw_only=True):
+    """A pose at which the map was tested, and the poses that look alike."""
+
+    pose: PoseTuple
+    """In the map: x [m], y [m], heading [rad]."""
+    returned_share: float
+    """Share of the beams that hit something within the laser's range."""
+    look_alikes: tuple[PoseTuple, ...]
+    """The poses from which the view is nearly the same."""
+    distinguishable: bool | None = None
+    """Whether a way from there distinguishes some of them; None: it is not known."""
+
+
+class MapReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The results of `clustermcl check`."""
+
+    map: str
+    ground: Ground
+    laser_range_m: float
+    searched_every_m: float
+    places: tuple[Place, ...]
+    agreement: Agreement | None
+    """How a recording matches the map; None: no recording was given."""
+    remarks: tuple[str, ...] = ()
+    """Problems of the map, and of the recording, as sentences."""
+
+
+def report_of(
+    name: str,
+    grid_map: GridMap,
+    *,
+    laser_range_m: float,
+    places: int,
+    seed: int,
+    agreement: Agreement | None,
+) -> MapReport:
+    """Test a map at random places.
+
+    Args:
+        name: name of the map, for display.
+        grid_map: the map.
+        laser_range_m: range of the robot's laser.
+        places: number of places.
+        seed: seed of the random places.
+        agreement: how a recording matches the map; None: there is no recording.
+
+    Raises:
+        NoRoomError: no robot fits into the map.
+    """
+    search = LookAlikeSearch(grid_map, laser_range_m, np.random.default_rng(seed))
+    views, groups, spacing_m = [], [], search.spacing_m
+    for _ in range(places):
+        views.append(search.random_view())
+        groups.append(search.places_like(views[-1]))
+    del search  # its arrays are as large as those that follow
+    told = distinguishable(groups, grid_map, laser_range_m)
+    report = MapReport(
+        map=name,
+        ground=ground_of(grid_map),
+        laser_range_m=laser_range_m,
+        searched_every_m=spacing_m,
+        places=tuple(
+            Place(
+                pose=pose_tuple(group[0]),
+                returned_share=view.returned_share,
+                look_alikes=tuple(map(pose_tuple, group[1:])),
+                distinguishable=answer,
+            )
+            for view, group, answer in zip(views, groups, told, strict=True)
+        ),
+        agreement=agreement,
+    )
+    return msgspec.structs.replace(report, remarks=tuple(_remarks(report)))
+
+
+def _remarks(report: MapReport) -> Iterator[str]:
+    yield from _of_ground(report.ground)
+    yield from _of_places(report)
+    if report.agreement is not None:
+        yield from _of_agreement(report.agreement)
+
+
+def _of_ground(ground: Ground) -> Iterator[str]:
+    if ground.cell_m > _COARSE_CELL_M:
+        yield f"cells of {ground.cell_m} m are coarse, walls may be that far off; 0.05 m is usual"
+    if ground.cell_m < _FINE_CELL_M:
+        yield f"cells of {ground.cell_m} m cost memory and gain nothing; 0.05 m is usual"
+    if ground.largest_piece_share < _WHOLE_SHARE:
+        outside = 1.0 - ground.largest_piece_share
+        yield (
+            f"the free ground lies in {ground.pieces} pieces, {outside:.0%} of it outside the "
+            "largest: is a door closed in the map, or was it seen through windows?"
+        )
+    if ground.open_rim_share > _OPEN_SHARE:
+        yield f"{ground.open_rim_share:.0%} of the rim of the free ground was not mapped"
+
+
+def _of_places(report: MapReport) -> Iterator[str]:
+    looked_at = len(report.places)
+    blind = sum(place.returned_share < _BLIND_SHARE for place in report.places)
+    if blind:
+        yield (
+            f"from {blind} of {looked_at} places most beams hit nothing within "
+            f"{report.laser_range_m} m: there, only odometry is left"
+        )
+    alike = sum(bool(place.look_alikes) for place in report.places)
+    if alike:
+        yield (
+            f"{alike} of {looked_at} places look like others, also after {WAY_M:.0f} m of "
+            "driving: until something distinguishes them, the belief is ambiguous"
+        )
+    if for_good := sum(place.distinguishable is False for place in report.places):
+        yield (
+            f"from {for_good} of these, no drive distinguishes them: landmarks do "
+            "(docs/tutorials/tags.md)"
+        )
+
+
+def _of_agreement(agreement: Agreement) -> Iterator[str]:
+    fitting, mount = agreement.fitting_share, agreement.mount
+    localized, decoy = agreement.localized_share, agreement.decoy_localized_share
+    if decoy > localized + _DECOY_SHARE:
+        yield (
+            f"the mirror image of the recording is localized on {decoy:.0%} of the steps, the "
+            f"recording at {localized:.0%}: is the laser upside down, or do its angles run the "
+            "other way?"
+        )
+    elif decoy > _DECOY_SHARE:
+        yield (
+            f"the mirror image of the recording is localized, too, on {decoy:.0%} of the steps: "
+            "the map is much like its own mirror image where the robot drove, and a robot that "
+            "is not there may look localized"
+        )
+    if agreement.is_of_another_map:
+        yield (
+            f"the robot is probably not on this map ({agreement.off_map_probability:.0%} on the "
+            "average): is the recording of this building, and has it changed since?"
+        )
+    if agreement.localized_share < _FOUND_SHARE or fitting is None:
+        yield (
+            f"the robot was localized on {agreement.localized_share:.0%} of {agreement.steps} "
+            "steps of the recording: is it of this building, and are its frames the right ones?"
+        )
+        return
+    if fitting < _FITTING_SHARE:
+        yield (
+            f"only {fitting:.0%} of the beams end within {FITS_WITHIN_M} m of an obstacle: "
+            "has much been moved, or is the laser mounted elsewhere?"
+        )
+    if mount is None:
+        return
+    recorded, found = np.array(agreement.recorded_mount), np.array(mount.robot_from_laser)
+    limits = np.maximum(
+        (_MOUNT_OFF_M, _MOUNT_OFF_M, _MOUNT_OFF_RAD), _SIGMAS * np.array(mount.standard_errors)
+    )
+    if (np.abs(found - recorded) > limits).any():
+        yield (
+            f"the laser's mount is given as {_mount(agreement.recorded_mount)}, the map indicates "
+            f"{_mount(mount.robot_from_laser)}"
+        )
+    for scale, what in (
+        (mount.odometry_distance_scale, "drives"),
+        (mount.odometry_turn_scale, "turns"),
+    ):
+        if abs(scale - 1.0) > _SCALE_OFF:
+            more = "too much" if scale > 1.0 else "too little"
+            yield f"odometry {what} {abs(scale - 1.0):.0%} {more}"
+
+
+def _mount(pose: PoseTuple) -> str:
+    x, y, heading = pose
+    return f"{x:.2f} m ahead, {y:.2f} m left, {math.degrees(heading):.0f} deg"

@@ -1,0 +1,130 @@
+"""One run of an algorithm on a robot's steps, and the parallel execution of several."""
+
+import itertools
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+import msgspec
+
+from clustermcl.belief.outcome import Outcome
+from clustermcl.evaluation.course import Case, Course, course_of
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs import in_process
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.errors import ClusterMclError, MapFileError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.parent import die_with_parent
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.supervisor import use_one_thread_for_arithmetic
+
+Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
+
+EstimatedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
+"""A scan, the belief after it, and the true pose; None where the truth is unknown."""
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_POLL_S = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One run of an algorithm; it can be sent to another process."""
+
+    case: Case
+    seed: int
+    """Seed of the filter, in place of that of the settings, and of a simulated robot."""
+    settings: Settings
+    follow: Outcomes = in_process.outcomes
+    start_step: int = 0
+    """First step used of a recording, as if the robot had been switched on there."""
+
+    def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[EstimatedStep]]:
+        """Open all inputs; return the course, and an iterator over the steps.
+
+        Args:
+            cache_folder: folder for computed likelihood fields; None: the user's.
+        """
+        course = course_of(self.case, self.seed, self.settings.bridge, self.start_step)
+        settings = msgspec.structs.replace(self.settings, seed=self.seed)
+        folder = cache_folder or kept_folder("maps")
+        try:
+            model = sensor_model(course.map, settings.sensor, folder)
+        except ValueError as error:  # the map has no obstacle
+            raise MapFileError(course.map_name, str(error)) from error
+        scans, truths = itertools.tee(course.steps)
+        followed = self.follow((scan for scan, _ in scans), model, settings)
+        steps = zip(followed, truths, strict=True)
+        return course, ((scan, outcome, truth) for (scan, outcome), (_, truth) in steps)
+
+
+class RunError(ClusterMclError):
+    """A run failed, or its process was killed."""
+
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(problem)
+
+
+def in_parallel(
+    work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
+) -> Iterator[tuple[int, R]]:
+    """Call a function for each piece, in spawned processes.
+
+    Args:
+        work: a function of a module, so that it can be pickled.
+        pieces: the arguments of the calls, begun in this order.
+        jobs: number of processes; each uses one thread.
+        stop: if set, all processes are ended.
+
+    Yields:
+        Index and result of each piece, in the order in which the calls return.
+
+    Raises:
+        RunError: a call has raised a `ClusterMclError`, or its process was killed; the other
+            calls are ended.
+    """
+    use_one_thread_for_arithmetic()  # one process a core is enough; spawned ones inherit it
+    pool = ProcessPoolExecutor(
+        max(min(jobs, len(pieces)), 1),
+        multiprocessing.get_context("spawn"),
+        _prepare_process,
+        (os.getpid(),),
+    )
+    try:
+        running = {pool.submit(_attempt, work, each): run for run, each in enumerate(pieces)}
+        while running and not stop.is_set():
+            for future in wait(running, _POLL_S, FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BrokenProcessPool as error:
+        raise RunError("a process ended in the middle of a run: is memory short?") from error
+    finally:
+        for child in multiprocessing.active_children():
+            child.kill()
+        pool.shutdown(cancel_futures=True)  # its thread has ended: at exit it would still write
+
+
+def _attempt(work: Callable[[T], R], piece: T) -> R:
+    try:
+        return work(piece)
+    except ClusterMclError as error:  # pickle cannot restore errors with keyword arguments
+        raise RunError(f"a run failed: {error}") from None
+
+
+def _prepare_process(parent_pid: int) -> None:
+    """Leave Ctrl-C, which reaches all processes of a terminal, to the parent."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    die_with_parent(parent_pid)

@@ -1,0 +1,1 @@
+"""Where to drive so that scans distinguish the places."""

@@ -1,0 +1,1 @@
+"""One cluster: its particles, weights, resampling, and what its evidence is worth."""

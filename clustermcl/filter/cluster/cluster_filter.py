@@ -1,0 +1,186 @@
+"""One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import LogWeights, Pose, Poses
+from clustermcl.filter.cluster.evidence_model import scan_exponent, way
+from clustermcl.filter.cluster.gaussian import fit_gaussian
+from clustermcl.filter.cluster.log_weights import multiplied, normalised_weights, weights_and_ess
+from clustermcl.filter.cluster.resampling import resample, systematic
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
+from clustermcl.filter.motion.model import move
+from clustermcl.filter.settings import ClusterSettings, MotionSettings
+
+
+@dataclass(frozen=True)
+class ParticleSet:
+    """A set of weighted particles."""
+
+    map_from_robot: Poses
+    """(N, 3) x [m], y [m], heading [rad]."""
+    log_weights: LogWeights
+    """(N,); the weights sum to N, so equal weights are one."""
+
+    @classmethod
+    def even(cls, map_from_robot: Poses) -> "ParticleSet":
+        return cls(map_from_robot, np.zeros(len(map_from_robot)))
+
+    @cached_property
+    def _weights_and_ess(self) -> tuple[NDArray[np.float64], float]:
+        return weights_and_ess(self.log_weights)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(N,) linear weights that sum to one."""
+        return self._weights_and_ess[0]
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Effective sample size, between 1 and N; see `weights_and_ess`."""
+        return self._weights_and_ess[1]
+
+    def gaussian(self) -> tuple[Pose, Poses]:
+        """Return the (3,) mean pose and (3, 3) covariance (section 4, last paragraph)."""
+        return fit_gaussian(self.map_from_robot, self.weights)
+
+
+@dataclass(frozen=True)
+class MeasurementUpdate:
+    """A particle set after a scan, and the evidence of the scan."""
+
+    particles: ParticleSet
+    log_weight_sum: float
+    """Log of the sum of w_{t-1} p(z_t | x_t) over N particles whose weights sum to N."""
+    log_likelihood_per_beam: float
+    """Log-likelihood per beam of the best particle, without the exponent [nat/beam]; NaN: the scan
+    has no beams."""
+    best: Pose | None = None
+    """(3,) the best particle; None if the scan has no beams."""
+
+
+def resampled(
+    particles: ParticleSet, count: int, settings: ClusterSettings, rng: np.random.Generator
+) -> ParticleSet:
+    """Draw `count` particles by weight if the effective sample size is too small.
+
+    Else return the same particles.
+    """
+    if particles.effective_sample_size >= settings.resample_below_ess * len(particles.log_weights):
+        return particles
+    chosen = systematic(particles.weights, count, rng.random())
+    # `take` is three times as fast as indexing.
+    return ParticleSet.even(particles.map_from_robot.take(chosen, axis=0))
+
+
+def measurement_update(
+    particles: ParticleSet, beams: Beams, model: SensorModel, exponent: float, share: float = 1.0
+) -> MeasurementUpdate:
+    """Multiply the weights by the likelihood of a scan.
+
+    Args:
+        particles: N particles.
+        beams: beams of the scan; without beams, the particles stay and the evidence is one.
+        model: the sensor model.
+        exponent: exponent of the scan's likelihood, because beams are not independent.
+        share: further factor of the log-likelihood, for the weights but not for the evidence.
+    """
+    poses, before = particles.map_from_robot, particles.log_weights
+    if beams.count == 0:
+        return MeasurementUpdate(particles, math.log(len(before)), math.nan)
+    fit = model.log_likelihood(poses, beams)
+    # The likelihood field is high inside walls, where no robot can be.
+    penalty = ground_log_penalty(poses, model.grid, model.settings.not_free_log_penalty)
+    log_weights, total = multiplied(before, fit, exponent, penalty)
+    if share < 1.0:
+        log_weights, _ = multiplied(before, fit, share * exponent, penalty)
+    best = int(np.argmax(fit))
+    after = ParticleSet(poses, log_weights)
+    return MeasurementUpdate(after, total, float(fit[best]) / beams.count, poses[best])
+
+
+def pose_share(before_from_after: Pose, settings: ClusterSettings) -> float:
+    """Return the share of a scan that is new information about the pose within a cluster.
+
+    The particles already contain the information of earlier scans, blurred by the motion since.
+    A scan counts as much as the motion has blurred, so a standing robot learns nothing new.
+
+    Args:
+        before_from_after: (3,) motion since the last scan, by odometry.
+        settings: the distances after which a scan is new.
+    """
+    if settings.view_distance_m == 0.0:
+        return 1.0
+    moved_m, turned_rad = way(before_from_after)
+    return -math.expm1(-moved_m / settings.view_distance_m - turned_rad / settings.view_turn_rad)
+
+
+def mcl_step(
+    particles: ParticleSet,
+    before_from_after: Pose,
+    beams: Beams,
+    model: SensorModel,
+    motion: MotionSettings,
+    settings: ClusterSettings,
+    rng: np.random.Generator,
+    *,
+    is_first: bool = False,
+    count: int | None = None,
+) -> MeasurementUpdate:
+    """Resample, move by odometry, and weigh by a scan.
+
+    Particles never leave their cluster (eq. 14).
+
+    Args:
+        particles: the cluster's particles before the step.
+        before_from_after: (3,) motion of the robot since the last step, by odometry.
+        beams: scored beams of the scan.
+        model: the sensor model.
+        motion: model and noise of the odometry.
+        settings: settings of a cluster.
+        rng: source of the random numbers of this step.
+        is_first: whether this is the particles' first scan, so that all of it is new.
+        count: number of particles that a resampling draws; None: the present number.
+
+    References:
+        Section 2, routine 1-3; the draw is omitted while the effective sample size suffices.
+    """
+    particles = resampled(particles, count or len(particles.log_weights), settings, rng)
+    moved = move(particles.map_from_robot, before_from_after, motion, rng)
+    exponent = scan_exponent(beams.count, model.settings)
+    share = 1.0 if is_first else pose_share(before_from_after, settings)
+    after_motion = ParticleSet(moved, particles.log_weights)
+    result = measurement_update(after_motion, beams, model, exponent, share)
+    after = result.particles
+    correction = model.correction(after.map_from_robot, after.weights, beams)
+    return replace(result, log_weight_sum=result.log_weight_sum - correction)
+
+
+def regularised_resample(
+    sample: Poses, log_weights: LogWeights, count: int, rng: np.random.Generator
+) -> ParticleSet:
+    """Draw equally weighted particles from a weighted sample, and add noise to each.
+
+    The noise has half the width of Silverman's kernel for the sample's variances.
+
+    Args:
+        sample: (M, 3) poses.
+        log_weights: (M,).
+        count: number of particles to draw.
+        rng: random numbers for the draw and the noise.
+
+    Raises:
+        ValueError: the sample is empty or has no weight.
+
+    References:
+        Musso, Oudjane and Le Gland, "Improving regularised particle filters" (2001).
+    """
+    chosen = sample[resample(log_weights, count, rng)]
+    _, covariance = fit_gaussian(sample, normalised_weights(log_weights))
+    width = len(sample) ** (-1.0 / 7.0) * (4.0 / 5.0) ** (1.0 / 7.0)  # 3 dimensions
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width * 0.5
+    return ParticleSet.even(chosen + rng.standard_normal(chosen.shape) * spread)

@@ -1,0 +1,185 @@
+"""The weight of a scan's evidence between places (docs/evidence.md).
+
+The map differs from the building, so the average likelihood of a cluster's particles has errors.
+These errors stay the same for about a metre of driving, so scans within a metre repeat them. Where
+no place explains the scan, because of people or moved furniture, all places have large errors. So
+a difference between places counts more the newer the view is, and less the worse the best place
+fits.
+"""
+
+import math
+import sys
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.settings import BeliefSettings, SensorSettings
+
+CONTENDED = 0.99
+"""The most probable hypotheses with this share of the belief are the contenders."""
+
+SHORT_M = 2.0
+"""Short beams are uniformly distributed over this length [m]."""
+_UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
+"""Variance of the fits at one place [nat^2]: before the first scan, and at least."""
+_CHANCE, _LARGE_SHORTFALL = 3.0, 4.0
+"""Standard deviations by which a fit may be low by chance; sum of larger shortfalls [nat]."""
+_LEARNED, _LEARNED_BELOW = 0.1, 0.2
+"""Weight of a scan in the mean of fits; factor of that weight while fits are low."""
+
+
+def scan_exponent(beams: int, settings: SensorSettings) -> float:
+    """Return the exponent of a scan's log-likelihood, because its beams are not independent.
+
+    A scan of `max_beams` beams counts as `scan_likelihood_exponent * max_beams` independent beams.
+    A scan of fewer beams counts as much, because they are farther apart, but never as more beams
+    than it has.
+    """
+    exponent = settings.scan_likelihood_exponent
+    if not 0 < beams < settings.max_beams or exponent >= 1.0:
+        return exponent
+    return min(exponent * settings.max_beams / beams, 1.0)
+
+
+def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which hypotheses are contenders: the most probable with `CONTENDED` of the belief.
+
+    Of equally probable hypotheses, either all are contenders or none is.
+
+    Args:
+        log_belief: (K,) natural logarithms of probabilities, at least one of them finite.
+
+    Returns:
+        (K,) true for a contender; never all false.
+    """
+    probability = np.exp(log_belief - np.max(log_belief))
+    ordered = np.sort(probability)
+    up_to = np.cumsum(ordered)
+    no_more_probable = up_to[np.searchsorted(ordered, probability, side="right") - 1]
+    return np.asarray(no_more_probable > (1.0 - CONTENDED) * up_to[-1])
+
+
+def tempered(
+    log_evidence: NDArray[np.float64],
+    contends: NDArray[np.bool_],
+    share: NDArray[np.float64] | float,
+    noise: float,
+) -> NDArray[np.float64]:
+    """Return the weighted gain of each hypothesis on the best-fitting contender.
+
+    A difference d counts as d |d| / (|d| + noise), so differences within the Monte Carlo error of
+    the averages hardly count, and places that look alike keep their odds. Far from zero the
+    function is linear. So the reference has to be a contender: relative to an improbable
+    hypothesis that fits far better, noise between two probable ones would count in full.
+
+    Args:
+        log_evidence: (K,) log of the average likelihood; NaN, for a missing report, stays NaN.
+        contends: (K,) whether it may be the reference; at least one of these has a report.
+        share: weight of a difference, one for all or (K,). With a share of one and no noise this
+            is the paper's update.
+        noise: Monte Carlo error of a difference [nat].
+
+    Returns:
+        (K,) logarithms: at most zero for contenders.
+    """
+    gained = log_evidence - np.nanmax(log_evidence[contends])
+    if noise > 0.0:
+        size = np.abs(gained)
+        gained = gained * size / (size + noise)
+    return np.asarray(share * gained)
+
+
+def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> float:
+    """Return the weight of a difference in log evidence, 0 to 1.
+
+    Args:
+        new_view: how much of a new view of the building the scan is, from 0 to 1.
+        residual: how much worse the best particle fits than one could [nat/beam].
+        rules: contain the residual at which a difference counts half.
+    """
+    if math.isnan(residual) or math.isinf(rules.evidence_residual):
+        return new_view
+    return new_view / (1.0 + (residual / rules.evidence_residual) ** 2)
+
+
+def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
+    """Return how much worse a particle fits than one with every beam on an obstacle [nat/beam]."""
+    return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
+
+
+def through_beam_loss(settings: SensorSettings) -> float:
+    """Return the log-likelihood ratio of a beam on an obstacle and an unexplained beam [nat]."""
+    return _log_hit(settings) - _log_unexplained(settings)
+
+
+def short_beam_gain(rate: float, settings: SensorSettings) -> float:
+    """Return the log-likelihood ratio of a beam that ends at a person and an unexplained one [nat].
+
+    Args:
+        rate: share of short beams in earlier scans.
+        settings: an unexplained beam is uniformly distributed up to their maximum range.
+    """
+    return max(math.log(rate / SHORT_M) - _log_unexplained(settings), 0.0) if rate > 0.0 else 0.0
+
+
+def _log_hit(settings: SensorSettings) -> float:
+    peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
+    return math.log(peak + settings.random_weight / settings.max_range_m)
+
+
+def _log_unexplained(settings: SensorSettings) -> float:
+    return math.log(settings.random_weight / settings.max_range_m)
+
+
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+
+
+class UsualFit(msgspec.Struct, frozen=True):
+    """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
+
+    A place that resembles the true one explains most of a scan, so evidence against it accumulates
+    slowly. If the fit drops by much more than its usual variation, the robot has probably been
+    kidnapped; this test detects it within one or two scans.
+    """
+
+    mean: Finite | None = None
+    """Mean of the scans' log-likelihoods [nat]; None: before the first scan."""
+    variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _UNKNOWN_VARIANCE
+    """Variance of the scans' log-likelihoods [nat^2]."""
+    shortfall: Annotated[float, Meta(ge=0.0, le=sys.float_info.max)] = 0.0
+    """Sum over the last scans of how much worse they fitted than chance explains [nat]."""
+
+    @property
+    def has_fallen(self) -> bool:
+        """Whether scans fit so badly that a search begins."""
+        return self.shortfall > _LARGE_SHORTFALL
+
+    def after(self, log_likelihood: float, news: float) -> "UsualFit":
+        """Return the statistics after one more scan.
+
+        Args:
+            log_likelihood: log-likelihood of the scan at the believed place [nat].
+            news: how independent the scan is of earlier ones, from 0 to 1.
+        """
+        if self.mean is None:
+            return UsualFit(log_likelihood)
+        below = self.mean - log_likelihood
+        by_chance = _CHANCE * math.sqrt(self.variance)
+        if self.has_fallen:
+            shortfall = self.shortfall if below > by_chance else 0.0
+        else:
+            shortfall = max(self.shortfall + below - by_chance, 0.0)
+        learned = _LEARNED * news * (_LEARNED_BELOW if shortfall > 0.0 else 1.0)
+        mean = self.mean - learned * below
+        variance = self.variance + learned * ((mean - log_likelihood) ** 2 - self.variance)
+        return UsualFit(mean, max(variance, _LEAST_VARIANCE), shortfall)
+
+
+def way(before_from_after: Pose) -> tuple[float, float]:
+    """Return the distance [m] and the absolute turn [rad] of a motion (3,)."""
+    x, y, turn = before_from_after.tolist()
+    return math.hypot(x, y), abs(turn)

@@ -1,0 +1,225 @@
+"""The common parts of sensor models: the beams of a scan, and the protocol of a model.
+
+Each model is a class in a separate file; `sensor_models.py` finds it by name.
+"""
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar, Protocol, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.kernels.compiled import ToCells, kernel, plain
+from clustermcl.filter.laser.pyramid import Pyramid
+from clustermcl.filter.laser.ray_casting import JumpField
+from clustermcl.filter.settings import SensorSettings
+
+MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
+"""Arrays that a model computes once from a map, by name; read-only, perhaps mapped from disk."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """The scored beams of a scan by one laser, and those of the robot's other lasers."""
+
+    ranges: NDArray[np.float64]
+    """(B,) readings [m]; `max_range_m` or longer: no return."""
+    angles: NDArray[np.float64]
+    """(B,) directions in the laser's frame [rad]."""
+    robot_from_laser: Pose
+    max_range_m: float
+    """The smaller of the laser's and the settings' maximum range [m]."""
+    others: tuple[Self, ...] = ()
+    """Beams of the other lasers, as if measured at the same pose."""
+
+    @property
+    def lasers(self) -> "tuple[Beams, ...]":
+        """The beams of each laser, this one first."""
+        return (self, *self.others)
+
+    @property
+    def count(self) -> int:
+        return sum(len(laser.ranges) for laser in self.lasers)
+
+    @cached_property
+    def own_hits_in_robot(self) -> Points:
+        """(B, 2) ends of the beams of the first laser, in the robot's frame [m]."""
+        x, y, heading = self.robot_from_laser
+        directions = heading + self.angles
+        return np.column_stack(
+            [x + self.ranges * np.cos(directions), y + self.ranges * np.sin(directions)]
+        )
+
+    @cached_property
+    def returned(self) -> NDArray[np.bool_]:
+        """(count,) whether each beam returned, for all lasers."""
+        return np.concatenate([laser.ranges < laser.max_range_m for laser in self.lasers])
+
+    @cached_property
+    def hits_in_robot(self) -> Points:
+        """(count, 2) ends of the beams of all lasers, in the robot's frame [m]."""
+        if not self.others:
+            return self.own_hits_in_robot
+        return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
+
+
+@dataclass(frozen=True, eq=False)
+class LaserScan:
+    """A measured scan of one laser, and those of the robot's other lasers."""
+
+    ranges: NDArray[np.floating]
+    """(n,) [m]; not finite, not positive, `range_max_m` or longer: no return."""
+    range_max_m: float
+    angle_min: float
+    """Direction of the first beam in the laser's frame [rad]."""
+    angle_step: float
+    """Angle from one beam to the next [rad]."""
+    robot_from_laser: Pose
+    others: tuple[Self, ...] = ()
+    """Scans of the other lasers, as if measured at the same pose."""
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """(n,) directions of the beams in the laser's frame [rad]."""
+        return np.asarray(self.angle_min + self.angle_step * np.arange(len(self.ranges)))
+
+    def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
+        """Choose the beams to score, equally many of each laser.
+
+        Args:
+            choose: function of one laser's scan and a number of beams; chooses at most as many.
+            max_beams: largest number of beams of all lasers together.
+        """
+        if not self.others:
+            return choose(self, max_beams)
+        share = max(max_beams // (1 + len(self.others)), 1)
+        others = tuple(choose(other, share) for other in self.others)
+        return replace(choose(self, share), others=others)
+
+    def beams(
+        self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
+    ) -> Beams:
+        """Return the beams with the (B,) indices `chosen` into the (n,) `ranges`."""
+        return Beams(ranges[chosen], self.angles[chosen], self.robot_from_laser, max_range_m)
+
+
+class SensorModel(Hashable, Protocol):
+    """Weighs poses in one map by scans."""
+
+    beam_work: ClassVar[int]
+    """Cost of scoring one beam at one pose [table look-ups]."""
+
+    @property
+    def grid(self) -> Grid:
+        """The map."""
+
+    @property
+    def settings(self) -> SensorSettings:
+        """The model's numbers."""
+
+    @property
+    def pyramid(self) -> Pyramid:
+        """Bounds of the likelihood field over squares, for global searches."""
+
+    @property
+    def jumps(self) -> JumpField:
+        """Jump field of the map; see `ray_casting`."""
+
+    @classmethod
+    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
+        """Compute arrays from a map; this may take seconds, and the result is cached on disk.
+
+        Raises:
+            ValueError: no cell is occupied; every pose would fit equally well.
+        """
+
+    @classmethod
+    def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
+        """Build the model from the result of `arrays_of` for the same map and settings.
+
+        Raises:
+            KeyError, ValueError: an array is missing, or is of another map.
+        """
+
+    def beams(self, scan: LaserScan) -> Beams:
+        """Choose the beams to score: valid ones, thinned evenly."""
+
+    def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
+
+    def correction(
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1, /
+    ) -> float:
+        """Return the amount to subtract from a cluster's log evidence [nat].
+
+        The amount includes the factor `scan_exponent`. It corrects what `log_likelihood` ignores
+        because it is too expensive for every particle.
+
+        Args:
+            map_from_robot: (N, 3) the cluster's poses after the scan.
+            weights: (N,) their weights, summing to one.
+            beams: beams that weighed the poses.
+            sharers: number of callers that share the work of correcting, as the shards of a
+                search.
+        """
+
+
+def usable_beams(
+    ranges: NDArray[np.floating], range_max_m: float, max_beams: int
+) -> NDArray[np.int64]:
+    """Choose the beams to score: the valid ones, thinned evenly.
+
+    Invalid beams are not finite, not positive, or `range_max_m` or longer.
+
+    Args:
+        ranges: (n,) [m].
+        range_max_m: a reading of this range or longer is no return [m].
+        max_beams: largest number of beams.
+
+    Returns:
+        (B,) increasing indices into `ranges`; empty if no beam is valid.
+
+    Raises:
+        ValueError: `max_beams` is not positive.
+    """
+    if max_beams < 1:
+        raise ValueError(f"max_beams must be positive, not {max_beams}")
+    ranges = np.asarray(ranges)
+    # NaN and infinity fail this comparison even if `range_max_m` is infinite.
+    valid = ((ranges > 0.0) & (ranges < range_max_m)).nonzero()[0]
+    if len(valid) <= max_beams:
+        return valid
+    middles = (2 * np.arange(max_beams) + 1) * len(valid) // (2 * max_beams)
+    return np.asarray(valid[middles])
+
+
+def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
+    """Return the penalties of particles for standing where no robot can be.
+
+    Args:
+        map_from_robot: (N, 3) poses.
+        grid: the map.
+        log_penalty: logarithm of the penalty on occupied, unknown or unmapped ground.
+
+    Returns:
+        (N,) `log_penalty` or 0.
+    """
+    return _penalties(plain(map_from_robot), grid.cells, grid.in_cells, log_penalty)
+
+
+@kernel
+def _penalties(poses: Poses, cells: Cells, in_cells: ToCells, log_penalty: float) -> LogWeights:
+    c, s, x0, y0 = in_cells
+    rows, cols = cells.shape
+    penalties = np.full(len(poses), log_penalty)
+    for i in range(len(poses)):
+        # Compared before int(), which rounds towards zero: just below the map is not in cell 0.
+        col = c * poses[i, 0] - s * poses[i, 1] + x0
+        row = s * poses[i, 0] + c * poses[i, 1] + y0
+        if 0.0 <= col < cols and 0.0 <= row < rows and cells[int(row), int(col)] == FREE:
+            penalties[i] = 0.0
+    return penalties

@@ -1,0 +1,1 @@
+"""How a robot moves: noise of odometry, motion models, trajectories."""

@@ -1,0 +1,1 @@
+"""Observations of other sensors: landmarks, positions, fields over the map."""

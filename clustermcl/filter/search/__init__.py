@@ -1,0 +1,1 @@
+"""Search of a whole map: branch and bound, and clusters of what it finds."""

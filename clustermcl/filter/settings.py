@@ -1,0 +1,231 @@
+"""The settings of the filter: one frozen structure for each part, with units and meanings.
+
+Every work order contains them, so all workers of a robot use the same. The defaults are the same
+for all buildings and recordings. `clustermcl settings` prints the text below each setting.
+"""
+
+from functools import lru_cache
+from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
+
+import msgspec
+from msgspec import Meta
+
+from clustermcl.filter.extensions import Kind, names
+
+SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
+"""Names of the sensor models that `sensor_models.OWN` has."""
+MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
+
+_NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
+_CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
+_REGIONS_FORM = "NAME: X Y, X Y; NAME: X Y, X Y, X Y; ..."
+_REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[ ]*\Z"
+
+
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+Share: TypeAlias = Annotated[float, Meta(ge=0, le=1)]
+NotNegativeInt: TypeAlias = Annotated[int, Meta(ge=0)]
+PositiveInt: TypeAlias = Annotated[int, Meta(gt=0)]
+
+
+def _check_model(kind: Kind, name: str, own: tuple[str, ...]) -> None:
+    if name not in own and name not in names(kind):
+        raise ValueError(f"no {kind} {name!r} is installed")
+
+
+class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Noise of odometry (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
+
+    model: Annotated[
+        str, Meta(extra={"form": '"omnidirectional", "differential" or an installed one'})
+    ] = "omnidirectional"
+    """Motion model."""
+    turn_noise_per_turn: NotNegative = 0.2
+    """Noise of a turn caused by turning (root of nav2's alpha1) [rad/rad]."""
+    turn_noise_per_metre: NotNegative = 0.1
+    """Noise of a turn caused by driving (root of nav2's alpha2) [rad/m]."""
+    drive_noise_per_metre: NotNegative = 0.15
+    """Noise along the drive caused by driving (root of nav2's alpha3) [m/m]."""
+    drive_noise_per_turn: NotNegative = 0.05
+    """Noise along the drive caused by turning (root of nav2's alpha4) [m/rad]."""
+    strafe_noise_per_metre: NotNegative = 0.1
+    """Noise across the drive, omnidirectional only (root of nav2's alpha5) [m/m]."""
+
+    def __post_init__(self) -> None:
+        _check_model("motion_model", self.model, get_args(MotionModelName))
+
+
+class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Settings of the sensor model."""
+
+    model: Annotated[
+        str, Meta(extra={"form": '"likelihood_field", "beam" or an installed one'})
+    ] = "likelihood_field"
+    """Sensor model."""
+    scan_likelihood_exponent: Positive = 0.1
+    """Multiplies the log-likelihood of a scan of max_beams; their errors correlate."""
+    max_beams: Annotated[int, Meta(gt=0, le=65_536)] = 60
+    """Valid beams used of one scan, spread evenly."""
+    max_range_m: Positive = 30.0
+    """Beams of this range or longer count as no return [m]."""
+    hit_sigma_m: Positive = 0.15
+    """Spread of a hit around an obstacle [m]."""
+    hit_weight: Annotated[float, Meta(gt=0, le=1)] = 0.75
+    """Share of beams that hit the map."""
+    random_weight: Annotated[float, Meta(gt=0, le=1)] = 0.25
+    """Share of random beams."""
+    short_weight: NotNegative = 0.1
+    """Beam model: share of beams cut short by objects that are not in the map."""
+    max_weight: NotNegative = 0.05
+    """Beam model: share of beams without return."""
+    short_decay_per_m: Positive = 0.3
+    """Beam model: decay of short readings [1/m]."""
+    max_obstacle_distance_m: Positive = 2.0
+    """Likelihood field: larger distances to an obstacle count as this one [m]."""
+    visibility_particles: Annotated[int, Meta(ge=0, le=100_000)] = 50
+    """Particles of a cluster that check beams for occlusion; 0: none."""
+    visibility_beam_stride: PositiveInt = 5
+    """Each of them checks every n-th beam."""
+    occlusion_weight: Share = 0.1
+    """Share of the score of occluded beams that the evidence loses."""
+    occlusion_tolerance: NotNegative = 0.1
+    """Score of occluded beams that is tolerated [nat/beam]."""
+    not_free_log_penalty: Annotated[float, Meta(le=0)] = -1.0
+    """Log-weight of a particle on occupied or unknown ground, at each step."""
+
+    def __post_init__(self) -> None:
+        _check_model("sensor_model", self.model, get_args(SensorModelName))
+
+
+class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One cluster and its particles (section 2 of the paper)."""
+
+    particles: Annotated[int, Meta(gt=0, le=1_000_000)] = 2000
+    """Particles of one tracked cluster, at most."""
+    view_distance_m: NotNegative = 0.2
+    """Distance after which a scan is new information about the pose in a cluster; 0: always [m]."""
+    view_turn_rad: Positive = 0.4
+    """Turn after which it is [rad]."""
+    resample_below_ess: Annotated[float, Meta(gt=0, le=1)] = 0.9
+    """Resample if effective sample size / particles is below this."""
+    min_particles: Annotated[int, Meta(gt=0, le=1_000_000)] = 500
+    """Particles of one tracked cluster, at least."""
+    split_every_steps: NotNegativeInt = 0
+    """Interval at which clusters in several parts are split; 0: never [steps]."""
+    split_min_share: Annotated[float, Meta(gt=0, le=0.5)] = 0.2
+    """Share of a cluster's weight that a part needs to become a cluster."""
+
+
+class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Global MCL: the bootstrap and the periodic restart (section 4 of the paper)."""
+
+    heading_step_rad: Annotated[float, Meta(gt=0, le=0.5)] = 0.035
+    """Distance between headings in the search of the first scan [rad]."""
+    margin: Positive = 12.0
+    """Poses worse than the best by more than this are left out [nat]."""
+    poses: Annotated[int, Meta(gt=0, le=50_000_000)] = 100_000
+    """Poses kept after the first scan, over all shards."""
+    shards: Annotated[int, Meta(gt=0, le=64)] = 4
+    """Independent parts of a search, whatever the number of workers."""
+    max_steps: PositiveInt = 60
+    """A search ends at the latest after; with four times as many, where more is possible than fits
+    into the clusters [steps]."""
+    converged_mass: Annotated[float, Meta(gt=0, le=1)] = 0.98
+    """A search ends when its best places hold this share."""
+    source_radius_m: Positive = 1.0
+    """Points of a cluster are within this distance of its source point [m]."""
+    source_heading_rad: Positive = 0.5
+    """And within this difference in heading [rad]."""
+    hand_over_particles: Annotated[int, Meta(gt=0, le=100_000)] = 150
+    """Particles of a place in a shard's report."""
+    places: Annotated[int, Meta(gt=0, le=10_000)] = 256
+    """Places in a shard's report, at most."""
+    places_with_particles: Annotated[int, Meta(gt=0, le=10_000)] = 64
+    """Places of them with particles."""
+    min_place_share: Share = 0.0001
+    """Places with a smaller share of the search are not reported."""
+    regions: Annotated[
+        str, Meta(pattern=_REGIONS_PATTERN, max_length=10_000, extra={"form": _REGIONS_FORM})
+    ] = ""
+    """Where `relocalize --region` searches: two corners of a rectangle, or a polygon's [m]."""
+
+
+class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The Bayes filter over clusters (eq. 12-17 and section 4 of the paper)."""
+
+    max_clusters: Annotated[int, Meta(gt=0, le=1_000)] = 64
+    """Clusters kept at most."""
+    particles: Annotated[int, Meta(ge=0, le=50_000_000)] = 20_000
+    """Particles of all clusters, shared out by probability as it changes; 0: cluster.particles
+    each."""
+    least_probability: Share = 0.0001
+    """Places below this probability do not enter, clusters below it are dropped; 0: none."""
+    transition_probability: Share = 0.0001
+    """Share of the belief spread over all clusters at each step."""
+    view_distance_m: NotNegative = 0.8
+    """Distance after which a scan is a new view of the building; 0: always [m]."""
+    view_turn_rad: Positive = 1.6
+    """Turn after which it is [rad]."""
+    evidence_noise: NotNegative = 0.3
+    """Monte Carlo error of the difference in evidence between places [nat]."""
+    evidence_residual: Positive = 0.25
+    """Residual at which differences between places count half [nat/beam]."""
+    kidnapping_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.001
+    """Probability of a kidnapping at each step; 0: never."""
+    off_map_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.05
+    """Prior probability that the robot is not on the map, also after a kidnapping; 0: never."""
+    elsewhere_poses: Annotated[int, Meta(gt=0, le=1_000_000)] = 2048
+    """Poses all over the map at which a scan is weighed."""
+    lost_probability: Annotated[float, Meta(gt=0, le=1)] = 0.5
+    """State `lost` above this probability of elsewhere and off the map."""
+    candidate_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
+    """Least weight of a search's places, relative to the belief, at its end."""
+    minimum_lifetime_steps: NotNegativeInt = 15
+    """Minimum lifetime of a new cluster [steps]."""
+    merge_every_steps: PositiveInt = 5
+    """Interval at which overlapping clusters are merged [steps]."""
+    merge_distance_m: Positive = 0.5
+    """Clusters merge if their means are within this distance [m]."""
+    merge_heading_rad: Positive = 0.35
+    """And within this difference in heading [rad]."""
+    search_every_steps: PositiveInt = 150
+    """Interval from one global search to the next [steps]."""
+    localized_probability: Annotated[float, Meta(gt=0, le=1)] = 0.9
+    """State `localized` from this probability of the best place on."""
+    set_pose_probability: Annotated[float, Meta(gt=0, le=1)] = 0.95
+    """Probability of a pose that a user sets."""
+
+
+class FilterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All settings of the filter."""
+
+    seed: NotNegativeInt = 0
+    """Seed of all random numbers."""
+    motion: MotionSettings = MotionSettings()
+    sensor: SensorSettings = SensorSettings()
+    cluster: ClusterSettings = ClusterSettings()
+    search: SearchSettings = SearchSettings()
+    belief: BeliefSettings = BeliefSettings()
+
+
+SectionT = TypeVar("SectionT", bound=msgspec.Struct)
+
+
+def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
+    """Return a section of the settings, changed by live values.
+
+    Args:
+        section: the section at the start of the process.
+        live: new values of fields with the same name; None: the field stays.
+    """
+    values = {name: getattr(live, name, None) for name in section.__struct_fields__}
+    changed = {name: value for name, value in values.items() if value is not None}
+    return msgspec.structs.replace(section, **changed)
+
+
+@lru_cache(maxsize=8)
+def filter_with(settings: FilterSettings, live: msgspec.Struct) -> FilterSettings:
+    """Return the filter's settings, with motion and sensor changed as by `section_with`."""
+    motion, sensor = section_with(settings.motion, live), section_with(settings.sensor, live)
+    return msgspec.structs.replace(settings, motion=motion, sensor=sensor)

@@ -1,0 +1,1 @@
+"""What a worker does with particles, and the same in one process."""

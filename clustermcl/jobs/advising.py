@@ -1,0 +1,136 @@
+"""A worker's advice: from a belief to ways that distinguish its places."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec.structs import replace
+
+from clustermcl.filter.advice.advice import Question, advised_ways
+from clustermcl.filter.advice.exploring import unseen_way
+from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads, without_common_ground
+from clustermcl.filter.cluster.evidence_model import residual
+from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.observations.observation import Landmarks
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.jobs import scan_beams, scan_of_laser
+from clustermcl.protocol.advice import Advice, AdviceQuestion, Way
+from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
+from clustermcl.protocol.steps import Landmark, Scan
+
+PROBABLY_ELSEWHERE = 0.5
+LOST = "the robot is probably at another place: drive where a search sees more"
+MAX_COMPARED = 8
+"""Number of the most probable places of which pairs without common ground are found."""
+
+
+def advice(
+    asked: AdviceQuestion,
+    scan: Scan,
+    model: SensorModel,
+    settings: FilterSettings,
+    sender: str,
+    landmarks: Sequence[Landmark] = (),
+) -> Advice:
+    """Compute the answer to a question.
+
+    Args:
+        asked: the belief and the robot's radius.
+        scan: scan of the belief's step.
+        model: sensor model of the map in which the belief is.
+        settings: settings of the filter.
+        sender: name of the process.
+        landmarks: landmarks of the map.
+    """
+    head = Advice(
+        sender=sender,
+        step=scan.step,
+        stamp_ns=scan.stamp_ns,
+        odom_from_robot=scan.odom_from_robot,
+        clusters=tuple(place.cluster for place in asked.hypotheses),
+        places=tuple(place.pose for place in asked.hypotheses),
+    )
+    count, is_lost = len(asked.hypotheses), asked.elsewhere_probability > PROBABLY_ELSEWHERE
+    question = _question(asked, scan, model, landmarks)
+    roads = question.roads(model) if count and (is_lost or count > 1) else None
+    explored = _exploring(question, roads) if is_lost or not count else ()
+    if count < 2:
+        known = "only one place is possible: there is nothing to distinguish"
+        note = LOST if is_lost else known if count else "no place is known yet: first, a search"
+        return replace(head, ways=explored, note=note)
+    ways, spots = advised_ways(question, model, settings, roads)
+    made = tuple(
+        Way(
+            poses=tuple(map(pose_tuple, way.poses)),
+            rest=tuple(map(pose_tuple, way.rest)),
+            length_m=way.length_m,
+            turn_rad=way.turn_rad,
+            gains=tuple(way.gains.tolist()),
+            information=way.information,
+            sure_probability=min(way.sure_probability, 1.0),
+            landmarks=tuple(sorted(way.landmarks)),
+            sight_bearing_rad=way.sight_bearing_rad,
+            sight_ranges_m=way.sight_ranges_m,
+        )
+        for way in ways
+    )
+    note, apart = "", list[tuple[int, ...]]()
+    if is_lost:
+        note = LOST
+    elif np.hypot(*spots[:, :2].T).max() < LEAST_REACH_M:
+        some = question.places[:MAX_COMPARED], question.covariances[:MAX_COMPARED]
+        groups = without_common_ground(*some, question.radius_m, model.grid)
+        apart = [tuple(head.clusters[place] for place in group) for group in groups]
+        named = ", ".join(" and ".join(f"c{cluster}" for cluster in group) for group in apart[:5])
+        note = f"no ground is free at all {count} places" + (f": not at {named}" if named else "")
+        note += f" and {len(apart) - 5} more pairs" * (len(apart) > 5)
+    elif not made:
+        note = f"these {count} places cannot be distinguished within {REACH_M:.0f} m"
+    return replace(
+        head,
+        ways=explored + made,
+        note=note,
+        apart=tuple(apart),
+        spots=tuple(map(pose_tuple, spots)),
+    )
+
+
+def _exploring(question: Question, roads: Roads | None) -> tuple[Way, ...]:
+    """Return the way to unseen ground, if there is one."""
+    poses = unseen_way(question.laser, question.seen, question.radius_m, roads)
+    if not len(poses):
+        return ()
+    way = Way(
+        poses=tuple(map(pose_tuple, poses)),
+        length_m=float(np.hypot(*poses[-1, :2])),
+        turn_rad=abs(float(poses[-1, 2])),
+        gains=(0.0,) * len(question.places),
+        information=0.0,
+        sure_probability=0.0,
+        explores=True,
+        sight_bearing_rad=0.0,
+        sight_ranges_m=(),
+    )
+    return (way,)
+
+
+def _question(
+    asked: AdviceQuestion, scan: Scan, model: SensorModel, landmarks: Sequence[Landmark]
+) -> Question:
+    places = asked.hypotheses
+    poses = np.array([place.pose for place in places]).reshape(-1, 3)
+    beams, fit = scan_beams(scan, model), 0.0
+    if beams.count and places:
+        fit = float(model.log_likelihood(poses[:1], beams)[0]) / beams.count
+    return Question(
+        poses,
+        np.array([covariance_matrix(place.covariance) for place in places]),
+        np.array([max(place.probability, 1e-12) for place in places]),
+        scan_of_laser(scan),
+        residual(fit, model.settings) if beams.count else 0.0,
+        asked.radius_m,
+        ViewMemory(asked.views),
+        asked.gate_distance_m,
+        asked.gate_turn_rad,
+        Landmarks.of((each.name, each.x, each.y, each.sigma) for each in landmarks),
+    )

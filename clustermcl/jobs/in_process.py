@@ -1,0 +1,140 @@
+"""Cluster-MCL in one process, without Zenoh: method calls in place of messages.
+
+With the same seed and scans its beliefs are exactly those of the processes that communicate over
+Zenoh; a test compares the two. `clustermcl evaluate` and the library use it.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import msgspec
+import numpy as np
+
+from clustermcl.belief.ensemble import Ensemble
+from clustermcl.belief.outcome import Outcome
+from clustermcl.belief.part import successor_of
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.poses import between
+from clustermcl.filter.settings import FilterSettings, filter_with
+from clustermcl.jobs.jobs import RunningJob, Tracking, running
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Assignment, Job, Report, SearchJob
+
+
+def outcomes(
+    scans: Iterable[Scan], model: SensorModel, settings: FilterSettings
+) -> Iterator[tuple[Scan, Outcome]]:
+    """Yield the belief after every step; settings in a scan override those at the start."""
+    process = InProcess(model, settings)
+    for scan in scans:
+        yield scan, process.advance(scan)
+
+
+class InProcessState(msgspec.Struct, frozen=True):
+    """The complete state after a step, including particles."""
+
+    ensemble: Ensemble
+    jobs: tuple[Assignment, ...]
+    searched: tuple[Scan, ...]
+    """Scans since the running search began; a resumed search takes them again."""
+    applied: Scan
+    """The scan of the last step."""
+
+
+class InProcess:
+    """The belief and all its jobs; arguments as for `outcomes`."""
+
+    def __init__(self, model: SensorModel, settings: FilterSettings) -> None:
+        self._model, self._settings = model, settings
+        self._started = settings
+        self.ensemble = Ensemble.of(settings)
+        self._jobs: dict[str, RunningJob] = {}
+        self._searched: list[Scan] = []
+        self.applied: Scan | None = None
+        """The scan of the last step; None before the first."""
+
+    def advance(self, scan: Scan) -> Outcome:
+        """Apply a step; then begin and end jobs as the belief requires."""
+        self._use(filter_with(self._started, scan.settings))
+        if not self.ensemble.searches:
+            self._begin(self.ensemble.begin_at(scan.step))
+        reports = self._reports(scan)
+        before, self.applied = self.applied, scan
+        after = np.array(scan.odom_from_robot)
+        moved = None if before is None else between(np.array(before.odom_from_robot), after)
+        outcome = self.ensemble.advance(scan.step, reports, moved)
+        self._searched = [*self._searched, scan] if outcome.searching else []
+        self.carry_out(outcome)
+        return outcome
+
+    def _reports(self, scan: Scan) -> list[Report]:
+        return [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
+
+    def _use(self, settings: FilterSettings) -> None:
+        if settings == self._settings:
+            return
+        if settings.sensor != self._settings.sensor:
+            self._model = computed_model(self._model.grid, settings.sensor)
+        self._settings = settings
+        self.ensemble.use(settings)
+        for job in self._jobs.values():
+            job.use(self._model, settings)
+
+    def carry_out(self, outcome: Outcome) -> None:
+        """End and begin the jobs of a step or of a command."""
+        for job_id in outcome.end:
+            del self._jobs[job_id]
+        self._begin(outcome.begin)
+        for job_id, size in outcome.resize.items():
+            job = self._jobs[job_id]
+            assert isinstance(job, Tracking)  # only clusters have a number of particles
+            job.size = size
+
+    def _begin(self, jobs: Mapping[str, Job]) -> None:
+        for job_id, job in jobs.items():
+            self._run(Assignment(job_id=job_id, epoch=0, job=job))
+            if isinstance(job, SearchJob):
+                self._searched = []
+
+    def _run(self, assignment: Assignment) -> RunningJob:
+        job = running(assignment, self._model, self._settings, sender="in-process")
+        self._jobs[assignment.job_id] = job
+        return job
+
+    @property
+    def state(self) -> InProcessState:
+        """The state after the last step.
+
+        Raises:
+            ValueError: no step was applied yet.
+        """
+        if self.applied is None:
+            raise ValueError("there is no state before the first step")
+        return InProcessState(
+            ensemble=successor_of(self.ensemble),
+            jobs=tuple(job.handed_on() for job in self._jobs.values()),
+            searched=tuple(self._searched),
+            applied=self.applied,
+        )
+
+    @classmethod
+    def resumed(
+        cls, model: SensorModel, settings: FilterSettings, state: InProcessState
+    ) -> "InProcess":
+        """Continue from a state, bit for bit; a search that runs repeats its scans.
+
+        Raises:
+            ValueError: no filter with these settings can have been in this state.
+        """
+        made = cls(model, settings)
+        made.ensemble = successor_of(state.ensemble)
+        made.ensemble.use(settings)
+        if {job.job_id for job in state.jobs} != set(made.ensemble.expected):
+            raise ValueError("its jobs are not those of its belief")
+        made._searched, made.applied = list(state.searched), state.applied
+        made._use(filter_with(settings, state.applied.settings))
+        for assignment in state.jobs:
+            job = made._run(assignment)
+            for scan in state.searched if isinstance(assignment.job, SearchJob) else ():
+                job.advance(scan)
+        return made

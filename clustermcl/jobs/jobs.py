@@ -1,0 +1,419 @@
+"""The kinds of jobs: track one cluster, run one shard of a global search, weigh elsewhere.
+
+A job takes scans in the order of their steps and returns a report of each. All randomness comes
+from (seed, job, step), so a job that another worker continues gives the same numbers.
+"""
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.cluster import cluster_filter
+from clustermcl.filter.cluster.cluster_filter import ParticleSet
+from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.cluster.log_weights import log_sum, multiplied
+from clustermcl.filter.laser.beam_classes import beam_classes
+from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
+from clustermcl.filter.observations.likelihood import ObservationArrays, allowed_poses, log_ratios
+from clustermcl.filter.observations.observation import Landmarks, Observation, log_average_ratio
+from clustermcl.filter.observations.position_fields import PositionField
+from clustermcl.filter.poses import between
+from clustermcl.filter.random_streams import Purpose, generator
+from clustermcl.filter.search import global_search, places
+from clustermcl.filter.search.slices import Slices, WorkMeter, finished
+from clustermcl.filter.search.uniform_poses import UniformPoses
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol import work
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.found_places import FoundPlaces
+from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
+from clustermcl.protocol.steps import LaserBeams, Scan, mirrored
+
+
+class RunningJob(ABC):
+    """A job with its state.
+
+    Args:
+        assignment: the job.
+        model: the map's sensor model.
+        settings: the filter's settings.
+        sender: the worker's name, for reports.
+        snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
+    """
+
+    step: int
+    """The last step done."""
+
+    def __init__(
+        self,
+        assignment: work.Assignment,
+        model: SensorModel,
+        settings: FilterSettings,
+        sender: str,
+        snapshot_every_steps: int,
+    ) -> None:
+        self.assignment, self._model, self._settings = assignment, model, settings
+        self._sender, self._snapshot_every = sender, snapshot_every_steps
+        self._begin(assignment.job)
+
+    @abstractmethod
+    def _begin(self, job: Any) -> None:
+        """Set `step` and the state before the first scan."""
+
+    @abstractmethod
+    def advance(self, scan: Scan) -> work.Report:
+        """Apply the scan of a later step, and return the report; steps may be skipped."""
+
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Use another model and other settings from the next scan on."""
+        self._model, self._settings = model, settings
+
+    def handed_on(self) -> work.Assignment:
+        """Return the job in a form from which another worker continues with the same numbers."""
+        return self.assignment
+
+    def _rng(self, purpose: Purpose, entity: int, step: int, part: int = 0) -> np.random.Generator:
+        seed = self._settings.seed
+        return generator(seed, purpose=purpose, entity=entity, step=step, part=part)
+
+    def _head(self, step: int) -> dict[str, Any]:
+        """Return the fields that all reports share."""
+        assignment = self.assignment
+        return {
+            "sender": self._sender,
+            "job_id": assignment.job_id,
+            "epoch": assignment.epoch,
+            "step": step,
+        }
+
+
+def running(
+    assignment: work.Assignment,
+    model: SensorModel,
+    settings: FilterSettings,
+    *,
+    sender: str,
+    snapshot_every_steps: int = 0,
+) -> RunningJob:
+    """Begin a job; arguments as for `RunningJob`."""
+    kind: type[RunningJob]
+    match assignment.job:
+        case work.TrackJob():
+            kind = Tracking
+        case work.SearchJob():
+            kind = Searching
+        case work.ElsewhereJob():
+            kind = Elsewhere
+    return kind(assignment, model, settings, sender, snapshot_every_steps)
+
+
+class Tracking(RunningJob):
+    """The particles of one cluster."""
+
+    def _begin(self, job: work.TrackJob) -> None:
+        self.step = job.start.step
+        self._cluster, self._mirrored = job.cluster, job.mirrored
+        self._odom_from_robot = np.array(job.start.odom_from_robot)
+        self._is_new = not job.exact
+        poses = job.start.map_from_robot.array().astype(np.float64)
+        log_weights = job.start.log_weights.array().astype(np.float64)
+        if job.exact:
+            self._particle_set = ParticleSet(poses, log_weights)
+            particles = job.particles or len(poses)
+        else:
+            rng = self._rng(Purpose.START, job.cluster, self.step)
+            particles = job.particles or self._settings.cluster.particles
+            self._particle_set = cluster_filter.regularised_resample(
+                poses, log_weights, particles, rng
+            )
+        self.size = particles, job.particles_from
+        """Number of particles, and the first step that may resample to it."""
+
+    def advance(self, scan: Scan) -> work.TrackReport:
+        """Move and weigh the particles; report the cluster's evidence."""
+        scan = mirror_image(scan) if self._mirrored else scan
+        rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
+        after = np.array(scan.odom_from_robot)
+        model, beams = self._model, scan_beams(scan, self._model)
+        particles, particles_from = self.size
+        result = cluster_filter.mcl_step(
+            self._particle_set,
+            between(self._odom_from_robot, after),
+            beams,
+            model,
+            self._settings.motion,
+            self._settings.cluster,
+            rng,
+            is_first=self._is_new,
+            count=particles if scan.step >= particles_from else None,
+        )
+        self._is_new = False
+        self._particle_set, self._odom_from_robot, self.step = result.particles, after, scan.step
+        log_observed = self._observe(scan)
+        mean, covariance = self._particle_set.gaussian()
+        best = result.best
+        classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
+        return work.TrackReport(
+            **self._head(scan.step),
+            log_weight_sum=result.log_weight_sum,
+            particles=len(self._particle_set.log_weights),
+            log_likelihood_per_beam=result.log_likelihood_per_beam,
+            effective_sample_size=self._particle_set.effective_sample_size,
+            pose=pose_tuple(mean),
+            covariance=covariance_tuple(covariance),
+            beam_classes=classes or (0, 0, 0, 0),
+            log_observed=log_observed,
+            snapshot=self._snapshot(scan),
+            parts=self._parts(scan, rng),
+        )
+
+    def _observe(self, scan: Scan) -> float:
+        """Weigh the particles by the step's observations; return the log evidence."""
+        if not scan.observations:
+            return 0.0
+        poses, before = self._particle_set.map_from_robot, self._particle_set.log_weights
+        ratios = log_ratios(poses, observation_arrays(scan, self._model))
+        log_weights, total = multiplied(before, ratios, 1.0, np.zeros(len(poses)))
+        self._particle_set = ParticleSet(poses, log_weights)
+        return total - math.log(len(poses))
+
+    def handed_on(self) -> work.Assignment:
+        if self._is_new:
+            return self.assignment
+        particles, first_step = self.size
+        job = work.TrackJob(
+            cluster=self._cluster,
+            start=self._particles(),
+            exact=True,
+            particles=particles,
+            particles_from=first_step,
+            mirrored=self._mirrored,
+        )
+        return replace(self.assignment, job=job)
+
+    def _snapshot(self, scan: Scan) -> work.Particles | None:
+        """Return the particles at every n-th step, else None; clusters take turns."""
+        if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
+            return None
+        return self._particles()
+
+    def _particles(self) -> work.Particles:
+        return work.Particles(
+            step=self.step,
+            odom_from_robot=pose_tuple(self._odom_from_robot),
+            map_from_robot=ArrayBlob.of(self._particle_set.map_from_robot, "float64"),
+            log_weights=ArrayBlob.of(self._particle_set.log_weights, "float64"),
+        )
+
+    def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[work.Place, ...]:
+        """Return the places into which the cluster has split.
+
+        Empty if it has not split; checked only at every `split_every_steps`-th step.
+        """
+        rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
+        if every == 0 or scan.step % every != 0:
+            return ()
+        search = self._settings.search
+        found = places.places_of(self._particle_set, search, rules.split_min_share, rng)
+        return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
+
+
+class Searching(RunningJob):
+    """One shard of a global search; another worker starts it again from its first scan."""
+
+    def _begin(self, job: work.SearchJob) -> None:
+        self.step, self._job = job.first_step - 1, job
+        self._search = global_search.GlobalSearch(
+            self._model, self._settings, job.shard, job.near, job.corners
+        )
+        self._odom_from_robot: Pose | None = None
+
+    def advance(self, scan: Scan) -> work.SearchReport:
+        """Move and weigh the hypotheses; report the places that are possible."""
+        return finished(self.slices(scan))
+
+    def slices(self, scan: Scan) -> Slices[work.SearchReport]:
+        """Like `advance`, in slices; the first slice sets `step`."""
+        self._search.use(self._model, self._settings)
+        scan = mirror_image(scan) if self._job.mirrored else scan
+        before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
+        beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
+        self._odom_from_robot, self.step = after, scan.step
+        per_beam = yield from self._search.advance(before, after, beams, rng, _observed(scan))
+        yield
+        found = yield from self._search.places(self._search_rng(scan.step, 2))
+        return work.SearchReport(
+            **self._head(scan.step),
+            log_evidence=self._search.log_evidence,
+            particles=max(self._search.poses, 1),
+            left_out_gap=self._search.left_out_gap,
+            log_likelihood_per_beam=per_beam,
+            places=_found(scan, found),
+        )
+
+    def _search_rng(self, step: int, use: int) -> np.random.Generator:
+        return self._rng(Purpose.SEARCH, self._job.search, step, part=self._job.shard * 4 + use)
+
+
+class Elsewhere(RunningJob):
+    """Weighs each scan at new poses all over the free space.
+
+    The coordinator compares the evidence of tracked clusters with this evidence.
+    """
+
+    def _begin(self, job: work.ElsewhereJob) -> None:
+        self.step = job.first_step - 1
+        self._poses = UniformPoses(self._model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
+
+    def advance(self, scan: Scan) -> work.ElsewhereReport:
+        """Report the log of the average likelihood over the poses, corrected as for a cluster.
+
+        Observations add the places that they allow.
+        """
+        rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
+        poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
+        beams = scan_beams(scan, self._model)
+        self.step = scan.step
+        exponent = scan_exponent(beams.count, self._model.settings)
+        result = cluster_filter.measurement_update(
+            ParticleSet.even(poses), beams, self._model, exponent
+        )
+        correction = self._model.correction(poses, result.particles.weights, beams)
+        log_likelihood = result.log_weight_sum - math.log(len(poses)) - correction
+        log_observed, found = self._observed(scan, beams, log_likelihood, rng)
+        return work.ElsewhereReport(
+            **self._head(scan.step),
+            log_likelihood=log_likelihood,
+            log_observed=log_observed,
+            places=found,
+        )
+
+    def _observed(
+        self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
+    ) -> tuple[float, FoundPlaces | None]:
+        """Return the log evidence of the observations, and the places that also fit the scan."""
+        observations, landmarks = _observed(scan)
+        log_average = log_average_ratio(observations, landmarks, self._model.grid)
+        if not (observations and beams.count):
+            return log_average, None
+        model, count = self._model, self._settings.belief.elsewhere_poses
+        poses, log_weights = allowed_poses(observations, landmarks, model.grid, count, rng)
+        if not len(poses):
+            return log_average, None
+        log_weights += log_ratios(poses, observation_arrays(scan, model))
+        exponent, rules = scan_exponent(beams.count, model.settings), self._settings.search
+        particles = ParticleSet(poses, log_weights)
+        result = cluster_filter.measurement_update(particles, beams, model, exponent)
+        weighed = result.particles.log_weights
+        labels, _, correction = finished(
+            global_search.corrections(poses, weighed, model, beams, rules, WorkMeter())
+        )
+        corrected = weighed - correction
+        log_both = result.log_weight_sum + log_sum(corrected) - log_sum(weighed) - math.log(count)
+        log_joint = log_both - log_likelihood
+        log_observed = max(log_joint, log_average)
+        after, least = ParticleSet(poses, corrected), rules.min_place_share
+        found = finished(places.found_places(after, labels, rules, least, rng))
+        return log_observed, _found(scan, found, math.exp(log_joint - log_observed))
+
+    def handed_on(self) -> work.Assignment:
+        return replace(self.assignment, job=work.ElsewhereJob(first_step=self.step + 1))
+
+
+_latest: list[tuple[Scan, SensorModel, Beams]] = []
+"""The beams of the last scan and of its mirror image, compared by identity: hashing a scan takes
+longer than selecting its beams."""
+_latest_observed: list[tuple[Scan, SensorModel, ObservationArrays]] = []
+"""The arrays of the last scan's observations."""
+_mirrored: list[tuple[Scan, Scan]] = []
+"""The last scan and its mirror image."""
+
+
+def scan_beams(scan: Scan, model: SensorModel) -> Beams:
+    """Return the beams of a scan to score; all jobs of a process share those of the last scan."""
+    for last, its_model, beams in _latest:
+        if last is scan and its_model is model:
+            return beams
+    others = tuple(map(scan_of_laser, scan.others))
+    measured = scan_of_laser(scan)
+    beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
+    _latest[:] = [(scan, model, beams), *_latest[:1]]
+    return beams
+
+
+def observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
+    """Return the arrays of a step's observations, shared as the beams of `scan_beams` are."""
+    for last, its_model, arrays in _latest_observed:
+        if last is scan and its_model is model:
+            return arrays
+    arrays = ObservationArrays.of(*_observed(scan), model.grid)
+    _latest_observed[:] = [(scan, model, arrays)]
+    return arrays
+
+
+def mirror_image(scan: Scan) -> Scan:
+    """Return the mirrored step; all mirrored jobs of a process share that of the last scan."""
+    for last, image in _mirrored:
+        if last is scan:
+            return image
+    image = mirrored(scan)
+    _mirrored[:] = [(scan, image)]
+    return image
+
+
+def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
+    return LaserScan(
+        beams.ranges.array(),
+        beams.range_max_m,
+        beams.angle_min_rad,
+        beams.angle_step_rad,
+        np.array(beams.robot_from_laser),
+    )
+
+
+def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
+    seen = [
+        Observation(
+            np.array(each.mean),
+            np.reshape(each.covariance, (len(each.mean), len(each.mean))),
+            each.landmark,
+            each.outlier_probability,
+            each.share,
+            None
+            if each.field is None
+            else PositionField(each.field.cell_m, each.field.log_likelihoods.array()),
+        )
+        for each in scan.observations
+    ]
+    return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
+
+
+def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:
+    return FoundPlaces.of(
+        scan.odom_from_robot,
+        [place.share * of_all for place in found],
+        [place.mean for place in found],
+        [place.covariance for place in found],
+        [place.sample for place in found],
+    )
+
+
+def _place(place: places.FoundPlace, scan: Scan) -> work.Place:
+    sample = place.sample
+    return work.Place(
+        share=place.share,
+        pose=pose_tuple(place.mean),
+        covariance=covariance_tuple(place.covariance),
+        sample=work.Particles(
+            step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
+            map_from_robot=ArrayBlob.of(sample, "float32"),
+            log_weights=ArrayBlob.of(np.zeros(len(sample)), "float32"),
+        ),
+    )

@@ -1,0 +1,190 @@
+"""Computes the sensor model of a map, whose arrays all workers share by a cache on disk."""
+
+import fcntl
+import hashlib
+import logging
+import os
+import shutil
+import tempfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from clustermcl.filter.folders import why_untrusted
+from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel
+from clustermcl.filter.laser.sensor_models import OWN, model_class
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.protocol.conversion import decoded
+from clustermcl.recordings.maps.grid_map import GridMap
+
+CACHE_VERSION = 7
+"""To be increased when the same map and settings give other arrays."""
+KEPT_ENTRIES = 16
+"""Number of entries kept; each change of settings while a robot drives makes a new one."""
+
+_CELLS = "cells"
+_ENTRY = "field-"
+_SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+"""File of Linux whose content changes at each boot."""
+_PIECE_BYTES = 2**24
+
+_log = logging.getLogger(__name__)
+
+
+def sensor_model(
+    grid_map: GridMap, settings: SensorSettings, cache_folder: Path | None
+) -> SensorModel:
+    """Return the sensor model of a map.
+
+    Its arrays are computed once for a map and settings, written to the cache folder, and mapped
+    from there, so that the processes of a machine share one copy. A folder that cannot be
+    written or read costs a warning and a copy for each process. Arrays of an installed model
+    are not kept, because its code may change.
+
+    Args:
+        grid_map: the map.
+        settings: settings of the sensor model.
+        cache_folder: None: no cache.
+
+    Raises:
+        ValueError: the map has no obstacle.
+    """
+    if cache_folder is not None and settings.model in OWN:
+        entry = cache_folder / _name(grid_map, settings)
+        try:
+            with _one_at_a_time(cache_folder):
+                if not entry.is_dir():
+                    _write(entry, _computed(grid_map, settings))
+                    _remove_oldest(cache_folder, entry)
+                with suppress(OSError):  # the entry may belong to another account
+                    os.utime(entry)  # marks the entry as recently used
+                arrays = _read(entry)
+            return _model(arrays, grid_map, settings)
+        except (OSError, EOFError, _BrokenEntryError) as error:
+            _log.warning("the cache in %s cannot be used: %s", cache_folder, error)
+            shutil.rmtree(entry, ignore_errors=True)
+    return _model(_computed(grid_map, settings), grid_map, settings)
+
+
+@contextmanager
+def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
+    """Hold a lock, so that one process of this machine computes while the others wait.
+
+    Twelve processes that compute at once need twelve times the memory. Unfinished entries were
+    left by killed processes, and are removed.
+    """
+    cache_folder.mkdir(parents=True, exist_ok=True)
+    if problem := why_untrusted(cache_folder):
+        raise OSError(problem)
+    with (cache_folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # held until the file is closed
+        for left in cache_folder.glob(f"*{_PART}"):
+            shutil.rmtree(left, ignore_errors=True)
+        yield
+
+
+class _BrokenEntryError(Exception):
+    """A cache entry does not hold the arrays of its name."""
+
+
+def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
+    grid = grid_map.grid
+    return {_CELLS: grid.cells, **model_class(settings.model).arrays_of(grid, settings)}
+
+
+def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
+    try:
+        cells = arrays[_CELLS]
+        if cells.shape != grid_map.cells.shape:
+            raise ValueError(f"cells are {cells.shape}, expected {grid_map.cells.shape}")
+        grid = replace(grid_map.grid, cells=cells)
+        return model_class(settings.model).from_arrays(grid, arrays, settings)
+    except (KeyError, ValueError) as error:
+        raise _BrokenEntryError(f"not the arrays of this map: {error}") from error
+
+
+def _name(grid_map: GridMap, settings: SensorSettings) -> str:
+    numbers = msgspec.json.encode(settings, order="deterministic")
+    text = f"{CACHE_VERSION} {grid_map.cells_digest} ".encode() + numbers
+    return f"{_ENTRY}{hashlib.sha256(text).hexdigest()[:32]}"
+
+
+def _write(entry: Path, arrays: MapArrays) -> None:
+    """Write all arrays into a folder, which appears only when complete."""
+    part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
+    try:
+        for name, array in arrays.items():
+            np.save(_file(part, name), array)
+        sums = {name: _checksum(_file(part, name)) for name in arrays}
+        (part / _SUMS).write_bytes(msgspec.json.encode(sums))
+        part.rename(entry)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)  # exists only if writing failed
+
+
+def _remove_oldest(cache_folder: Path, written: Path) -> None:
+    """Remove the least recently used entries but the one just `written`, whatever the clock says.
+
+    A process that has mapped one keeps it.
+    """
+    entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
+    entries.remove(written)
+    for entry in entries[: 1 - KEPT_ENTRIES]:
+        shutil.rmtree(entry, ignore_errors=True)
+
+
+def _checksum(path: Path) -> int:
+    """Return the CRC-32 of a file, read in pieces: a gigabyte a second."""
+    checksum = 0
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE_BYTES):
+            checksum = zlib.crc32(piece, checksum)
+    return checksum
+
+
+def _file(entry: Path, name: str) -> Path:
+    return entry / f"{name}.npy"
+
+
+def _read(entry: Path) -> MapArrays:
+    """Map all arrays from disk.
+
+    Damaged files are refused, and those that others may write: a power cut may leave zeros, and
+    kernels use the numbers as indices without bounds checks.
+
+    Raises:
+        _BrokenEntryError: a file is damaged, or others may write it.
+    """
+    try:
+        sums = decoded((entry / _SUMS).read_bytes(), dict[str, int], msgspec.json)
+        _check(entry, sums)
+        if problem := next(filter(None, (why_untrusted(_file(entry, name)) for name in sums)), ""):
+            raise _BrokenEntryError(problem)
+        return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
+    except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8
+        raise _BrokenEntryError(f"{entry.name}: {error}") from error
+
+
+def _check(entry: Path, sums: dict[str, int]) -> None:
+    """Compare all files with their checksums, once after each boot of the machine.
+
+    A comparison takes a quarter of a second for 24 million cells, and all workers start together.
+    Files written since the last comparison are compared again.
+    """
+    files = {name: _file(entry, name).stat() for name in sums}
+    state = [(name, file.st_size, file.st_ctime_ns) for name, file in files.items()]
+    boot_id = _BOOT_ID.read_text() if _BOOT_ID.exists() else ""
+    now, checked = msgspec.json.encode([boot_id, state]), entry / _CHECKED
+    if boot_id and checked.exists() and checked.read_bytes() == now:
+        return
+    for name, expected in sums.items():
+        if _checksum(_file(entry, name)) != expected:
+            raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
+    with suppress(OSError):  # of a read-only folder, which is compared each time
+        checked.write_bytes(now)

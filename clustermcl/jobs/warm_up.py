@@ -1,0 +1,143 @@
+"""Compiles the kernels, or loads their library, before workers are forked."""
+
+import fcntl
+import logging
+import os
+import subprocess
+import sys
+
+import numpy as np
+from msgspec.structs import replace
+
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.kernels import compiled as kernels
+from clustermcl.filter.kernels import library as kernel_library
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import (
+    FilterSettings,
+    MotionSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from clustermcl.jobs.jobs import running
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.steps import Landmark, PositionField, Scan, Seen
+from clustermcl.protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Particles,
+    SearchJob,
+    SearchReport,
+    TrackJob,
+)
+from clustermcl.runtime.folders import log_remarks
+from clustermcl.runtime.parent import PARENT_VARIABLE
+
+_TAG = Landmark(name="tag", x=1.0, y=1.0, sigma=0.1)
+_SEEN = Seen(
+    landmark="tag",
+    mean=(1.0, 0.0),
+    covariance=(0.01, 0.0, 0.0, 0.01),
+    outlier_probability=0.05,
+    share=1.0,
+)
+_REGION = replace(
+    _SEEN,
+    landmark="",
+    field=PositionField(cell_m=1.0, log_likelihoods=ArrayBlob.of(np.zeros((4, 4)), "float32")),
+)
+
+_log = logging.getLogger(__name__)
+
+
+def compile_kernels(sensor: SensorSettings) -> None:
+    """Build the library of kernels if it is not on disk.
+
+    Where it cannot be built, numba compiles them now rather than at the first scan.
+    """
+    is_built = kernel_library.library() is not None
+    log_remarks()
+    if is_built or os.environ.get("NUMBA_DISABLE_JIT") == "1":
+        return
+    _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
+    try:
+        _build_library()
+        return
+    except OSError as error:
+        reason = str(error)
+    except subprocess.CalledProcessError as error:
+        reason = (error.stderr.strip().splitlines() or [str(error)])[-1]
+    _log.warning(
+        "no library of kernels can be built, so each process takes 100 MB more: %s", reason
+    )
+    run_kernels(sensor, MotionSettings())
+    if kernels.cache_problems:
+        _log.warning(
+            "compiled kernels cannot be kept on disk: %s; every start compiles for some "
+            "seconds, unless NUMBA_CACHE_DIR names a writable folder",
+            kernels.cache_problems[0],
+        )
+
+
+def _build_library() -> None:
+    """Build it, unless another process has built it meanwhile."""
+    file = kernel_library.path()
+    file.parent.mkdir(parents=True, exist_ok=True)
+    kernel_library.trusted_folder()
+    with (file.parent / "kernels.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        kernel_library.library.cache_clear()
+        if kernel_library.library() is None:
+            command = [sys.executable, "-I", "-m", "clustermcl.jobs.build_kernels", str(file)]
+            environment = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
+            subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    kernel_library.library.cache_clear()
+
+
+def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
+    """Run every kernel once with these models: search, track, see a tag, cast rays."""
+    rng, sensor = np.random.default_rng(0), replace(sensor, max_beams=6)
+    search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
+    small = FilterSettings(sensor=sensor, motion=motion, search=search)
+    cells = np.zeros((40, 40), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    model = computed_model(Grid(cells, 0.1, np.zeros(3)), sensor)
+    job = running(
+        Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
+        model,
+        small,
+        sender="warm-up",
+    )
+    for step in range(3):
+        report = job.advance(_scan(step, rng))
+    assert isinstance(report, SearchReport)  # the job is a search
+    found = report.places.particles.array()
+    sample = Particles(
+        step=2,
+        odom_from_robot=report.places.odom_from_robot,
+        map_from_robot=report.places.particles,
+        log_weights=ArrayBlob.of(np.zeros(len(found)), "float32"),
+    )
+    track = TrackJob(cluster=0, start=sample, exact=False)
+    for one in (track, ElsewhereJob(first_step=3)):
+        job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
+        job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
+    angles = np.zeros(1)
+    cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice
+
+
+def _scan(step: int, rng: np.random.Generator) -> Scan:
+    return Scan(
+        sender="warm-up",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=(0.3 * step, 0.0, 0.1 * step),
+        robot_from_laser=(0.0, 0.0, 0.0),
+        angle_min_rad=-1.5,
+        angle_step_rad=0.05,
+        range_max_m=10.0,
+        ranges=ArrayBlob.of(rng.uniform(1.0, 2.0, 60), "float32"),
+        map_digest="",
+    )

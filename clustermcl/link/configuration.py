@@ -1,0 +1,217 @@
+"""Zenoh's configuration for clients, for the ROS bridge's peer session and for the router.
+
+All processes are clients of one router; only the ROS bridge's session to the robot is a peer, like
+ROS nodes. Endpoints are explicit. Shared memory is off: it gains nothing for messages of a few
+kilobytes, and its segments remain after a kill -9. A link expires after 2 s of silence and
+reconnects within a second.
+"""
+
+import json
+import os
+import re
+from typing import Any
+
+import zenoh
+
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.message import LARGEST_BYTES
+from clustermcl.runtime.settings import SOCKET_PATH_MAX_BYTES, RobotSettings, ZenohSettings
+
+CONNECT_TRY_MS = 1000
+"""Time-out of one `zenoh.open`; Python handles signals only between two attempts."""
+
+_LEASE_MS = 2000
+_MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
+"""A larger message is dropped while its fragments arrive; the link stays up. Zenoh: 1 GB."""
+_WAIT_BEFORE_CLOSE_US = 300_000
+_QUEUED_BATCHES = 16
+"""Zenoh's maximum. With its default 2, a sender that is off the CPU for 1 ms drops scans."""
+_UNFINISHED_LINKS = 1000
+"""Pending connections a router accepts. One faulty client uses up Zenoh's default of 100."""
+_HANDSHAKE_TIMEOUT, _HANDSHAKE_TIMEOUT_MS = "tls_handshake_timeout_ms", 600_000
+"""Zenoh accepts no connection for 0.1 s after a failed or timed-out handshake. With its default
+time-out of 10 s, 120 silent connections would block the listener."""
+GOSSIP = {
+    "enabled": True,
+    "multihop": False,
+    "target": {"router": ["router", "peer"], "peer": ["router"]},
+    "autoconnect": {"router": [], "peer": ["router", "peer"]},
+    "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+}
+"""As in rmw_zenoh: the router announces peers to each other, which then connect directly."""
+_HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
+
+Configuration = dict[str, Any]
+
+
+def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -> Configuration:
+    """Return the configuration of a client.
+
+    Args:
+        settings: endpoint, certificates, time-outs.
+        robot: its name becomes the namespace of all keys; None: no namespace.
+
+    Raises:
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
+    """
+    check_endpoint(settings.router)
+    transport = transport_configuration()
+    if settings.router.startswith("tls/"):
+        transport["link"]["tls"] = {"verify_name_on_connect": True, **_tls(settings, "connect")}
+    return {
+        "mode": "client",
+        **({"namespace": robot.name} if robot is not None else {}),
+        "connect": {
+            "endpoints": [settings.router],
+            "timeout_ms": CONNECT_TRY_MS,
+            "retry": {
+                "period_init_ms": 200,
+                "period_max_ms": 1000,
+                "period_increase_factor": 2,
+            },
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "queries_default_timeout": int(settings.query_timeout_s * 1000),
+        "timestamping": {"enabled": True},
+        "transport": transport,
+    }
+
+
+def peer_configuration(settings: ZenohSettings) -> Configuration:
+    """Return the configuration of a ROS node on the router's machine, as rmw_zenoh sets it.
+
+    Peers keep their direct links when the router stops.
+    """
+    configuration = client_configuration(settings, None)
+    configuration["connect"]["exit_on_failure"] = True  # else `zenoh.open` returns without a link
+    return configuration | {
+        "mode": "peer",
+        "listen": {"endpoints": ["tcp/localhost:0"]},
+        "scouting": {"multicast": {"enabled": False}, "gossip": GOSSIP},
+    }
+
+
+def router_configuration(settings: ZenohSettings) -> Configuration:
+    """Return the configuration of the router; the official ``zenohd`` accepts it too.
+
+    Raises:
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
+    """
+    check_endpoint(settings.router)
+    transport = transport_configuration()
+    if settings.router.startswith("tls/"):
+        if not settings.tls_certificate:
+            raise SettingsError(
+                key="zenoh.tls_certificate",
+                problem=f"zenoh.router = {settings.router!r}: a router there needs a certificate: "
+                f"set zenoh.tls_certificate and zenoh.tls_private_key",
+            )
+        mutual = bool(settings.tls_ca_certificate)
+        transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
+    transport["unicast"] = {"accept_pending": _UNFINISHED_LINKS}
+    # Direct links between peers would bypass the access control of a router with TLS.
+    gossip = {"enabled": False} if settings.router.startswith("tls/") else GOSSIP
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [patient(settings.router)]},
+        # There is nothing to scout for: without the delay opening takes 2 ms instead of 500.
+        "scouting": {
+            "delay": 0,
+            "multicast": {"enabled": False},
+            "gossip": gossip,
+        },
+        "timestamping": {"enabled": True},
+        "transport": transport,
+    }
+
+
+def patient(endpoint: str) -> str:
+    """Return the endpoint of a listener with a long TLS handshake time-out."""
+    if not endpoint.startswith("tls/") or _HANDSHAKE_TIMEOUT in endpoint:
+        return endpoint
+    separator = ";" if "#" in endpoint else "#"
+    return f"{endpoint}{separator}{_HANDSHAKE_TIMEOUT}={_HANDSHAKE_TIMEOUT_MS}"
+
+
+def as_zenoh(configuration: Configuration) -> zenoh.Config:
+    """Convert a configuration to the Zenoh library's type.
+
+    Raises:
+        SettingsError: Zenoh rejects it, for example a robot's name with a star in it.
+    """
+    config = zenoh.Config()
+    for key, value in configuration.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            what = "robot.name" if key == "namespace" else f"Zenoh's {key}"
+            problem = f"{what} = {json.dumps(value)}: {readable(error)}"
+            raise SettingsError(key=what, problem=problem) from error
+    return config
+
+
+def readable(error: zenoh.ZError) -> str:
+    """Return Zenoh's message as one line, without its source locations."""
+    text = " ".join(str(error).split())
+    inner = re.search(r'(?:message|msg): "(.*?)"', text)
+    return re.sub(r"\s*at \S+\.rs:\d+\.?", "", inner[1] if inner else text).strip()
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Reject a malformed endpoint, to which Zenoh would try to connect until its time-out.
+
+    Raises:
+        SettingsError: the endpoint is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
+            ``unixsock-stream//PATH``, or the path is too long for a socket.
+    """
+    protocol, _, address = endpoint.partition("/")
+    problem = None
+    if protocol in ("tcp", "tls"):
+        parts = _HOST_AND_PORT.fullmatch(address)
+        if parts is None or not 0 < int(parts[2]) < 65536:
+            problem = f"write {protocol}/HOST:PORT"
+    elif protocol == "unixsock-stream":
+        if not address.startswith("/"):
+            problem = "write unixsock-stream/ and an absolute path, so two slashes"
+        elif len(os.fsencode(address)) > SOCKET_PATH_MAX_BYTES:
+            problem = f"a socket's path has at most {SOCKET_PATH_MAX_BYTES} bytes"
+    else:
+        problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
+    if problem:
+        raise SettingsError(
+            key="zenoh.router", problem=f"zenoh.router = {endpoint!r} is not an endpoint: {problem}"
+        )
+
+
+def transport_configuration() -> Configuration:
+    """Return the transport settings that clients and the router share."""
+    return {
+        "shared_memory": {"enabled": False},
+        "link": {
+            "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
+            "tx": {
+                "lease": _LEASE_MS,
+                "keep_alive": 4,
+                "queue": {
+                    "size": {"data_high": _QUEUED_BATCHES},
+                    # A frozen process may block the others for 0.3 s, not for Zenoh's default 5 s.
+                    "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}},
+                },
+            },
+        },
+    }
+
+
+def _tls(settings: ZenohSettings, direction: str) -> Configuration:
+    """Return the TLS section; a client that has a certificate uses mutual TLS."""
+    own = bool(settings.tls_certificate)
+    files = {
+        "root_ca_certificate": settings.tls_ca_certificate,
+        f"{direction}_certificate": settings.tls_certificate,
+        f"{direction}_private_key": settings.tls_private_key,
+    }
+    from clustermcl.link.tls import check_files  # noqa: PLC0415 - import takes 10 ms
+
+    check_files(settings)  # Zenoh would only report that it cannot connect
+    mutual = {"enable_mtls": True} if direction == "connect" and own else {}
+    return {name: path for name, path in files.items() if path} | mutual

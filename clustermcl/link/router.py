@@ -1,0 +1,212 @@
+"""The router of one machine: a process with a Zenoh session in router mode.
+
+``python -I -m clustermcl.link.router --settings FILE``. Forwarding is native code, so Python costs
+only memory. For several machines the official ``zenohd`` with ``deploy/router.json5`` does the
+same; only ``zenohd`` has plugins (storage, REST).
+"""
+
+import argparse
+import json
+import logging
+import os
+import threading
+from pathlib import Path
+
+import zenoh
+
+from clustermcl.link.configuration import (
+    Configuration,
+    as_zenoh,
+    readable,
+    router_configuration,
+    transport_configuration,
+)
+from clustermcl.link.session import MANY_LINKS, receiving_threads
+from clustermcl.protocol.errors import AlreadyRunningError, InputFileError, SettingsError
+from clustermcl.runtime.main import EXIT_BUG, Invocation, process_main
+from clustermcl.runtime.memory import trim_heap
+
+MAX_FAILURES = 3
+"""Probes in a row that must fail: one may fail on a busy machine."""
+MIN_PROBES = 12
+"""Probes before a lock-up may be reported. Otherwise an attacker who blocks the listener with
+silent connections could have the router restarted repeatedly, although it serves its clients."""
+_ANYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
+
+
+class RouterProbe:
+    """Connects as a client at intervals; failures count only after a first success.
+
+    Zenoh's router can lock up: it keeps running, but forwards nothing and accepts no connection
+    until it is restarted (eclipse-zenoh/zenoh issues 1876, 2697 and 2780; observed once in an hour
+    of fault injection, after the process was frozen for 4 s). Clients cannot distinguish it from
+    an absent one.
+
+    Args:
+        router: the router's configuration.
+        patience_s: time-out of one probe [s].
+    """
+
+    def __init__(self, router: zenoh.Config, patience_s: float) -> None:
+        self._client = client_of(router, patience_s)
+        self._looking: threading.Thread | None = None
+        self._is_open = self._was_open = False
+        self._failed = self._looks = 0
+
+    @property
+    def is_locked_up(self) -> bool:
+        """Whether the last `MAX_FAILURES` probes failed, after more than `MIN_PROBES` in all."""
+        return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
+
+    def probe(self) -> threading.Thread:
+        """Record the last probe's result; start the next one unless it runs; return its thread."""
+        self._looks += 1
+        if self._looking is not None:
+            self._failed = 0 if self._is_open else self._failed + self._was_open
+        if self._looking is None or not self._looking.is_alive():
+            self._is_open = False
+            self._looking = threading.Thread(target=self._look, name="router probe", daemon=True)
+            self._looking.start()
+        return self._looking
+
+    def _look(self) -> None:
+        try:
+            zenoh.open(as_zenoh(self._client)).close()  # type: ignore[no-untyped-call] # the stub's
+        except zenoh.ZError as error:
+            _log.debug("a client cannot connect: %s", error)
+        else:
+            self._is_open = self._was_open = True
+            _log.debug("clients can connect")
+
+
+def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
+    """Return the configuration of a client on the router's machine, with the router's certificate.
+
+    Args:
+        router: the router's configuration.
+        patience_s: time-out of connecting [s].
+    """
+    endpoints = json.loads(router.get_json("listen/endpoints"))
+    if isinstance(endpoints, dict):  # by mode
+        endpoints = endpoints.get("router")
+    endpoint, _, _ = (endpoints or [""])[0].partition("#")
+    for anywhere, here in _ANYWHERE.items():
+        endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
+    transport = transport_configuration()
+    transport["link"]["tls"] = _as_client(json.loads(router.get_json("transport/link/tls")))
+    return {
+        "mode": "client",
+        "connect": {
+            "endpoints": [endpoint] if endpoint else [],
+            "timeout_ms": int(patience_s * 1000),
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "transport": transport,
+    }
+
+
+def _as_client(tls: dict[str, object]) -> dict[str, object]:
+    used = {
+        "root_ca_certificate": tls.get("root_ca_certificate"),
+        "connect_certificate": tls.get("listen_certificate"),
+        "connect_private_key": tls.get("listen_private_key"),
+        "enable_mtls": tls.get("enable_mtls"),
+        "verify_name_on_connect": False,
+    }
+    return {name: value for name, value in used.items() if value is not None}
+
+
+_log = logging.getLogger(__name__)
+
+LOOK_EVERY_S = 5.0
+_PATIENCE = 0.8
+"""Time-out of a probe, as a fraction of the interval."""
+_IN_USE = ("Address already in use", "Unable to acquire lock")
+
+
+def run_router(invocation: Invocation) -> None:
+    """Route until the process is stopped or the router no longer accepts clients."""
+    file: Path | None = invocation.arguments.config
+    router = invocation.settings.zenoh.router
+    if file is None:
+        config, endpoints = as_zenoh(router_configuration(invocation.settings.zenoh)), router
+    else:
+        config = _read(file)
+        endpoints = config.get_json("listen/endpoints")
+    every_s: float = invocation.arguments.look_every
+    probe = RouterProbe(config, _PATIENCE * every_s)
+    with listen(config, endpoints):
+        _log.info("router listens at %s", endpoints)
+        while not invocation.stop.wait(every_s):
+            trim_heap()
+            probe.probe()
+            if probe.is_locked_up:
+                _log.error("no client can connect: Zenoh has locked up; exiting for a restart")
+                os._exit(EXIT_BUG)  # closing the session would block
+
+
+def main() -> None:
+    process_main(
+        "router", run_router, describe="Router of one machine.", add_arguments=_add_arguments
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="Zenoh configuration (JSON5), used unchanged instead of the settings' endpoint",
+    )
+    parser.add_argument(
+        "--look-every",
+        type=_seconds,
+        default=LOOK_EVERY_S,
+        metavar="S",
+        help="interval of probing whether clients can connect; the router exits after three "
+        f"failures in a row (default: {LOOK_EVERY_S:g} s)",
+    )
+
+
+def _seconds(words: str) -> float:
+    seconds = float(words)
+    if not 0.1 <= seconds <= 3600.0:
+        raise argparse.ArgumentTypeError(f"{words}: between 0.1 and 3600 s")
+    return seconds
+
+
+def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
+    """Open the router's session.
+
+    Raises:
+        AlreadyRunningError: another process listens there.
+        SettingsError: an endpoint is malformed, or not an address of this machine.
+    """
+    try:
+        with receiving_threads(MANY_LINKS):
+            return zenoh.open(config)
+    except zenoh.ZError as error:
+        problem = readable(error)
+        if any(phrase in problem for phrase in _IN_USE):
+            raise AlreadyRunningError(
+                what="a router or another program",
+                endpoint=endpoints,
+                advice="share that router by 'clustermcl up --robot NAME --set "
+                "zenoh.start_router=false', stop it, or set zenoh.router",
+            ) from error
+        raise SettingsError(
+            key="zenoh.router", problem=f"cannot listen at {endpoints}: {problem}"
+        ) from error
+
+
+def _read(file: Path) -> zenoh.Config:
+    if not file.is_file():
+        raise InputFileError(file, "no such file")
+    try:
+        return zenoh.Config.from_file(str(file))
+    except zenoh.ZError as error:
+        raise InputFileError(file, readable(error)) from error
+
+
+if __name__ == "__main__":
+    main()

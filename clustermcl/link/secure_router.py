@@ -1,0 +1,144 @@
+"""The router's configuration for several machines: mutual TLS and access control.
+
+``python -I -m clustermcl.link.secure_router --worker worker-a --worker worker-b > FILE`` writes a
+file for `zenohd --config FILE` or `clustermcl.link.router --config FILE`. The file
+``deploy/router-secure.json5`` is its output without arguments.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+from clustermcl.link.access_control import WORKER, access_control
+from clustermcl.link.configuration import (
+    Configuration,
+    check_endpoint,
+    patient,
+    router_configuration,
+)
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.main import outermost
+from clustermcl.runtime.output_files import written_output
+from clustermcl.runtime.settings import ZenohSettings
+
+DEFAULT_ENDPOINT = "tls/0.0.0.0:7447"
+DEFAULT_CERTIFICATES = "/etc/clustermcl/certificates"
+
+_WIDTH = 100
+
+
+def secure_router_configuration(
+    endpoint: str, certificates: str, robots: Sequence[str], workers: Sequence[str]
+) -> Configuration:
+    """Return the configuration of a router that accepts only certificates of its authority.
+
+    Args:
+        endpoint: where it listens, ``tls/HOST:PORT``.
+        certificates: folder on the router's machine with ``authority.pem``, ``router.pem`` and
+            ``router.key``; it is not opened here.
+        robots: names of robots, as in `access_control`.
+        workers: names of worker certificates, as in `access_control`.
+
+    Raises:
+        SettingsError: the endpoint or a name is invalid.
+    """
+    check_endpoint(endpoint)
+    if not endpoint.startswith("tls/"):
+        problem = f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT"
+        raise SettingsError(key="--listen", problem=problem)
+    folder = PurePosixPath(certificates)
+    configuration = router_configuration(ZenohSettings())
+    configuration["listen"] = {"endpoints": [patient(endpoint)]}
+    configuration["scouting"]["gossip"] = {"enabled": False}  # peer links bypass access control
+    configuration["transport"]["link"] |= {
+        "protocols": ["tls"],
+        "tls": {
+            "root_ca_certificate": str(folder / "authority.pem"),
+            "listen_certificate": str(folder / "router.pem"),
+            "listen_private_key": str(folder / "router.key"),
+            "enable_mtls": True,
+            "close_link_on_expiration": True,
+        },
+    }
+    configuration["access_control"] = access_control(robots, workers)
+    return configuration
+
+
+def as_commented_json5(configuration: Configuration, arguments: Sequence[str]) -> str:
+    """Return the file's text, with the command that wrote it as a comment."""
+    command = " ".join(("python -I -m clustermcl.link.secure_router", *arguments))
+    return (
+        "// Mutual TLS and access control, deny by default. Written by\n"
+        f"//   {command}\n"
+        "// docs/security.md explains the roles. Do not edit: run the command again.\n"
+        f"{_laid_out(configuration)}\n"
+    )
+
+
+def _laid_out(value: Any, indent: int = 0) -> str:
+    """Return JSON with each value on one line where it fits."""
+    line = json.dumps(value)
+    if len(line) + indent < _WIDTH or not isinstance(value, dict | list):
+        return line
+    if isinstance(value, dict):
+        parts = [f"{json.dumps(k)}: {_laid_out(v, indent + 2)}" for k, v in value.items()]
+    else:
+        parts = [_laid_out(item, indent + 2) for item in value]
+    inner = ",\n".join(" " * (indent + 2) + part for part in parts)
+    opening, closing = "{}" if isinstance(value, dict) else "[]"
+    return f"{opening}\n{inner}\n{' ' * indent}{closing}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the file to standard output; return the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    given = _parser().parse_args(words)
+
+    def write() -> None:
+        configuration = secure_router_configuration(
+            given.listen, given.certificates, given.robot, given.worker or [WORKER]
+        )
+        with written_output():
+            sys.stdout.write(as_commented_json5(configuration, words))
+
+    return outermost("secure_router", write)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="secure_router",
+        description="Write a router's configuration with mutual TLS and access control.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--listen", default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--certificates",
+        default=DEFAULT_CERTIFICATES,
+        metavar="FOLDER",
+        help="folder of authority.pem, router.pem and router.key (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--robot",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="certificates are valid for one robot each, as bridge.NAME; may be repeated",
+    )
+    parser.add_argument(
+        "--worker",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"name of a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated "
+        f"(default: {WORKER})",
+    )
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""Advice where to drive: the question to a worker, and the answer that clients get."""
+
+from typing import Annotated, ClassVar
+
+import msgspec
+from msgspec import Meta
+
+from clustermcl.protocol.answers import Hypothesis
+from clustermcl.protocol.message import (
+    LIST_BYTES,
+    Finite,
+    Message,
+    NotNegative,
+    PoseTuple,
+    Probability,
+    ScanStep,
+)
+
+LEAST_PROBABILITY = 0.01
+"""Ways keep clear of obstacles at all places with at least this probability."""
+MAX_PLACES = 64
+"""Number of the most probable places that are distinguished."""
+MAX_VIEWS_BYTES = 6144
+"""256 views of six numbers."""
+USUAL_RADIUS_M = 0.3
+"""Radius of a robot whose settings do not have one [m]."""
+
+
+class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"):
+    """The belief after a step. A query of the coordinator on ``worker/{name}/advice``."""
+
+    max_bytes: ClassVar[int] = LIST_BYTES
+    step: ScanStep
+    """The step, whose scan the worker has."""
+    map_digest: str
+    """As in `Scan`."""
+    hypotheses: Annotated[tuple[Hypothesis, ...], Meta(max_length=MAX_PLACES)]
+    """The places to distinguish."""
+    elsewhere_probability: Probability
+    """Probability that the robot is at none of the tracked places."""
+    views: Annotated[bytes, Meta(max_length=MAX_VIEWS_BYTES)] = b""
+    """The robot's earlier views, as in `clustermcl.filter.cluster.view_memory`."""
+    radius_m: Annotated[float, Meta(ge=0.0, le=10.0)]
+    """Radius of the robot."""
+    gate_distance_m: NotNegative
+    """Distance between two steps."""
+    gate_turn_rad: NotNegative
+    """Turn between two steps."""
+
+
+class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A way that is free at all places, and its expected information."""
+
+    poses: tuple[PoseTuple, ...]
+    """Relative to the robot at the step: x [m] ahead, y [m] to the left, heading [rad]."""
+    rest: tuple[PoseTuple, ...] = ()
+    """Where the way leads from there. Ask again first: places are not known well enough yet."""
+    length_m: NotNegative
+    """Length of both."""
+    turn_rad: NotNegative
+    """Sum of all turns."""
+    gains: tuple[Finite, ...] = ()
+    """Expected gain of the log probability of each of `Advice.clusters`, if it is right [nat]."""
+    information: NotNegative
+    """Mean of these, weighted by the probability that the place is right."""
+    sure_probability: Probability
+    """Probability that the robot is localized after the way."""
+    explores: bool = False
+    """Whether it leads to ground that was not seen yet, where a search sees more. It has no
+    information about the places."""
+    landmarks: tuple[str, ...] = ()
+    """Landmarks that are in sight on the way at some places."""
+    sight_bearing_rad: Finite
+    """Direction, from the end of the way, in which the places differ most."""
+    sight_ranges_m: tuple[NotNegative, ...]
+    """Predicted range of that beam at each of `Advice.clusters`."""
+
+
+class Advice(Message, frozen=True, kw_only=True, tag="advice/1"):
+    """Ways that distinguish the robot's possible places. Answers ``advice``."""
+
+    max_bytes: ClassVar[int] = LIST_BYTES
+    step: int = -1
+    """The step whose belief the advice is for; -1: there was none yet."""
+    stamp_ns: int = 0
+    """Robot's clock at that step's scan."""
+    odom_from_robot: PoseTuple = (0.0, 0.0, 0.0)
+    """Odometry at that scan, where all ways begin."""
+    clusters: tuple[int, ...] = ()
+    """The places to distinguish, most probable first."""
+    places: tuple[PoseTuple, ...] = ()
+    """Pose of each of these in the map at that step."""
+    ways: tuple[Way, ...] = ()
+    """The best for its length first, by information and probability of being localized."""
+    spots: tuple[tuple[Finite, Finite, NotNegative], ...] = ()
+    """View points on ways that are free at all places: x [m] ahead, y [m] to the left, and the
+    expected information of a new view there [nat]."""
+    apart: tuple[tuple[int, ...], ...] = ()
+    """Without a way that is free at all places: clusters that have no free ground around them, and
+    pairs of the others that share none."""
+    note: str = ""
+    """Why there is no way, or what else to know; may be empty."""

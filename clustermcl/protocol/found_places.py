@@ -1,0 +1,99 @@
+"""The places that a search considers possible, as columns of numbers.
+
+A search reports hundreds of places after every scan. The coordinator would spend more time on
+decoding a list of structures than on using the places.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clustermcl.protocol.arrays import ArrayBlob, WireType
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
+
+_MAX_SHARE = 1.000001  # shares are sums of rounded weights
+
+
+class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """P places, most probable first, each with particles from which it can be tracked."""
+
+    odom_from_robot: PoseTuple
+    """Odometry at the report's scan."""
+    share: ArrayBlob
+    """(P,) float64: share of the weight of all places that the shard found."""
+    mean: ArrayBlob
+    """(P, 3) float64: x [m], y [m], heading [rad]."""
+    covariance: ArrayBlob
+    """(P, 9) float64: the 3 x 3 matrix, row by row [m^2, m rad, rad^2]."""
+    count: ArrayBlob
+    """(P,) int32: particles of each place; one where it is too improbable to be tracked."""
+    particles: ArrayBlob
+    """(S, 3) float32: samples of the places in order, equally weighted within a place."""
+
+    def __len__(self) -> int:
+        return len(self.share.array())
+
+    @classmethod
+    def of(
+        cls,
+        odom_from_robot: PoseTuple,
+        share: ArrayLike,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        particles: Sequence[NDArray[np.floating]],
+    ) -> "FoundPlaces":
+        """Pack places.
+
+        Args:
+            odom_from_robot: odometry at the scan.
+            share: (P,) most probable first.
+            mean: (P, 3).
+            covariance: (P, 3, 3) or (P, 9).
+            particles: an (n, 3) array for each place.
+        """
+        return cls(
+            odom_from_robot=odom_from_robot,
+            share=ArrayBlob.of(np.reshape(share, -1), "float64"),
+            mean=ArrayBlob.of(np.reshape(mean, (-1, 3)), "float64"),
+            covariance=ArrayBlob.of(np.reshape(covariance, (-1, 9)), "float64"),
+            count=ArrayBlob.of(np.array([len(one) for one in particles], np.int32), "int32"),
+            particles=ArrayBlob.of(np.concatenate([np.empty((0, 3)), *particles]), "float32"),
+        )
+
+
+def found_places_problem(found: FoundPlaces) -> str | None:
+    """Return why these places are invalid, or None; step and odometry are not checked."""
+    try:
+        share, mean = _column(found.share, "float64"), _column(found.mean, "float64", 3)
+        covariance = _column(found.covariance, "float64", 9)
+        count, particles = _column(found.count, "int32"), _column(found.particles, "float32", 3)
+    except MalformedMessageError as error:
+        return error.problem
+    held = {
+        "columns of different lengths": len(share) == len(mean) == len(covariance) == len(count),
+        "a share outside 0 to 1": np.all((share >= 0.0) & (share <= _MAX_SHARE)),
+        "a place out of range": np.all(np.isfinite(mean))
+        and np.all(np.abs(mean[:, :2]) < MAX_POSE_M),
+        "a covariance with a negative variance, or an entry that is not finite": np.all(
+            np.isfinite(covariance)
+        )
+        and np.all(covariance[:, ::4] >= 0.0),
+        "counts that do not match the particles": np.all(count > 0)
+        and count.sum(dtype=np.int64) == len(particles),
+        "a particle whose pose is not finite": np.all(np.isfinite(particles)),
+    }
+    return next((problem for problem, holds in held.items() if not holds), None)
+
+
+def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArray[Any]:
+    """Return the array, of shape (P, width), or (P,) without a width."""
+    array = blob.array()
+    shape = (len(array) if array.ndim else 0, *([] if width is None else [width]))
+    if blob.dtype != dtype or array.shape != shape:
+        problem = f"a column of {blob.dtype} {array.shape}, expected {dtype} {shape}"
+        raise MalformedMessageError(expected="places", problem=problem, kind="wrong array")
+    return array

@@ -1,0 +1,88 @@
+"""Key expressions, relative to the robot's namespace; each key has one writer.
+
+The session puts Zenoh's `namespace`, the robot's name, in front of every key. So robots behind
+one router never share a key.
+"""
+
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.names import is_name, name_rule
+
+ODOMETRY_READING = "readings/odometry"
+LASER_READING = "readings/laser"
+MAP_READING = "readings/map"
+OBSERVATION_READING = "readings/observation"
+
+SCAN = "scan"
+ODOMETRY = "odometry"
+SCAN_HISTORY = "scans"
+MAP = "map"
+TRUTH = "truth"
+BRIDGE_ALIVE = "bridge/alive"
+BRIDGE_HEALTH = "bridge/health"
+KIDNAP = "simulator/kidnap"
+UPDATE = "command/update"
+CONFIGURE = "command/configure"
+DRIVE = "simulator/drive"
+
+BELIEF = "belief"
+POSE = "pose"
+HYPOTHESES = "hypotheses"
+EVENTS = "events"
+STATUS = "status"
+ADVICE = "advice"
+SET_POSE = "command/set_pose"
+RELOCALIZE = "command/relocalize"
+COORDINATOR_ALIVE = "coordinator/alive"
+CHECKPOINT = "checkpoint"
+
+ALL_REPORTS = "worker/*/report"
+ALL_WORKERS_ALIVE = "worker/*/alive"
+ALL_WORKERS_HEALTH = "worker/*/health"
+
+
+def scan_history(first: int, last: int | None) -> str:
+    """Return the selector of the steps `first` to `last`, inclusive; None: to the newest."""
+    end = f";last={last}" if last is not None else ""
+    return f"{SCAN_HISTORY}?first={first}{end}"
+
+
+def worker_alive(name: str) -> str:
+    return f"worker/{name}/alive"
+
+
+def worker_order(name: str) -> str:
+    """Return the key of queries that carry a work order."""
+    return f"worker/{name}/order"
+
+
+def worker_state(name: str) -> str:
+    """Return the key of queries for a worker's jobs, and of a `TakeOver`."""
+    return f"worker/{name}/state"
+
+
+def worker_advice(name: str) -> str:
+    """Return the key of queries that carry an `AdviceQuestion`."""
+    return f"worker/{name}/advice"
+
+
+def worker_report(name: str) -> str:
+    return f"worker/{name}/report"
+
+
+def worker_health(name: str) -> str:
+    return f"worker/{name}/health"
+
+
+def worker_name(key: str) -> str:
+    """Return the name of the worker that a key belongs to.
+
+    Raises:
+        MalformedMessageError: the key is not a worker's, or the name is invalid.
+    """
+    match key.split("/"):
+        case ["worker", name, _] if is_name(name):
+            return name
+        case ["worker", name, _]:
+            problem = f"{name!r}: not {name_rule()}"
+            raise MalformedMessageError(expected="worker name", problem=problem)
+    raise MalformedMessageError(expected="worker's key", problem=key)

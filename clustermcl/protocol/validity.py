@@ -1,0 +1,115 @@
+"""Check what the types of a message's fields cannot express: arrays and covariances.
+
+A NaN in one report would make every probability NaN. Laser readings are not checked here: the
+bridge checks them and counts each kind of defect.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from clustermcl.protocol.advice import AdviceQuestion
+from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.found_places import FoundPlaces, found_places_problem
+from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
+from clustermcl.protocol.pose_arrays import covariance_matrix
+from clustermcl.protocol.reading_checks import laser_problem, observation_problem, pose_problem
+from clustermcl.protocol.steps import Observation, Scan, ScanHistory
+from clustermcl.protocol.work import (
+    Assignment,
+    ElsewhereReport,
+    Particles,
+    ReportBatch,
+    SearchReport,
+    TrackJob,
+    TrackReport,
+    WorkOrder,
+)
+
+FLATNESS = 1e-6
+"""Tolerance for rounding in singular covariances, relative to the largest entry."""
+
+
+def problem_of(message: object) -> str | None:
+    """Return why a message is implausible, or None."""
+    return next(filter(None, _problems(message)), None)
+
+
+def _problems(message: object) -> Iterator[str | None]:
+    match message:
+        case Scan():
+            yield laser_problem(message)
+        case Observation():
+            yield observation_problem(message)
+        case ScanHistory(scans=scans):
+            yield from map(laser_problem, scans)
+        case WorkOrder(begin=begin):
+            yield from map(assignment_problem, begin)
+        case TrackReport(snapshot=snapshot, parts=parts):
+            yield _fit_problem(message)
+            yield from (_particles_problem(part.sample) for part in parts)
+            if snapshot is not None:
+                yield _particles_problem(snapshot)
+        case SearchReport(places=places):
+            yield _fit_problem(message)
+            yield found_places_problem(places)
+        case ElsewhereReport(places=FoundPlaces() as places):
+            yield found_places_problem(places)
+        case ReportBatch(reports=reports):
+            yield from map(problem_of, reports)
+        case SetPose(pose=pose, covariance=tuple() as covariance):
+            yield drawable_problem(pose, covariance)
+        case AdviceQuestion(hypotheses=places):
+            if not all(0.0 <= place.probability <= 1.0 for place in places):
+                yield "a place whose probability is not from 0 to 1"
+            yield from (gaussian_problem(place.pose, place.covariance) for place in places)
+
+
+def _fit_problem(report: TrackReport | SearchReport) -> str | None:
+    infinite = math.isinf(report.log_likelihood_per_beam)  # NaN: the scan had no beam to score
+    return "log_likelihood_per_beam is infinite" if infinite else None
+
+
+def assignment_problem(given: Assignment) -> str | None:
+    """Return why the particles of an assignment are invalid, or None."""
+    return _particles_problem(given.job.start) if isinstance(given.job, TrackJob) else None
+
+
+def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+    """Return why a pose or its covariance is invalid, or None; makes only the cheap checks."""
+    variances = (covariance[0], covariance[4], covariance[8])
+    if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
+        return "a covariance with a negative variance, or an entry that is not finite"
+    return pose_problem(mean)
+
+
+def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+    """Return why no particles can be drawn from this Gaussian, or None."""
+    if problem := gaussian_problem(mean, covariance):
+        return problem
+    matrix = covariance_matrix(covariance)
+    largest = float(np.max(np.abs(matrix)))
+    if largest > MAX_POSE_M**2:
+        return f"a variance of {largest}"
+    lopsided = float(np.max(np.abs(matrix - matrix.T)))
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if lopsided > FLATNESS * largest or least < -FLATNESS * largest:
+        return "a covariance that is not symmetric and positive semi-definite"
+    return None
+
+
+def _particles_problem(particles: Particles) -> str | None:
+    """Return why the arrays of a particle set are invalid, or None."""
+    try:
+        poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()
+    except MalformedMessageError as error:
+        return error.problem
+    if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
+        return f"no particle set: poses {poses.shape}, weights {log_weights.shape}"
+    if not np.all(np.isfinite(poses)):
+        return "a particle whose pose is not finite"
+    if not (len(log_weights) and math.isfinite(float(np.max(log_weights)))):
+        return "particles without weight"  # a NaN makes the maximum NaN
+    return None

@@ -1,0 +1,278 @@
+"""Reads ROS bags: ROS 1 `.bag`, and rosbag2 in sqlite3 or MCAP, as folders or files.
+
+The library `rosbags` (extra ``ros2``) parses the files. The types read here have the same fields
+in all ROS releases, so the library's definitions are used, and those in the bag are ignored.
+"""
+
+import bz2
+import tempfile
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import zstandard
+
+from clustermcl.protocol.errors import InputFileError
+from clustermcl.recordings.bag_chunks import unpacked
+from clustermcl.recordings.log_file import SkippedLine
+from clustermcl.runtime.compressed import most_unpacked, os_problem
+
+if TYPE_CHECKING:
+    from rosbags import rosbag1, rosbag2
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+LASER_SCAN = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
+_TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
+_RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # name before 2013; the fields are the same
+_SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
+_MAGIC_BYTES = 16
+_METADATA = "metadata.yaml"
+_FREE_BYTES = 2**26
+"""The requested messages of a bag may have these bytes whatever its ratio."""
+_FREE_CHUNK_BYTES = 2**28
+"""All that is unpacked may have these bytes whatever its ratio: one `OccupancyGrid`."""
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message of a bag.
+
+    Args:
+        number: position among the requested messages, from 1.
+        time_ns: time of recording.
+        topic: name of the topic.
+        content: the message, with ROS's field names.
+    """
+
+    number: int
+    time_ns: int
+    topic: str
+    content: Any
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is a bag by its first bytes, or a rosbag2 folder."""
+    if path.is_dir():
+        return (path / _METADATA).is_file() or bool(_storage_files(path))
+    return _suffix_of(path) is not None
+
+
+class BagFile:
+    """An open bag.
+
+    Args:
+        path: a file, or the folder of a rosbag2.
+        error: type of the exception for a bag that cannot be read.
+
+    Attributes:
+        topics: message type of each topic that is not empty.
+        left_out: messages that could not be read so far; the last may be the damaged end.
+
+    Raises:
+        InputFileError: of the type `error`: the library is missing, or the bag cannot be read.
+    """
+
+    def __init__(self, path: Path, error: type[InputFileError]) -> None:
+        self._path, self._error = path, error
+        self.left_out: list[SkippedLine] = []
+        with ExitStack() as stack:
+            self._reader = self._opened(stack)
+            self.close = stack.pop_all().close
+        connections = [one for one in self._reader.connections if one.msgcount]
+        self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
+
+    def of_type(self, message_type: str) -> list[str]:
+        """Return the topics of a message type, sorted by name."""
+        return sorted(topic for topic, kind in self.topics.items() if kind == message_type)
+
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
+        """Yield the messages of some topics in the order of recording, up to a damaged end.
+
+        A damaged message is skipped; see `left_out`.
+
+        Raises:
+            InputFileError: of the type `error`: the encoding of a topic is not ROS's CDR.
+        """
+        wanted = [one for one in self._reader.connections if one.topic in topics and one.msgcount]
+        for connection in wanted:
+            self._check_encoding(connection)
+        stream, number = self._reader.messages(wanted) if wanted else iter(()), 0
+        left = most_unpacked(self._size, _FREE_BYTES)
+        while True:
+            number += 1
+            try:
+                connection, time_ns, content = next(stream)
+            except StopIteration:
+                return
+            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+                problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
+                self.left_out.append(SkippedLine(number, problem))
+                return
+            if _type_of(connection) != OCCUPANCY_GRID:  # of maps, only the last is kept
+                left -= len(content)
+            if left < 0:
+                raise self._error(self._path, "its scans and odometry are too long unpacked")
+            try:
+                message = self._decode(content, _type_of(connection))
+            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+                problem = f"a message of {connection.topic} is damaged"
+                self.left_out.append(SkippedLine(number, f"{problem} ({_library_problem(broken)})"))
+            else:
+                yield BagMessage(number, time_ns, connection.topic, message)
+
+    def _opened(self, stack: ExitStack) -> "rosbag1.Reader | rosbag2.Reader":
+        try:
+            from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - an extra, and 0.2 s
+        except ImportError as missing:
+            problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
+            raise self._error(self._path, problem) from missing
+        try:
+            path = self._as_library_wants(stack)
+            self._size = sum(one.stat().st_size for one in _storage_files(path) or [path])
+            _Unpacker(self._size).replace_library_s()
+            ros1 = path.suffix == ".bag"
+            store = definitions(ros1=ros1)
+            self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+            if ros1:
+                return stack.enter_context(rosbag1.Reader(path))
+            return stack.enter_context(rosbag2.Reader(path))
+        except InputFileError:
+            raise
+        except OSError as failed:
+            raise self._error(self._path, os_problem(failed)) from failed
+        except Exception as broken:
+            problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
+            remedy = "if it is cut off or damaged, copy it again or repair it by 'rosbag reindex' "
+            remedy += "(ROS 1), 'mcap recover', or 'sqlite3 FILE .recover'"
+            raise self._error(self._path, f"{problem}; {remedy}") from broken
+
+    def _as_library_wants(self, stack: ExitStack) -> Path:
+        """Return a rosbag2 folder, or a file with the suffix of its format."""
+        path = self._path
+        if path.is_dir():
+            if (path / _METADATA).is_file():
+                return path
+            files = _storage_files(path)
+            if len(files) > 1:  # a recorder that crashed wrote no metadata
+                problem = f"{len(files)} bag files without {_METADATA}; name one, or reindex"
+                raise self._error(path, problem)
+            path = files[0]
+        suffix = _suffix_of(path)
+        if suffix is None:
+            raise self._error(path, "its content is not a ROS bag")
+        if path.suffix == suffix:
+            return path
+        folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
+        link = Path(stack.enter_context(folder)) / f"bag{suffix}"
+        link.symlink_to(path.absolute())
+        return link
+
+    def _check_encoding(self, connection: "Connection") -> None:
+        encoding = getattr(connection.ext, "serialization_format", "cdr")
+        if encoding != "cdr":
+            problem = f"{connection.topic} is encoded as {encoding!r:.40}, not as ROS's CDR"
+            raise self._error(self._path, problem)
+
+
+@cache
+def definitions(*, ros1: bool) -> "Typestore":
+    """Return the library's message definitions; loading them takes 0.2 s."""
+    from rosbags.typesys import (  # noqa: PLC0415 - an extra
+        Stores,
+        get_types_from_msg,
+        get_typestore,
+    )
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    if ros1:  # the library's definitions for ROS 1 lack tf
+        store.register(get_types_from_msg(_TF_DEFINITION, TF_MESSAGE))
+    return store
+
+
+def _type_of(connection: "Connection") -> str:
+    return _RENAMED.get(connection.msgtype, connection.msgtype)
+
+
+class _Unpacker:
+    """Unpacks chunks, messages and files of a bag within limits, which the library has not."""
+
+    def __init__(self, packed_bytes: int) -> None:
+        self._left = most_unpacked(packed_bytes, _FREE_CHUNK_BYTES)
+
+    def replace_library_s(self) -> None:
+        """Have the library unpack the next bag by this."""
+        from lz4.frame import (  # type: ignore[import-untyped] # noqa: PLC0415 - an extra
+            LZ4FrameDecompressor,
+        )
+        from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415
+        from rosbags.rosbag2 import reader, storage_mcap  # noqa: PLC0415
+
+        by_bz2, by_lz4 = (
+            partial(self._by_object, kind) for kind in (bz2.BZ2Decompressor, LZ4FrameDecompressor)
+        )
+        ros1.decompressors = ros1.decompressors | {"bz2": by_bz2, "lz4": by_lz4}
+        storage_mcap.DECOMPRESSORS = storage_mcap.DECOMPRESSORS | {
+            "lz4": lambda packed, _: by_lz4(packed),
+            "zstd": lambda packed, _: self._by_zstd(packed),
+        }
+        limited = SimpleNamespace(decompress=self._by_zstd, open=self._opened)
+        vars(reader)["zstd"] = limited
+
+    def _by_zstd(self, packed: bytes) -> bytes:
+        return self._counted(unpacked("zstd", packed, self._most))
+
+    def _by_object(self, kind: Any, packed: bytes) -> bytes:
+        unpacker = kind()
+        content: bytes = unpacker.decompress(packed, self._most + 1)
+        if not unpacker.eof and len(content) <= self._most:
+            raise EOFError("a chunk is cut off")
+        return self._counted(content)
+
+    @contextmanager
+    def _opened(self, file: BinaryIO, _mode: str) -> "Iterator[SimpleNamespace]":
+        with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True) as stream:
+            yield SimpleNamespace(read=lambda count: self._counted(stream.read(count)))
+
+    @property
+    def _most(self) -> int:
+        return min(self._left, _FREE_CHUNK_BYTES)
+
+    def _counted(self, content: bytes) -> bytes:
+        if len(content) > self._most:
+            raise ValueError("it unpacks to far more than its size")
+        self._left -= len(content)
+        return content
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return the files of a rosbag2 folder; none: it is a file."""
+    files = path.iterdir() if path.is_dir() else ()
+    return sorted(
+        file
+        for file in files
+        if file.is_file() and file.name.removesuffix(".zstd").endswith((".mcap", ".db3"))
+    )
+
+
+def _suffix_of(path: Path) -> str | None:
+    """Return the suffix for a file by its first bytes; None: not a bag."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(_MAGIC_BYTES)
+    except OSError:
+        return None
+    return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
+
+
+def _library_problem(broken: Exception) -> str:
+    """Return the text of an exception, or the name of its type if the text is empty."""
+    return f"{broken}" if str(broken) else type(broken).__name__

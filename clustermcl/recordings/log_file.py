@@ -1,0 +1,125 @@
+"""Reads lines of text recordings; defines the entries into which these are parsed."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.protocol.errors import InputFileError, RecordingError
+from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
+from clustermcl.runtime import compressed
+
+_MAX_LINE_BYTES = 1_000_000
+_MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into 64 bits
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedLine:
+    """The number of a skipped line, and why it was skipped."""
+
+    line_number: int
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryEntry:
+    """An odometry reading in a line of a log or in a message of a bag."""
+
+    line_number: int
+    stamp_ns: int
+    odom_from_robot: PoseTuple
+
+
+@dataclass(frozen=True, slots=True)
+class LaserEntry:
+    """A scan in a line of a log, or in a message of a bag; absent values are None."""
+
+    line_number: int
+    stamp_ns: int
+    ranges: NDArray[np.float32]
+    angle_min_rad: float
+    angle_step_rad: float
+    robot_from_laser: PoseTuple | None
+    odom_from_robot: PoseTuple | None
+    range_limit_m: float | None = None
+    laser: str = ""
+    """Name of the laser; empty: the robot has only one."""
+    upside_down: bool = False
+
+
+Entry = OdometryEntry | LaserEntry
+
+
+def words_of_lines(
+    path: Path, broken: list[SkippedLine], error: type[InputFileError] = RecordingError
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield number, from 1, and words of the lines of a text file, without blanks and comments.
+
+    Args:
+        path: the file, perhaps compressed.
+        broken: gets where and why a compressed stream ended early, if it did.
+        error: type of the exception for a file that cannot be read.
+
+    Raises:
+        InputFileError: of the type `error`: the file cannot be opened or read, or is too long.
+    """
+    number = 0
+    try:
+        most = compressed.most_unpacked(path.stat().st_size, compressed.MAX_TEXT_BYTES)
+        most = left = min(most, compressed.MAX_FILE_BYTES)
+        with compressed.open_decompressed(path) as stream:
+            while line := stream.readline(_MAX_LINE_BYTES):
+                number, left = number + 1, left - len(line)
+                if left < 0:
+                    raise error(path, compressed.too_long_problem(most), line=number)
+                words = line.decode("utf-8", errors="replace").split()
+                if words and not words[0].startswith("#"):
+                    yield number, words
+    except compressed.BROKEN_STREAM_ERRORS as problem:
+        broken.append(SkippedLine(number + 1, compressed.broken_stream_problem(problem)))
+    except OSError as failed:
+        raise error(path, compressed.os_problem(failed)) from failed
+
+
+def stamp_ns_of(text: str) -> int:
+    """Convert a decimal time in seconds to nanoseconds, without rounding errors."""
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation:
+        raise ValueError(f"the time {text!r} is not a number") from None
+    if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
+        raise ValueError(f"the time {text!r} is not a time in seconds")
+    return int((seconds * 1_000_000_000).to_integral_value())
+
+
+def numbers_of(words: Sequence[str]) -> list[float]:
+    """Convert words to numbers, perhaps NaN or infinite."""
+    numbers: list[float] = []
+    for word in words:
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            raise ValueError(f"{word!r} is not a number") from None
+    return numbers
+
+
+def ranges_of(words: Sequence[str]) -> NDArray[np.float32]:
+    """Return (B,) ranges [m]; a range that is not finite means no return."""
+    with np.errstate(over="ignore"):  # 1e300 m becomes infinite
+        return np.array(numbers_of(words)).astype(np.float32)
+
+
+def pose_of(words: Sequence[str]) -> PoseTuple:
+    """Return a pose from three words: x, y and heading [rad].
+
+    Raises:
+        ValueError: there are not three words, one is not a number, or one is out of range.
+    """
+    x, y, heading = numbers_of(words)
+    if not (abs(x) < MAX_POSE_M and abs(y) < MAX_POSE_M and math.isfinite(heading)):
+        raise ValueError(f"({' '.join(words)}) is not a pose")
+    return x, y, math.remainder(heading, math.tau)

@@ -1,0 +1,145 @@
+"""The occupancy grid map: free, occupied and unknown cells, and the grid's pose."""
+
+import hashlib
+import math
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Landmark
+
+MAX_CELLS = 2**28
+"""Limit for the cells of a map: 16,384 x 16,384. Larger files and messages are refused before
+memory is allocated."""
+
+LARGE_CELLS = 2**23
+"""Number of cells above which a map is cropped; smaller maps keep their digests."""
+RIM_M = 5.0
+"""Margin around the known cells, wider than the range of a likelihood field [m]."""
+_DIGEST_VERSION = b"clustermcl map 1\n"
+
+
+@dataclass(frozen=True, eq=False)
+class GridMap:
+    """An immutable occupancy grid.
+
+    Args:
+        cells: (rows, cols) int8: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y.
+        cell_m: side of a cell [m].
+        map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
+        landmarks: landmarks of the map.
+
+    Raises:
+        ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
+    """
+
+    cells: Cells
+    cell_m: float
+    map_from_grid: PoseTuple
+    landmarks: tuple[Landmark, ...] = ()
+
+    def __post_init__(self) -> None:
+        _check_cells(self.cells)
+        if not (math.isfinite(self.cell_m) and self.cell_m > 0.0):
+            raise ValueError(f"cell_m must be a positive length, not {self.cell_m}")
+        if len(self.map_from_grid) != 3 or not all(map(math.isfinite, self.map_from_grid)):
+            raise ValueError(f"map_from_grid must be three finite numbers: {self.map_from_grid}")
+        cells = np.ascontiguousarray(self.cells)
+        if cells.flags.writeable:
+            if np.may_share_memory(cells, self.cells):
+                cells = cells.copy()
+            cells.flags.writeable = False
+        object.__setattr__(self, "cells", cells)
+
+    def with_landmarks(self, landmarks: Iterable[Landmark]) -> "GridMap":
+        """Return the map with these landmarks in place of its own."""
+        return replace(self, landmarks=tuple(landmarks))
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of geometry, cells and landmarks, in hex; in maps with the same digest, a pose is
+        the same place."""
+        if not self.landmarks:
+            return self.cells_digest
+        marks = [(mark.name, mark.x + 0.0, mark.y + 0.0, mark.sigma) for mark in self.landmarks]
+        summed = hashlib.sha256(self.cells_digest.encode())
+        summed.update(msgspec.msgpack.encode(marks))
+        return summed.hexdigest()
+
+    @cached_property
+    def cells_digest(self) -> str:
+        """Digest of the map without its landmarks."""
+        rows, cols = self.cells.shape
+        geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
+        summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))
+        summed.update(self.cells.data)
+        return summed.hexdigest()
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The map for the particle filter."""
+        return Grid(self.cells, self.cell_m, np.array(self.map_from_grid))
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width along the columns and height along the rows [m]."""
+        rows, cols = self.cells.shape
+        return cols * self.cell_m, rows * self.cell_m
+
+
+def _check_cells(cells: Cells) -> None:
+    if cells.dtype != np.int8 or cells.ndim != 2 or cells.size == 0:
+        raise ValueError(f"cells must be a 2-d int8 array, not {cells.dtype} {cells.shape}")
+    low, high = int(cells.min()), int(cells.max())
+    if low < UNKNOWN or high > OCCUPIED:
+        raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
+    if cells.all():  # all but `FREE`; a comparison would take as much memory again
+        raise ValueError("no cell is free, so no pose is possible")
+
+
+def coarse(cells: Cells, every: int) -> Cells:
+    """Return a grid whose cells replace squares of `every` cells a side.
+
+    A coarse cell is occupied if any of its cells is; otherwise it is free if any is free.
+    """
+    for axis in range(2):
+        cells = np.maximum.reduceat(cells, np.arange(0, cells.shape[axis], every), axis=axis)
+    return cells
+
+
+def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
+    """Return a map of the given cells; a large map is cropped to its known part and a margin.
+
+    A pose stays at the same place. A site plan with one building costs as much as a map of the
+    building.
+
+    Raises:
+        ValueError: as for `GridMap`.
+    """
+    if cells.ndim != 2 or cells.size <= LARGE_CELLS:
+        return GridMap(cells, cell_m, map_from_grid)
+    known_rows, known_cols = (cells.max(axis=axis) > UNKNOWN for axis in (1, 0))
+    if not known_rows.any() or not cell_m > 0.0:
+        return GridMap(cells, cell_m, map_from_grid)  # raises the error
+    rim = ceil(RIM_M / cell_m)
+    rows, cols = _range(known_rows, rim), _range(known_cols, rim)
+    part = cells[rows, cols].copy()
+    part.flags.writeable = False
+    corner = np.array([cols.start * cell_m, rows.start * cell_m, 0.0])
+    x, y, _ = compose(np.array(map_from_grid), corner)
+    return GridMap(part, cell_m, (float(x), float(y), map_from_grid[2]))
+
+
+def _range(known: NDArray[np.bool_], rim: int) -> slice:
+    at = np.flatnonzero(known)
+    return slice(max(int(at[0]) - rim, 0), min(int(at[-1]) + 1 + rim, len(known)))

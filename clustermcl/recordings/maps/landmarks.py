@@ -1,0 +1,108 @@
+"""Landmarks of a map: a YAML file next to it, with names and positions."""
+
+import math
+from pathlib import Path
+
+import msgspec
+import yaml
+
+from clustermcl.protocol.conversion import converted
+from clustermcl.protocol.errors import LandmarksFileError
+from clustermcl.protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
+from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark, Sigma
+from clustermcl.runtime.compressed import first_bytes, too_long_problem
+from clustermcl.runtime.yaml_text import refuse_aliases
+
+LANDMARKS_FILE = "landmarks.yaml"
+"""Name of the file in the map's folder."""
+_DEFAULT_SIGMA_M = 0.05
+_MAX_BYTES = 2**17
+"""For `MAX_LANDMARKS` with long names; PyYAML needs 1 s for it."""
+
+
+class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    x: Coordinate
+    y: Coordinate
+    id: Id | None = None
+    class_: Id | None = msgspec.field(default=None, name="class")
+    sigma: Sigma | None = None
+    covariance: tuple[Finite, Finite, Finite, Finite] | None = None
+    count: Number = 0
+    """Sights that were averaged."""
+
+    def sigma_m(self) -> float:
+        """Return the standard deviation in the direction where it is largest [m].
+
+        Raises:
+            ValueError: the covariance is not positive definite and symmetric, or too large.
+        """
+        if self.covariance is None:
+            return self.sigma or _DEFAULT_SIGMA_M
+        xx, xy, yx, yy = self.covariance
+        apart = math.hypot(0.5 * (xx - yy), xy)
+        least, most = 0.5 * (xx + yy) - apart, 0.5 * (xx + yy) + apart
+        if not (xy == yx and 0.0 < least <= most <= MAX_POSE_M**2) or self.sigma is not None:
+            raise ValueError
+        return math.sqrt(most)
+
+
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    landmarks: list[_Entry]
+
+
+def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
+    """Read a landmarks file.
+
+    The file has a list ``landmarks``; each has ``id``, or a ``class`` that it shares with others,
+    ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m], or the
+    ``covariance`` of x and y, row by row [m²], whose largest standard deviation is used.
+
+    Raises:
+        LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
+            range, or an id is used twice.
+    """
+    path = Path(path)
+    content = first_bytes(path, _MAX_BYTES + 1, LandmarksFileError)
+    if len(content) > _MAX_BYTES:
+        raise LandmarksFileError(path, too_long_problem(_MAX_BYTES))
+    try:
+        refuse_aliases(content, path, LandmarksFileError)
+        entries = converted(yaml.safe_load(content), _File).landmarks
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = f"not a landmarks file: {error}"
+        raise LandmarksFileError(path, problem) from None
+    if len(entries) > MAX_LANDMARKS:
+        problem = f"{len(entries)} landmarks; at most {MAX_LANDMARKS} are possible"
+        raise LandmarksFileError(path, problem)
+    return _landmarks(path, entries)
+
+
+def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:
+    """Return the landmarks of the file in a map's folder; none if there is no file.
+
+    Raises:
+        LandmarksFileError: as for `load_landmarks`.
+    """
+    path = Path(map_file).parent / LANDMARKS_FILE
+    return load_landmarks(path) if path.exists() else ()
+
+
+def _landmarks(path: Path, entries: list[_Entry]) -> tuple[Landmark, ...]:
+    found: list[Landmark] = []
+    names: dict[str, bool] = {}
+    """Whether each name is a class."""
+    for number, entry in enumerate(entries, 1):
+        name = entry.id or entry.class_
+        if name is None or (entry.id and entry.class_):
+            raise LandmarksFileError(path, f"landmark {number} needs either an id or a class")
+        if name in names and not (names[name] and entry.class_):
+            problem = f"landmark {number}: the id {name!r} is used before; give each its own"
+            raise LandmarksFileError(path, problem)
+        names[name] = entry.id is None
+        try:
+            sigma = entry.sigma_m()
+        except ValueError:
+            problem = f"landmark {number} needs a sigma, or a positive definite covariance"
+            raise LandmarksFileError(path, problem) from None
+        found.append(Landmark(name=name, x=entry.x, y=entry.y, sigma=sigma))
+    return tuple(found)

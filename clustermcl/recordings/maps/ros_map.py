@@ -1,0 +1,214 @@
+"""Reads maps of ROS's map_server, a YAML file and an image, as nav2_map_server does.
+
+A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
+probability 1 - shade (`negate`: shade).
+
+* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown. An alpha
+  channel counts as one more channel of the mean.
+* *scale*: the same without alpha in the mean; pixels that are not opaque are unknown. Cells between
+  the thresholds, which map_server publishes as a percentage, are unknown here.
+* *raw*: the pixel is the occupancy in percent; 101 to 255 is unknown; `negate` and alpha are
+  ignored. The thresholds decide between free and occupied.
+"""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+import numpy as np
+import yaml
+from PIL import Image, UnidentifiedImageError
+
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from clustermcl.protocol.conversion import converted
+from clustermcl.protocol.errors import MapFileError
+from clustermcl.protocol.message import Finite
+from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, known_part
+from clustermcl.runtime.compressed import read_decompressed
+from clustermcl.runtime.yaml_text import refuse_aliases
+
+MAX_HEADER_BYTES = 64 * 1024
+_STRIP_ROWS = 512
+_IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
+_BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
+
+_Probability: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
+
+
+class _Header(msgspec.Struct, frozen=True):
+    """The content of the YAML file, with its names."""
+
+    image: Annotated[str, msgspec.Meta(min_length=1)]
+    resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
+    """Side of a cell [m]."""
+    origin: tuple[Finite, Finite, Finite]
+    """Pose of the image's lower left corner in the map frame."""
+    negate: bool
+    occupied_thresh: _Probability
+    free_thresh: _Probability
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+
+_ALLOWED = {
+    "image": "a file name",
+    "resolution": "metres a cell, above 0 and below 100",
+    "origin": "three numbers: [x, y, yaw]",
+    "negate": "0 or 1",
+    "occupied_thresh": "a probability, 0 to 1",
+    "free_thresh": "a probability, 0 to 1",
+    "mode": "trinary, scale or raw",
+}
+
+
+def load_ros_map(content: bytes, path: Path) -> GridMap:
+    """Read a map of map_server from its YAML file; the image may be packed by gzip or xz.
+
+    Raises:
+        MapFileError: `content` is an image or not such a YAML file, a key is missing or invalid,
+            or the image is truncated, damaged, too large, or without free space.
+    """
+    if content.startswith(_IMAGE_MAGICS):
+        raise MapFileError(path, "is an image; name the YAML file that belongs to it")
+    header = _header(content, path)
+    named = path.parent / header.image
+    for image in (named, Path(f"{named}.gz"), Path(f"{named}.xz")):
+        if image.is_file():
+            return _grid_map(read_decompressed(image, MapFileError), image, header)
+    raise MapFileError(path, f"its image {named} does not exist; put it there or correct 'image:'")
+
+
+def _header(content: bytes, path: Path) -> _Header:
+    """Parse and check the YAML file; as in map_server, keys are required, and others ignored."""
+    values, lines = _mapping(content, path)
+    checked: dict[str, Any] = {}
+    for field in msgspec.structs.fields(_Header):
+        if field.name not in values:
+            if field.required:
+                problem = f"key {field.name!r} is missing; map_server requires it"
+                raise MapFileError(path, problem)
+            continue
+        value = values[field.name]
+        try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
+            checked[field.name] = converted(value, field.type, strict=False)
+        except (ValueError, OverflowError):
+            problem = f"{field.name}: {value!r} must be {_ALLOWED[field.name]}"
+            raise MapFileError(path, problem, line=lines[field.name]) from None
+    header = _Header(**checked)
+    if header.free_thresh > header.occupied_thresh:
+        problem = f"free_thresh: {header.free_thresh} must not exceed occupied_thresh"
+        raise MapFileError(path, f"{problem}; are they swapped?", line=lines["free_thresh"])
+    return header
+
+
+def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
+    """Parse the YAML file; return its values and line numbers by key."""
+    if len(content) > MAX_HEADER_BYTES:
+        raise MapFileError(
+            path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
+        )
+    try:
+        refuse_aliases(content, path, MapFileError)
+        loader = yaml.SafeLoader(content)
+        node = loader.get_single_node()
+        if not isinstance(node, yaml.MappingNode):
+            problem = "not a map: no map_server YAML file"
+            raise MapFileError(path, problem)
+        lines = {str(key.value): key.start_mark.line + 1 for key, _ in node.value}
+        return loader.construct_mapping(node, deep=True), lines
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        raise MapFileError(path, f"not YAML: {error.problem}", line=line) from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        first_line = str(error).splitlines()[0]
+        raise MapFileError(path, f"not a YAML text: {first_line}") from error
+
+
+def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
+    image = _open(content, path)
+    try:
+        cells = _cells(image, header)
+        image.close()  # it takes as much memory as the cells
+    except _BROKEN_IMAGE as error:
+        raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
+    if not any(np.any(row == FREE) for row in cells):
+        problem = (
+            f"no free space: no pixel is free with free_thresh {header.free_thresh}, "
+            f"negate {int(header.negate)}, mode {header.mode}"
+        )
+        raise MapFileError(path, problem)
+    return known_part(cells, header.resolution, header.origin)
+
+
+def _open(content: bytes, path: Path) -> Image.Image:
+    """Open an image and check its size, without decoding it."""
+    pillow_limit = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = None  # ours is checked below; suppress the warning of Pillow
+    try:
+        image = Image.open(io.BytesIO(content))
+    except UnidentifiedImageError as error:
+        raise MapFileError(path, "not an image that can be read; use PGM or PNG") from error
+    except _BROKEN_IMAGE as error:
+        raise MapFileError(path, f"the image is damaged ({error})") from error
+    finally:
+        Image.MAX_IMAGE_PIXELS = pillow_limit
+    if image.width * image.height > MAX_CELLS:  # a PNG of a megabyte may have more
+        problem = f"{image.width} x {image.height} pixels; at most {MAX_CELLS} are read"
+        raise MapFileError(path, f"{problem}: crop the map or use larger cells")
+    return image
+
+
+def _cells(image: Image.Image, header: _Header) -> Cells:
+    """Return the cells, (rows, cols), with the image's last row first."""
+    mode = _pixel_mode(image)
+    channels = 4 if mode == "RGBA" and header.mode == "trinary" else 3
+    table = _cell_of_sum({"L": 255, "I": 65_535}.get(mode, 255 * channels), header)
+    left, first, right, last = _known_box(image, table)
+    cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
+    for top in range(first, last, _STRIP_ROWS):
+        box = (left, top, right, min(top + _STRIP_ROWS, last))
+        part = image.crop(box)
+        pixels = np.asarray(part if mode == "I" else part.convert(mode))
+        sums = pixels if pixels.ndim == 2 else pixels[..., :channels].sum(axis=-1, dtype=np.int32)
+        strip = table[np.clip(sums, 0, len(table) - 1)]
+        if header.mode == "scale" and mode == "RGBA":
+            strip[pixels[..., -1] != 255] = UNKNOWN
+        cells[image.height - box[3] : image.height - top, left:right] = strip[::-1]
+    return cells
+
+
+def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
+    """Return left, top, right and bottom of a box outside of which all cells are unknown.
+
+    Nearly all maps are one byte of grey for each pixel; for others, return the whole image. Pillow
+    finds the box in a tenth of the time that numpy needs for the cells.
+    """
+    if image.mode != "L" or image.has_transparency_data:
+        return 0, 0, image.width, image.height
+    return image.point((table != UNKNOWN).tolist()).getbbox() or (0, 0, 0, 0)
+
+
+def _pixel_mode(image: Image.Image) -> str:
+    """Return the Pillow mode to decode to: L, I, RGB or RGBA."""
+    if image.mode.startswith("I"):
+        return "I"
+    if image.mode == "F":
+        raise ValueError("pixels are floating-point numbers")
+    if image.has_transparency_data:
+        return "RGBA"
+    return "L" if image.mode in ("1", "L") else "RGB"
+
+
+def _cell_of_sum(white: int, header: _Header) -> Cells:
+    """Return a lookup table from the sum of a pixel's channels to a cell's state, (white + 1,)."""
+    shade = np.arange(white + 1) / white
+    occupied = shade if header.negate else 1.0 - shade
+    if header.mode == "raw":
+        occupied = np.rint(shade * 255.0) / 100.0
+    table: Cells = np.full(white + 1, UNKNOWN, np.int8)
+    table[occupied < header.free_thresh] = FREE
+    table[occupied > header.occupied_thresh] = OCCUPIED
+    if header.mode == "raw":
+        table[occupied > 1.0] = UNKNOWN
+    return table

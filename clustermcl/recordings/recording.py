@@ -1,0 +1,291 @@
+"""Reads recordings of all formats as readings in the order of time."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.extensions import extension, names
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
+from clustermcl.recordings.bag_file import is_bag
+from clustermcl.recordings.carmen_log import CarmenParser, is_carmen_line
+from clustermcl.recordings.log_file import (
+    Entry,
+    LaserEntry,
+    OdometryEntry,
+    SkippedLine,
+    words_of_lines,
+)
+from clustermcl.recordings.run_log import is_run_log, playback
+from clustermcl.runtime.settings import BridgeSettings
+
+SHORTEST_MARKER_M = 8.0
+"""Shortest range that marks a missing return [m]; known lasers use 8.18 m or more."""
+
+_BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
+_NEAR_BAND = 0.8
+_MIN_SHARE = 0.001
+_MIN_CONTRAST = 10.0
+_MIN_MODE = 0.5
+_MIN_REACH = 2.0
+MAX_DISORDER_NS = 10_000_000_000
+"""Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
+SENDER = "recording"
+
+_FORMAT_LINES = 1000
+_MAX_BAD_LINES = 1_000_000
+_BETWEEN_READINGS_NS = 1_000_000_000
+"""Time between readings without stamps, as in `ClusterMCL` [ns]."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The content of a recording, for localization.
+
+    Args:
+        path: the file.
+        readings: readings in the order of time. Stamps of odometry never decrease; scans keep
+            their own stamps, at which the true pose is looked up.
+        skipped: the skipped lines.
+    """
+
+    path: Path
+    readings: Sequence[Reading]
+    skipped: tuple[SkippedLine, ...]
+
+    @property
+    def laser_count(self) -> int:
+        """Number of scans among the readings."""
+        return sum(isinstance(reading, LaserReading) for reading in self.readings)
+
+
+class OwnReading(Protocol):
+    """A reading from a user's reader; `clustermcl.Reading` is one."""
+
+    def as_message(self, stamp_ns: int, robot_from_laser: PoseTuple) -> Reading:
+        """Convert to a message; the arguments are used where the reading lacks a value."""
+
+
+def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
+    """Read a run log, a ROS bag, a CARMEN log, or a format of an installed reader.
+
+    The format is recognised by the content.
+
+    Args:
+        path: the file, a text perhaps packed by gzip or xz, or the folder of a rosbag2.
+        settings: the laser's mount, for a recording without it; topics and frames, for a bag
+            with several.
+
+    Raises:
+        RecordingError: the file is missing, not a recording, has no scan, or is ambiguous.
+            Malformed lines and a truncated end are skipped and listed instead; for a bag, a
+            line is a message.
+    """
+    path = Path(path)
+    mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
+    for name in names("recording_reader"):
+        try:
+            own = extension("recording_reader", name)(path)
+            if own is not None:
+                return _own_recording(path, own, mount)
+        except (OSError, ValueError) as error:
+            raise RecordingError(path, f"reader {name!r}: {error}") from error
+    if is_run_log(path):
+        entries, skipped = playback(path)
+    elif is_bag(path):
+        # Imported here, so that a live robot's bridge starts fast.
+        from clustermcl.recordings.ros_bag import bag_entries  # noqa: PLC0415
+
+        entries, skipped = bag_entries(path, settings)
+    else:
+        entries, skipped = _entries(path)
+    entries, misplaced = plausible(entries)
+    skipped += misplaced
+    lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
+    if not lasers:
+        what = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
+        for line in skipped[:1]:
+            what += f", first line {line.line_number}: {line.problem}"
+        raise RecordingError(path, what)
+    limit_m = range_limit_m(entry.ranges for entry in lasers)
+    entries, times = merged(entries)
+    return Recording(
+        path=path,
+        readings=[_reading(*timed, limit_m, mount) for timed in zip(entries, times, strict=True)],
+        skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
+    )
+
+
+def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> Recording:
+    readings: list[Reading] = []
+    for reading in own:
+        next_ns = readings[-1].stamp_ns + _BETWEEN_READINGS_NS if readings else 0
+        readings.append(reading.as_message(next_ns, mount))
+    recording = Recording(path, readings, ())
+    if not recording.laser_count:
+        raise RecordingError(path, f"no scan in it: {len(readings)} readings of odometry")
+    return recording
+
+
+def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
+    """Return the entries of a text recording in the order of its lines, and the skipped lines."""
+    parser, is_known = CarmenParser(), False
+    entries: list[Entry] = []
+    skipped: list[SkippedLine] = []
+    broken: list[SkippedLine] = []
+    for number, words in words_of_lines(path, broken):
+        is_known = is_known or is_carmen_line(words)
+        try:
+            entry = parser.parse(number, words)
+        except ValueError as problem:
+            skipped.append(SkippedLine(number, str(problem)))
+            if not is_known and len(skipped) >= _FORMAT_LINES:
+                break
+            if len(skipped) > _MAX_BAD_LINES:
+                raise RecordingError(path, f"more than {_MAX_BAD_LINES} bad lines") from None
+        else:
+            entries += [entry] if entry else []
+    if not is_known:
+        what = "not a recording: no line of a CARMEN log (ODOM, FLASER ...)"
+        what = what if skipped else "empty; expected a CARMEN log"
+        raise RecordingError(path, broken[0].problem if broken else what)
+    return parser.finished(entries), skipped + broken
+
+
+def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Reading:
+    if isinstance(entry, OdometryEntry):
+        return OdometryReading(
+            sender=SENDER, stamp_ns=time_ns, odom_from_robot=entry.odom_from_robot
+        )
+    return LaserReading(
+        sender=SENDER,
+        stamp_ns=entry.stamp_ns,
+        ranges=ArrayBlob.of(entry.ranges, "float32"),
+        angle_min_rad=entry.angle_min_rad,
+        angle_step_rad=entry.angle_step_rad,
+        range_max_m=min(limit_m, entry.range_limit_m or limit_m),
+        robot_from_laser=entry.robot_from_laser or mount,
+        odom_from_robot=entry.odom_from_robot,
+        laser=entry.laser,
+        upside_down=entry.upside_down,
+    )
+
+
+def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
+    """Remove entries with wrong stamps, and all entries after the clock was set back.
+
+    A stamp that is out of order with a neighbour is compared with the median of the five stamps
+    around it. Stamps in ascending order are kept, however long the gaps.
+
+    Returns:
+        the kept entries, and the removed ones as skipped lines.
+    """
+    stamps = np.array([entry.stamp_ns for entry in entries], np.int64)
+    lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
+    kept: list[Entry] = []
+    skipped: list[SkippedLine] = []
+    latest = None
+    for entry, is_lost in zip(entries, lost, strict=True):
+        if is_lost:
+            problem = f"its time {entry.stamp_ns / 1e9:.6f} s is far from that of its neighbours"
+            skipped.append(SkippedLine(entry.line_number, problem))
+            continue
+        if latest is not None and entry.stamp_ns < latest - MAX_DISORDER_NS:
+            back_s = (latest - entry.stamp_ns) / 1e9
+            problem = f"time steps back by {back_s:.0f} s; the rest of the recording is left out"
+            skipped.append(SkippedLine(entry.line_number, problem))
+            break
+        latest = entry.stamp_ns if latest is None else max(latest, entry.stamp_ns)
+        kept.append(entry)
+    return kept, skipped
+
+
+def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
+    """Merge the entries of both sensors by time.
+
+    A logger writes the messages of one sensor in the order of their arrival. Where stamps of a
+    sensor decrease, the stamps are wrong, not the order: sorting the odometry of the Intel
+    Research Lab log by its stamps turns a path of 508 m into 660 m. So each sensor keeps its order.
+
+    Returns:
+        the entries, and their times [ns]: the stamps, corrected so that they never decrease
+        within one sensor.
+    """
+    is_laser = np.array([isinstance(entry, LaserEntry) for entry in entries], bool)
+    times = np.array([entry.stamp_ns for entry in entries], np.int64)
+    for sensor in (is_laser, ~is_laser):
+        times[sensor] = monotonic_times(times[sensor])
+    order = np.argsort(times, kind="stable")
+    return [entries[i] for i in order], [int(times[i]) for i in order]
+
+
+def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (n,) times that never decrease [ns]; stamps in ascending order are unchanged.
+
+    Each time is the mean of the latest stamp before it and the earliest stamp after it.
+    """
+    if len(stamps) == 0:
+        return stamps
+    latest_before = np.maximum.accumulate(stamps)
+    earliest_after = np.minimum.accumulate(stamps[::-1])[::-1]
+    return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)
+
+
+def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (n,) whether a stamp is larger than the next or smaller than the previous one."""
+    steps_back = np.diff(stamps) < 0
+    return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
+
+
+def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (n,) medians of each stamp and two neighbours on either side; of all if n < 5."""
+    if len(stamps) < 5:
+        return np.full(len(stamps), np.median(stamps) if len(stamps) else 0, np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(stamps, 5)
+    middles = np.sort(windows, axis=1)[:, 2]
+    return np.pad(middles, 2, mode="edge")
+
+
+def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
+    """Estimate the range from which on a reading means no return.
+
+    Recordings mark a missing return by the longest range of their laser: 81.91, 81.83, 51.1 or
+    50 m. No format has a field for it. Ranges above 99 % of the longest are taken as a marker if
+
+    * they are at least 0.1 % of all ranges, and ten times as dense as those from 80 % of the
+      longest range on,
+    * at least half of them are the same number, unlike measured walls,
+    * the longest range is at least 8 m, and twice the median of the others.
+
+    Otherwise all ranges are measurements. If this is wrong, only beams above 99 % are affected.
+
+    Args:
+        scans: (B,) ranges of each scan [m].
+
+    Returns:
+        the limit [m]; without a marker, slightly more than the longest range.
+    """
+    ranges = np.concatenate([np.empty(0, np.float32), *scans])
+    ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]
+    if len(ranges) == 0:
+        return SHORTEST_MARKER_M
+    longest = float(ranges.max())
+    limit = _BAND * longest
+    band, others = ranges[ranges >= limit], ranges[ranges < limit]
+    near = np.count_nonzero(others >= _NEAR_BAND * longest)
+    usual = near * (1.0 - _BAND) / (_BAND - _NEAR_BAND)
+    is_marked = (
+        longest >= SHORTEST_MARKER_M
+        and len(others) > 0
+        and len(band) >= _MIN_SHARE * len(ranges)
+        and len(band) >= _MIN_CONTRAST * usual
+        and int(np.unique(band, return_counts=True)[1].max()) >= _MIN_MODE * len(band)
+        and longest >= _MIN_REACH * float(np.median(others))
+    )
+    return limit if is_marked else longest * (2.0 - _BAND)

@@ -1,0 +1,5 @@
+"""Run the bridge to ROS 2."""
+
+from clustermcl.ros2.process import main
+
+main()

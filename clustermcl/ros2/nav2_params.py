@@ -1,0 +1,112 @@
+"""Read AMCL's parameters of a `nav2_params.yaml` as settings."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from clustermcl.protocol.errors import InputFileError
+from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, Value
+from clustermcl.runtime.settings_file import content_of
+from clustermcl.runtime.yaml_text import refuse_aliases
+
+_NODE = "amcl"
+_PARAMETERS = "ros__parameters"
+_ANY_NODE = ("/**", "/*")
+
+
+def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
+    """Read the parameters of the node `amcl`.
+
+    Args:
+        path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
+            namespace, or under ``/**`` for all nodes.
+
+    Returns:
+        Settings by their dotted names, and a line for each parameter that has no effect here, or
+        another one than in nav2, unless it has nav2's default.
+
+    Raises:
+        InputFileError: the file is unreadable or malformed, or has no parameters of that node.
+    """
+    namespace, parameters = _of_node(_tree(path), path)
+    values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": _NODE}
+    notes = []
+    if namespace:
+        values["ros2.namespace"] = namespace
+        values |= {"ros2.tf_topic": "tf", "ros2.tf_static_topic": "tf_static"}
+        notes.append(f"{namespace}: tf is {namespace}/tf, as nav2's launch files remap it")
+    for name, value in _flat(parameters):
+        parameter = PARAMETERS.get(name)
+        if parameter is None:
+            notes.append(f"{name} of nav2 has no effect: AMCL has no such parameter")
+            continue
+        if not parameter.setting:
+            if value != parameter.default:
+                notes.append(f"{name} of nav2 has no effect: {parameter.reason}")
+            continue
+        try:
+            setting = parameter.converted(value)
+        except ValueError as problem:
+            raise InputFileError(path, f"{name} = {value!r}: {problem}") from None
+        if setting is not None:
+            values[parameter.setting] = setting
+        if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
+            notes.append(f"{name} = {value} of nav2 {instead}")
+    return values, notes
+
+
+def _tree(path: Path) -> dict[Any, Any]:
+    try:
+        content = content_of(path)
+        refuse_aliases(content, path, InputFileError)
+        tree = yaml.safe_load(content)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        problem = " ".join(str(error).split())
+        raise InputFileError(path, f"not YAML: {problem}") from error
+    if not isinstance(tree, dict):
+        raise InputFileError(path, "not a parameter file: it is not a mapping")
+    return tree
+
+
+def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[Any, Any]]:
+    """Return a node's namespace and parameters; its own override those for all nodes."""
+    found: dict[Any, Any] = {}
+    namespaces = set()
+    for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
+        namespace, _, last = "/".join(("", *where)).replace("//", "/").rpartition("/")
+        if where[-1] in _ANY_NODE or last == _NODE:
+            found |= parameters
+        if last == _NODE:
+            namespaces.add("" if "*" in namespace else namespace)
+    if not namespaces:
+        others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
+        problem = f"no parameters of a node {_NODE!r}; it has those of: {others}"
+        raise InputFileError(path, problem)
+    if len(namespaces) > 1:
+        nodes = ", ".join(f"{namespace}/{_NODE}" for namespace in sorted(namespaces))
+        raise InputFileError(path, f"several robots: {nodes}; give each robot its own file")
+    return namespaces.pop(), found
+
+
+def _nodes(
+    tree: dict[Any, Any], above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], dict[Any, Any]]]:
+    """Yield the path of each set of parameters, and the set."""
+    for name, value in tree.items():
+        if not isinstance(value, dict):
+            continue
+        if name == _PARAMETERS and above:
+            yield above, value
+        elif name != _PARAMETERS:
+            yield from _nodes(value, (*above, str(name)))
+
+
+def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield nested parameters by dotted names."""
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}", value

@@ -1,0 +1,208 @@
+"""AMCL's parameters in nav2, and the setting of each here, or the reason why it has none."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeAlias
+
+from clustermcl.protocol.live_settings import LiveSettings
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_table import value_of
+
+Value: TypeAlias = bool | int | float | str
+
+_OWN_PARTICLES = "all places share belief.particles"
+_OWN_RECOVERY = "searches replace random particles"
+_OWN_RESAMPLING = "resampling depends on cluster.resample_below_ess"
+_OWN_BEAM_SKIP = "the sensor model handles unmapped obstacles"
+_OWN_MEMORY = "coordinator.state_folder keeps the state"
+_PLANE = "the robot drives in a plane"
+_ROS_ONLY = "it configures ROS's own middleware"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of AMCL.
+
+    Args:
+        name: name in nav2.
+        default: default in nav2; it also determines the type.
+        setting: dotted name of our setting; empty: there is none.
+        to_setting: converts the parameter's value; returns None to leave our setting unchanged, and
+            raises `ValueError` for a value that nav2 does not accept.
+        from_setting: the inverse.
+        reason: why there is no setting.
+        many: a list of strings is accepted too.
+    """
+
+    name: str
+    default: Value
+    setting: str = ""
+    to_setting: Callable[[Any], Value | None] = lambda value: value
+    from_setting: Callable[[Any], Value] = lambda value: value
+    reason: str = ""
+    many: bool = False
+
+    def converted(self, value: object) -> Value | None:
+        """Return the setting's value; None: leave our setting unchanged.
+
+        Raises:
+            ValueError: nav2 does not accept the value.
+        """
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        kind = type(self.default)
+        if self.many and isinstance(value, list) and all(isinstance(one, str) for one in value):
+            value = ", ".join(value)
+        if isinstance(value, str) and "$(" in value:
+            raise ValueError("only ROS's launch files can use $(...): write the value itself")
+        if not (is_number if kind is float else type(value) is kind):
+            raise ValueError(f"nav2 expects {_KINDS[kind]}")
+        return self.to_setting(value)
+
+    @property
+    def description(self) -> str:
+        return self.setting or f"without effect: {self.reason}"
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the parameter can be set while the node runs."""
+        return self.setting in LIVE or self.live_name is not None
+
+    @property
+    def live_name(self) -> str | None:
+        """The field of `LiveSettings`; None: it is not a live setting of other processes."""
+        section, _, key = self.setting.rpartition(".")
+        is_live = section in LIVE_SECTIONS and key in LiveSettings.__struct_fields__
+        return key if is_live else None
+
+    def value(self, settings: Settings) -> Value:
+        if not self.setting:
+            return self.default
+        value = self.from_setting(value_of(settings, self.setting))
+        return float(value) if isinstance(self.default, float) else value
+
+
+LIVE_SECTIONS = ("bridge", "motion", "sensor")
+LIVE = frozenset(
+    f"ros2.{key}"
+    for key in (
+        *("transform_tolerance_s", "tf_broadcast", "publish"),
+        *("laser_min_range_m", "laser_max_range_m"),
+        *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
+        *("initial_x_m", "initial_y_m", "initial_heading_rad"),
+    )
+)
+
+_KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
+_PLUGINS = {
+    "nav2_amcl::DifferentialMotionModel": "differential",
+    "nav2_amcl::OmniMotionModel": "omnidirectional",
+}
+_SENSOR_MODELS = {
+    "likelihood_field": "likelihood_field",
+    "likelihood_field_prob": "likelihood_field",
+    "beam": "beam",
+}
+
+INSTEAD = {
+    ("laser_model_type", "likelihood_field_prob"): (
+        "is replaced by our likelihood_field, which multiplies the beams' likelihoods too; "
+        "no beam is skipped: sensor.occlusion_weight"
+    )
+}
+"""By parameter and value, the note for a nav2 value that works differently here."""
+
+
+def _one_of(known: dict[str, str], value: str) -> str:
+    if value not in known:
+        raise ValueError(f"nav2 has {', '.join(known)}")
+    return known[value]
+
+
+def _nav2_motion_model(model: str) -> str:
+    return next((plugin for plugin, ours in _PLUGINS.items() if ours == model), model)
+
+
+def _root(variance: float) -> float:
+    if variance < 0.0:
+        raise ValueError("a variance must not be negative")
+    return math.sqrt(variance)
+
+
+def _alpha(number: int, default: float, ours: str) -> Parameter:
+    """Return the parameter `alphaN` of nav2, a variance; our setting is its square root."""
+    setting = f"motion.{ours}"
+    return Parameter(
+        f"alpha{number}", default, setting, _root, lambda value: round(value * value, 12)
+    )
+
+
+def _without(reason: str, **parameters: Value) -> tuple[Parameter, ...]:
+    return tuple(Parameter(name, value, reason=reason) for name, value in parameters.items())
+
+
+_ALL = (
+    _alpha(1, 0.2, "turn_noise_per_turn"),
+    _alpha(2, 0.2, "turn_noise_per_metre"),
+    _alpha(3, 0.2, "drive_noise_per_metre"),
+    _alpha(4, 0.2, "drive_noise_per_turn"),
+    _alpha(5, 0.2, "strafe_noise_per_metre"),
+    Parameter("always_reset_initial_pose", False, "ros2.always_reset_initial_pose"),
+    Parameter("autostart_node", False, "ros2.autostart"),
+    Parameter("base_frame_id", "base_footprint", "ros2.base_frame"),
+    Parameter("first_map_only", False, "ros2.first_map_only"),
+    Parameter("global_frame_id", "map", "ros2.global_frame"),
+    Parameter("initial_pose.x", 0.0, "ros2.initial_x_m"),
+    Parameter("initial_pose.y", 0.0, "ros2.initial_y_m"),
+    Parameter("initial_pose.yaw", 0.0, "ros2.initial_heading_rad"),
+    Parameter("lambda_short", 0.1, "sensor.short_decay_per_m"),
+    Parameter("laser_likelihood_max_dist", 2.0, "sensor.max_obstacle_distance_m"),
+    Parameter("laser_max_range", 100.0, "ros2.laser_max_range_m"),
+    Parameter("laser_min_range", -1.0, "ros2.laser_min_range_m"),
+    Parameter(
+        "laser_model_type",
+        "likelihood_field",
+        "sensor.model",
+        partial(_one_of, _SENSOR_MODELS),
+    ),
+    Parameter("map_topic", "map", "ros2.map_topic"),
+    Parameter("max_beams", 60, "sensor.max_beams"),
+    Parameter("odom_frame_id", "odom", "ros2.odom_frame"),
+    Parameter("random_seed", -1, "seed", lambda value: value if value >= 0 else None),
+    Parameter(
+        "robot_model_type",
+        "nav2_amcl::DifferentialMotionModel",
+        "motion.model",
+        partial(_one_of, _PLUGINS),
+        _nav2_motion_model,
+    ),
+    Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),
+    Parameter("set_initial_pose", False, "ros2.set_initial_pose"),
+    Parameter("sigma_hit", 0.2, "sensor.hit_sigma_m"),
+    Parameter("tf_broadcast", True, "ros2.tf_broadcast"),
+    Parameter("transform_tolerance", 1.0, "ros2.transform_tolerance_s"),
+    Parameter("update_min_a", 0.2, "bridge.gate_turn_rad"),
+    Parameter("update_min_d", 0.25, "bridge.gate_distance_m"),
+    Parameter("use_sim_time", False, "ros2.use_sim_time"),
+    Parameter("z_hit", 0.5, "sensor.hit_weight"),
+    Parameter("z_max", 0.05, "sensor.max_weight"),
+    Parameter("z_rand", 0.5, "sensor.random_weight"),
+    Parameter("z_short", 0.05, "sensor.short_weight"),
+    *_without(_OWN_PARTICLES, max_particles=2000, min_particles=500, pf_err=0.05, pf_z=0.99),
+    *_without(_OWN_RECOVERY, recovery_alpha_fast=0.0, recovery_alpha_slow=0.0),
+    *_without(_OWN_RESAMPLING, resample_interval=1),
+    *_without(_OWN_BEAM_SKIP, do_beamskip=False, beam_skip_distance=0.5),
+    *_without(_OWN_BEAM_SKIP, beam_skip_threshold=0.3, beam_skip_error_threshold=0.9),
+    *_without(
+        _OWN_MEMORY, initialize_at_saved_pose=False, save_pose_rate=0.5, saved_pose_filepath=""
+    ),
+    Parameter("initial_pose.z", 0.0, reason=_PLANE),
+    Parameter("freespace_downsampling", False, reason="the whole map is searched"),
+    *_without(_ROS_ONLY, bond_heartbeat_period=0.1, introspection_mode="disabled"),
+    *_without(_ROS_ONLY, service_introspection_mode="disabled"),
+    Parameter("publish", "held", "ros2.publish"),
+)
+
+PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
+"""All parameters by name; nav2 lacks `publish`."""

@@ -1,0 +1,29 @@
+"""Who runs this program, as the sender of its commands."""
+
+import os
+import platform
+import sys
+from functools import cache
+from pathlib import Path
+
+from clustermcl.protocol.message import MAX_ID_CHARACTERS
+
+
+@cache
+def caller(program: str = "") -> str:
+    """Return such as ``clustermcl of anna@laptop``.
+
+    Args:
+        program: its name; empty: that of the file that was started.
+    """
+    program = program or Path(sys.argv[0] if sys.argv else "").name or "python"
+    return f"{program} of {_user()}@{platform.node()}"[:MAX_ID_CHARACTERS]
+
+
+def _user() -> str:
+    try:
+        import pwd  # noqa: PLC0415 - not on every system
+
+        return pwd.getpwuid(os.getuid()).pw_name
+    except (ImportError, KeyError):  # a container's user may have no name
+        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"

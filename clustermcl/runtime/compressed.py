@@ -1,0 +1,101 @@
+"""Input files that may be compressed: gzip, xz and zstd are recognised by their first bytes."""
+
+import gzip
+import lzma
+import zlib
+from pathlib import Path
+from typing import BinaryIO, cast
+
+import zstandard
+
+from clustermcl.protocol.errors import InputFileError
+
+MAX_FILE_BYTES = 2**29
+"""Longest input after decompression, five times the largest public recording: a few kilobytes of
+gzip can expand to terabytes."""
+MAX_RATIO = 100
+"""Decompressed bytes per byte of a recording: those of robots have up to 10, of one that stands
+still up to 30."""
+MAX_TEXT_BYTES = 2**24
+"""A text may have these bytes whatever its ratio."""
+
+BROKEN_STREAM_ERRORS = (
+    EOFError,
+    zlib.error,
+    lzma.LZMAError,
+    gzip.BadGzipFile,
+    zstandard.ZstdError,
+)
+"""Exceptions from reading a truncated or damaged compressed file."""
+
+_GZIP_MAGIC, _XZ_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00", b"\x28\xb5\x2f\xfd"
+
+
+def open_decompressed(path: Path) -> BinaryIO:
+    """Open a file that may be compressed, for reading its decompressed bytes.
+
+    Raises:
+        OSError: the file cannot be opened. A damaged stream raises one of
+            `BROKEN_STREAM_ERRORS` while it is read.
+    """
+    with path.open("rb") as plain:
+        start = plain.read(len(_XZ_MAGIC))
+    if start.startswith(_GZIP_MAGIC):
+        return cast(BinaryIO, gzip.open(path, "rb"))
+    if start.startswith(_XZ_MAGIC):
+        return cast(BinaryIO, lzma.open(path, "rb"))
+    if start.startswith(_ZSTD_MAGIC):
+        return cast(BinaryIO, zstandard.open(path, "rb"))
+    return path.open("rb")
+
+
+def most_unpacked(packed_bytes: int, free_bytes: int) -> int:
+    """Return the limit for the content of a file [bytes], by its size."""
+    return free_bytes + MAX_RATIO * packed_bytes
+
+
+def first_bytes(path: Path, count: int, error: type[InputFileError]) -> bytes:
+    """Read up to `count` bytes of a file, decompressed.
+
+    Raises:
+        InputFileError: of the type `error`: the file is missing, unreadable, truncated or damaged.
+    """
+    try:
+        with open_decompressed(path) as stream:
+            return stream.read(count)
+    except BROKEN_STREAM_ERRORS as broken:
+        raise error(path, broken_stream_problem(broken)) from broken
+    except OSError as failed:
+        raise error(path, os_problem(failed)) from failed
+
+
+def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
+    """Read a whole file, decompressed.
+
+    Raises:
+        InputFileError: as for `first_bytes`, or the file is too long.
+    """
+    content = first_bytes(path, MAX_FILE_BYTES + 1, error)
+    if len(content) > MAX_FILE_BYTES:
+        raise error(path, too_long_problem(MAX_FILE_BYTES))
+    return content
+
+
+def too_long_problem(most: int) -> str:
+    return f"longer than {most / 2**20:.3g} MiB unpacked, more than any such input"
+
+
+def broken_stream_problem(broken: BaseException) -> str:
+    """Return the message for one of `BROKEN_STREAM_ERRORS`."""
+    if isinstance(broken, EOFError):
+        return "the compressed file is cut off; copy or download it again"
+    return f"the compressed file is damaged ({broken}); copy or download it again"
+
+
+def os_problem(failed: OSError) -> str:
+    """Return the message for a file that cannot be read."""
+    if isinstance(failed, FileNotFoundError):
+        return "no such file; check the path"
+    if isinstance(failed, IsADirectoryError):
+        return "is a folder, not a file; name a file in it"
+    return f"cannot be read: {failed.strerror or failed}"

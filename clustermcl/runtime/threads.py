@@ -1,0 +1,102 @@
+"""Several parts of one process, each in a thread of its own."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+
+from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.runtime.stop import StopFlag, StoppedError
+from clustermcl.runtime.supervisor import Backoff
+
+_POLL_S = 0.2
+_LOG_AGAIN_S = 60.0
+
+_log = logging.getLogger(__name__)
+
+
+def started(work: Callable[[], object], name: str) -> threading.Thread:
+    """Start a thread that writes to a disk; the end of the process does not wait for it."""
+    thread = threading.Thread(target=work, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def ended(thread: threading.Thread, within_s: float) -> bool:
+    """Wait for the last write of such a thread; return False if the disk is too slow.
+
+    A process has 1.5 s to end, see `Supervisor.stop`.
+    """
+    thread.join(within_s)
+    return not thread.is_alive()
+
+
+def run_in_threads(
+    parts: Sequence[Callable[[StopFlag], object]],
+    stop: StopFlag,
+    on_turn: Callable[[], object] = lambda: None,
+) -> None:
+    """Run each part in a thread until the process is stopped or a part ends.
+
+    While a part does not check its stop flag, the process gives no sign of life, so that its
+    supervisor restarts it.
+
+    Args:
+        parts: called with a stop flag of their own.
+        stop: stop flag of the process.
+        on_turn: called several times a second in this thread.
+
+    Raises:
+        Exception: the error of a part.
+    """
+    flags, checked = [StopFlag() for _ in parts], set[StopFlag]()
+    for flag in flags:
+        flag.on_look = partial(checked.add, flag)
+    give_sign, stop.on_look = stop.on_look, lambda: None
+    with ThreadPoolExecutor(len(parts)) as pool:
+        running = [pool.submit(part, flag) for part, flag in zip(parts, flags, strict=True)]
+        try:
+            while not stop.wait(_POLL_S) and not any(part.done() for part in running):
+                on_turn()
+                if len(checked) == len(flags):
+                    give_sign()
+                    checked.clear()
+        finally:
+            for flag in flags:
+                flag.set()
+    for part in running:
+        with suppress(StoppedError):
+            part.result()
+
+
+def restarted(
+    part: Callable[[StopFlag], object], name: str, logged: str = ""
+) -> Callable[[StopFlag], None]:
+    """Return a part for `run_in_threads` that begins again, ever later, when an error ends it.
+
+    Args:
+        part: the work, which returns when its stop flag is set.
+        name: its name in the log.
+        logged: error that is logged already, as is one that comes again within a minute.
+    """
+
+    def run(stop: StopFlag) -> None:
+        backoff, known = Backoff(), logged
+        while not stop.is_set():
+            began_s = time.monotonic()
+            try:
+                part(stop)
+            except StoppedError:
+                return
+            except Exception as error:  # noqa: BLE001 - the outermost loop of one robot's work
+                problem, lived_s = str(error), time.monotonic() - began_s
+                if problem != known or lived_s > _LOG_AGAIN_S:
+                    bug = None if isinstance(error, ClusterMclError) else error
+                    _log.warning("%s is tried again: %s", name, problem, exc_info=bug)
+                known = problem
+                stop.wait(backoff.after_death(lived_s))
+
+    return run

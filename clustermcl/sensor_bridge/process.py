@@ -1,0 +1,412 @@
+"""The sensor bridge process: readings of a robot or a recording become numbered steps."""
+
+import logging
+import math
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from contextlib import closing
+from typing import TypeAlias, assert_never
+
+from msgspec.structs import replace
+
+from clustermcl.link.node import Node
+from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
+from clustermcl.protocol import keys
+from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status, Update
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import (
+    AlreadyRunningError,
+    ClusterMclError,
+    RefusedError,
+    SettingsError,
+    UnreachableError,
+    printable,
+)
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
+from clustermcl.protocol.message import MAX_SCAN_STEP
+from clustermcl.protocol.steps import (
+    KEPT_STEPS,
+    LaserReading,
+    MapMessage,
+    MapReading,
+    Observation,
+    OdometryReading,
+    Reading,
+    Scan,
+    ScanHistory,
+)
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmarks
+from clustermcl.recordings.maps.map_file import load_map, map_file_of
+from clustermcl.recordings.maps.map_message import from_reading, to_message
+from clustermcl.runtime.main import Invocation, process_main
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.sources import (
+    NO_MAP,
+    Live,
+    Recorded,
+    Simulated,
+    is_published,
+    parsed_source,
+)
+from clustermcl.sensor_bridge.flow_control import FlowControl
+from clustermcl.sensor_bridge.recorded import Source, recorded_source
+from clustermcl.sensor_bridge.refused import Refused, cause_text
+from clustermcl.sensor_bridge.step_maker import StepMaker
+
+POLL_S = 0.1
+WAIT_S = 5.0
+"""A robot that has published nothing this long after the start is reported [s]."""
+ASK_MAP_EVERY_S = 1.0
+STATUS_TIMEOUT_S = 5.0
+"""Time-out of querying a busy coordinator; without a coordinator the query fails at once [s]."""
+KEPT_COMMANDS = 100
+"""Command ids remembered, so that a repeated command has no further effect."""
+HELD_BACK = "scans held back"
+"""Counter of scans that made no step because of back-pressure."""
+
+OnStep: TypeAlias = Callable[[Scan], None]
+
+_log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    process_main(
+        "sensor_bridge",
+        run_bridge,
+        describe="Sensor bridge of Cluster-MCL: synchronises, gates and numbers scans.",
+    )
+
+
+def run_bridge(invocation: Invocation) -> None:
+    """Run the bridge until the process is stopped."""
+    settings = invocation.settings.bridge
+    map_file = map_file_of(settings.map, settings.source)
+    if is_published(map_file, settings.source, ros2=invocation.settings.ros2.enabled):
+        _log.info("waiting for a map on %s", keys.MAP_READING)
+        serve_robot(invocation, None, None)
+        return
+    if not map_file:
+        raise SettingsError(key="bridge.map", problem=NO_MAP)
+    grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
+    serve_robot(invocation, grid_map, source_of(settings))
+
+
+def source_of(settings: BridgeSettings) -> Source | None:
+    """Return the source of readings; None: a robot publishes them.
+
+    Raises:
+        SettingsError: the source is a simulation.
+        RecordingError: the recording cannot be used.
+    """
+    match parsed_source(settings.source):
+        case Live():
+            return None
+        case Recorded(path):
+            return recorded_source(path, settings)
+        case Simulated():
+            raise SettingsError(
+                key="bridge.source",
+                problem=f"{settings.source} is a simulation: start "
+                "'python -I -m clustermcl.simulator' instead",
+            )
+        case choice:
+            assert_never(choice)
+
+
+def serve_robot(
+    invocation: Invocation,
+    grid_map: GridMap | None,
+    source: Source | None,
+    extend: Callable[[Node], OnStep] = lambda _node: lambda _scan: None,
+) -> None:
+    """Publish the steps of a source and serve the map until the process is stopped.
+
+    Args:
+        invocation: settings, arguments and stop flag of the process.
+        grid_map: the map to localize in; None: a robot publishes it.
+        source: readings; None: a robot publishes them over Zenoh.
+        extend: adds to the node what a source needs; returns what to call with each step.
+
+    Raises:
+        AlreadyRunningError: the robot has a bridge.
+    """
+    settings = invocation.settings
+    name, stop, shared = invocation.process, invocation.stop, invocation.session
+    peers = keys.COORDINATOR_ALIVE
+    with closing(Node(name, "bridge", settings, stop, peers=peers, session=shared)) as node:
+        session = node.open()
+        if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
+            raise AlreadyRunningError(
+                what="a sensor bridge",
+                robot=settings.robot.name,
+                endpoint=settings.zenoh.router,
+                advice="stop it, or choose another robot.name",
+            )
+        Bridge(node, settings.bridge, grid_map, source, extend(node)).run()
+
+
+class Bridge:
+    """Makes steps from readings, publishes them, and serves the map and past steps.
+
+    The arguments are those of `serve_robot`; `on_step` is called with each published step.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: BridgeSettings,
+        grid_map: GridMap | None,
+        source: Source | None,
+        on_step: OnStep,
+    ) -> None:
+        self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
+        self._is_live = source is None
+        self._landmarks = load_landmarks(settings.landmarks) if settings.landmarks else ()
+        """Of maps that the robot publishes."""
+        self._map = to_message(grid_map, node.name) if grid_map else None
+        self._ask_map_at_s = 0.0
+        self._flow = FlowControl(settings.rate if source else 1.0)
+        self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
+        self._maker: StepMaker | None = None
+        self._refused: Counter[str] = Counter()
+        self._has_coordinator = False
+        self._next: Reading | Observation | None = None
+        self._steps_left = source.steps if source else None
+        self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
+        self._live_settings: LiveSettings | None = None
+        """As commanded; None: no command came, so those in the coordinator's status hold."""
+        self._scans, self._odometry = node.publisher(keys.SCAN), node.publisher(keys.ODOMETRY)
+        node.publish_health(keys.BRIDGE_HEALTH)
+        node.serve(keys.MAP, self._on_map_query)
+        node.serve(keys.SCAN_HISTORY, self._on_history_query)
+        node.serve(keys.UPDATE, self._on_update)
+        node.serve(keys.CONFIGURE, self._on_configure)
+        node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
+        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
+        node.subscribe(
+            keys.OBSERVATION_READING, Observation, self._on_observation, kind="observation", kept=64
+        )
+        if source is None:
+            take, follow = self._on_reading, self._on_map_reading
+            node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
+            node.subscribe(keys.LASER_READING, LaserReading, take, kind="laser", kept=16)
+            node.subscribe(keys.MAP_READING, MapReading, follow, kind="map", kept=1)
+        node.announce(keys.BRIDGE_ALIVE)
+
+    def run(self) -> None:
+        """Serve until the process is stopped; the end of a recording does not end it."""
+        waits_until_s = time.monotonic() + WAIT_S if self._is_live else math.inf
+        while not self._node.stop.is_set():
+            self._node.turn(self._send_due())
+            if self._map is None:
+                self._ask_for_map()
+            if time.monotonic() > waits_until_s and self._map is not None:
+                waits_until_s = math.inf
+                self._report_waiting()
+
+    def _report_waiting(self) -> None:
+        """Log which readings have not arrived since the start."""
+        done = self._node.health.health().done
+        for what, key in (("scans", keys.LASER_READING), ("odometry", keys.ODOMETRY_READING)):
+            if what not in done and "steps" not in done:  # a scan may have its odometry with it
+                _log.info("waiting for %s on %s/%s", what, self._node.robot, key)
+
+    # --- readings
+
+    def _send_due(self) -> float:
+        """Send what is due; return the wait until the next reading [s]."""
+        now_ns = time.monotonic_ns()
+        if self._history and self._flow.is_resend_due(now_ns):
+            self._scans.put(self._history[-1])
+        if self._source is None or self._flow.waits or not self._has_coordinator:
+            return POLL_S
+        if self._next is None:
+            self._next = next(self._source.readings, None)
+        if self._next is None:
+            self._finish()
+            return POLL_S
+        wait_s = self._flow.due_in_s(self._next.stamp_ns, now_ns)
+        if wait_s > 0.0:
+            return min(wait_s, POLL_S)
+        reading, self._next = self._next, None
+        if isinstance(reading, Observation):
+            self._on_observation(reading)
+        else:
+            self._on_reading(reading)
+        return 0.0
+
+    def _on_reading(self, reading: Reading, _received: Received | None = None) -> None:
+        maker, health, now_ns = self._maker_of(reading), self._node.health, time.monotonic_ns()
+        if maker is None:
+            return
+        is_laser = isinstance(reading, LaserReading)
+        if self._is_live and is_laser and maker.stands and self._flow.wants_standing_step(now_ns):
+            maker.gate.open_next()
+        maker.gate.is_held = self._flow.is_full(now_ns)
+        held_back = maker.gate.held_back
+        scan = maker.on_reading(reading)
+        if maker.gate.held_back > held_back:
+            health.happened(HELD_BACK, maker.gate.held_back - held_back)
+        health.happened("scans" if is_laser else "odometry")
+        self._count_refused(maker.dropped, reading.stamp_ns)
+        if not is_laser and not self._flow.lockstep and maker.odometry is not None:
+            stamp_ns, pose = maker.odometry
+            self._odometry.put(
+                OdometryReading(sender=self._node.name, stamp_ns=stamp_ns, odom_from_robot=pose)
+            )
+        if scan is not None:
+            self._send(scan)
+
+    def _on_observation(self, observation: Observation, _received: Received | None = None) -> None:
+        maker = self._maker_of(observation)
+        if maker is None:
+            return
+        maker.observe(observation)
+        self._node.health.happened("observations")
+        self._count_refused(maker.dropped, observation.stamp_ns)
+
+    def _maker_of(self, reading: Reading | Observation) -> StepMaker | None:
+        if self._map is None:
+            self._warn("reading before the map", f"stamp {reading.stamp_ns} ns")
+            return None
+        if self._maker is None:
+            self._maker = self._new_maker(self._map)
+        return self._maker
+
+    def _count_refused(self, dropped: Refused, stamp_ns: int) -> None:
+        if dropped != self._refused:
+            for cause in (dropped - self._refused).elements():
+                detail = dropped.details.get(cause, f"stamp {stamp_ns} ns")
+                self._warn(cause_text(cause), detail)
+            self._refused = Counter(dropped)
+
+    def _finish(self) -> None:
+        """Send the source's last steps, which may still wait for later odometry."""
+        scan = self._maker.finish() if self._maker else None
+        if scan is not None:
+            self._send(scan)
+            return
+        self._source = None
+        _log.info("the source has ended; the map is still served")
+
+    def _send(self, scan: Scan) -> None:
+        if self._steps_left is not None:
+            self._steps_left -= 1
+            scan = replace(scan, last=self._steps_left == 0)
+        self._history.append(scan)
+        self._scans.put(scan)
+        self._node.health.happened("steps")
+        self._flow.on_sent(scan.step, time.monotonic_ns())
+        self._on_step(scan)
+
+    def _new_maker(self, first_map: MapMessage) -> StepMaker:
+        """Return a step maker that continues after the newest step that a coordinator knows.
+
+        So no number of a step is repeated. The numbers start at 0 if no coordinator answers, or if
+        the known number is half of the highest possible one or more.
+        """
+        first_step, live = 0, self._live_settings
+        try:
+            status = self._status()
+            live = live or status.settings
+            known = max(status.step, status.newest_step)
+            first_step = known + 1 if known < MAX_SCAN_STEP // 2 else 0
+        except ClusterMclError as error:
+            _log.info("steps start at 0: %s", error)
+        maker = StepMaker(
+            self._settings,
+            first_map.digest,
+            self._node.name,
+            first_step=first_step,
+            lockstep=self._flow.lockstep,
+            live=self._is_live,
+            landmarks=first_map.landmarks,
+        )
+        maker.configure(live or AS_STARTED)
+        return maker
+
+    def _status(self) -> Status:
+        """Query the coordinator's status; repeat it for one that has a link but no answer yet."""
+        until_s = time.monotonic() + STATUS_TIMEOUT_S
+        while True:
+            try:
+                return ask(self._node.session, keys.STATUS, Status, timeout_s=STATUS_TIMEOUT_S)
+            except UnreachableError as error:
+                is_there = isinstance(error, RefusedError) or self._has_coordinator
+                if not is_there or time.monotonic() > until_s:
+                    raise
+                time.sleep(POLL_S)
+
+    # --- the map
+
+    def _ask_for_map(self) -> None:
+        """Query for a map that was published before this process started."""
+        now_s = time.monotonic()
+        if now_s >= self._ask_map_at_s:
+            self._ask_map_at_s = now_s + ASK_MAP_EVERY_S
+            self._node.ask(
+                keys.MAP_READING, MapReading, self._on_map_reading, timeout_s=ASK_MAP_EVERY_S
+            )
+
+    def _on_map_reading(self, reading: MapReading, _received: Received | None = None) -> None:
+        grid_map = from_reading(reading).with_landmarks(self._landmarks)
+        if self._map is not None and self._map.digest == grid_map.digest:
+            return
+        self._map = to_message(grid_map, self._node.name)
+        self._node.health.happened("maps")
+        rows, cols = grid_map.cells.shape
+        _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
+        if self._maker is not None:
+            self._maker.change_map(grid_map.digest, grid_map.landmarks)
+            self._history.clear()
+            self._flow.on_new_map()
+
+    # --- other messages
+
+    def _on_coordinator(self, token: Token) -> None:
+        self._has_coordinator = token.alive
+
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
+        if self._maker is not None:
+            self._maker.sources.on_belief(belief)
+            self._node.health.sources = self._maker.sources.health()
+        searching = belief.state == "searching"
+        self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
+
+    def _on_map_query(self, asked: Asked) -> None:
+        if self._map is None:
+            asked.refuse("no map has arrived yet")
+        else:
+            asked.answer(self._map)
+
+    def _on_history_query(self, asked: Asked) -> None:
+        parameters = asked.query.parameters
+        try:
+            first = int(str(parameters.get("first", "")))
+            last = int(str(parameters.get("last", str(2**62))))
+        except ValueError:
+            asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
+            self._warn("malformed question for scans", printable(str(parameters)))
+            return
+        scans = tuple(scan for scan in self._history if first <= scan.step <= last)
+        asked.answer(ScanHistory(sender=self._node.name, scans=scans))
+
+    def _on_configure(self, asked: Asked) -> None:
+        self._live_settings = decode(asked.payload, Configure).settings
+        if self._maker is not None:
+            self._maker.configure(self._live_settings)
+        asked.answer(CommandDone(sender=self._node.name))
+
+    def _on_update(self, asked: Asked) -> None:
+        """Make a step of the next scan; a repeated command has no further effect."""
+        command_id = decode(asked.payload, Update).command_id
+        if command_id not in self._updates:
+            self._updates.append(command_id)
+            if self._maker is not None:
+                self._maker.gate.open_next()
+        asked.answer(CommandDone(sender=self._node.name))
+
+    def _warn(self, cause: str, detail: str) -> None:
+        self._node.causes.warn(_log, cause, detail, time.monotonic())

@@ -1,0 +1,72 @@
+"""Readings of a recording, for the bridge and for runs without a network."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.steps import Observation, Reading, Scan
+from clustermcl.recordings.recording import Recording, open_recording
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
+
+_NAMED_LINES = 10
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Source:
+    """Readings that no robot publishes."""
+
+    readings: Iterator[Reading | Observation]
+    """In the order of time."""
+    steps: int | None
+    """Number of steps that they make; None: endless."""
+
+
+def recorded_source(path: str, settings: BridgeSettings) -> Source:
+    """Return the readings of a recording.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    recording = opened(path, settings)
+    steps = sum(1 for _ in steps_of(recording, settings, map_digest=""))
+    return Source(iter(recording.readings), steps)
+
+
+def opened(path: str, settings: BridgeSettings) -> Recording:
+    """Open a recording, and log all skipped lines in one warning.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    recording = open_recording(path, settings)
+    if skipped := recording.skipped:
+        numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
+        more = ", ..." if len(skipped) > _NAMED_LINES else ""
+        lines = "line" if len(skipped) == 1 else "lines"
+        _log.warning(
+            "%s:%d: %d bad %s left out (%s%s); the first: %s",
+            *(path, skipped[0].line_number, len(skipped), lines),
+            *(numbers, more, skipped[0].problem),
+        )
+    return recording
+
+
+def steps_of(recording: Recording, settings: BridgeSettings, map_digest: str) -> Iterator[Scan]:
+    """Yield all steps of a recording, without a network; `Scan.last` marks the last one.
+
+    Raises:
+        RecordingError: no scan of the recording could be used, with the causes.
+    """
+    maker = StepMaker(settings, map_digest, "bridge")
+    made = False
+    for scan in steps_from(recording.readings, maker):
+        made = True
+        yield scan
+    if not made:
+        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
+        problem = f"none of its {recording.laser_count} scans can be used ({causes})"
+        raise RecordingError(recording.path, problem)

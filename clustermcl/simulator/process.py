@@ -1,0 +1,165 @@
+"""The process of a simulated robot, in the place of a sensor bridge."""
+
+import argparse
+import logging
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+
+from clustermcl.link.node import Node
+from clustermcl.link.wire import Asked, Received
+from clustermcl.protocol import keys
+from clustermcl.protocol.advice import LEAST_PROBABILITY, Advice
+from clustermcl.protocol.answers import Belief, CommandDone, Drive, Kidnap
+from clustermcl.protocol.codec import decode
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan, TruePose
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.runtime.main import Invocation, process_main
+from clustermcl.runtime.memory import trim_heap
+from clustermcl.runtime.sources import Simulated, parsed_source
+from clustermcl.sensor_bridge.process import OnStep, serve_robot
+from clustermcl.sensor_bridge.recorded import Source
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource
+from clustermcl.simulator.worlds.catalogue import simulated_world
+
+_ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
+ASK_STEPS = 10
+"""Steps after which a robot on an advised way asks again, if the number of places has changed.
+While it is the same, another of several equally good ways would only make the robot turn back."""
+
+_log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    process_main(
+        "simulator",
+        run_simulator,
+        describe="Simulated robot: drives in a world, and publishes steps like a sensor bridge.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--map", metavar="FILE", help="map to localize in (default: the world's own)"
+    )
+    parser.add_argument("--steps", type=int, metavar="N", help="stop after N steps")
+    parser.add_argument(
+        "--by-hand", action="store_true", help="stand still until a client drives the robot"
+    )
+    parser.add_argument(
+        "--advised",
+        action="store_true",
+        help="drive advised ways while several places are possible",
+    )
+
+
+def run_simulator(invocation: Invocation) -> None:
+    """Simulate until the process is stopped."""
+    settings, arguments = invocation.settings, invocation.arguments
+    robot = parsed_source(settings.bridge.source)
+    if not isinstance(robot, Simulated):
+        problem = f"{settings.bridge.source!r} is not a simulation: give sim:WORLD or sim:MAP.yaml"
+        raise SettingsError(key="bridge.source", problem=problem)
+    world = simulated_world(robot)
+    simulation = Simulation(world, settings.seed)
+    source = SimulatedSource(simulation, steps=arguments.steps)
+    trim_heap()  # of what its roads and distances were computed from
+    if arguments.by_hand:
+        simulation.robot.drive_by_hand(0.0, 0.0)
+
+    def extend(node: Node) -> OnStep:
+        truth, operator = node.publisher(keys.TRUTH), _Operator(simulation, node.name)
+        node.serve(keys.KIDNAP, operator.kidnap)
+        node.serve(keys.DRIVE, operator.drive)
+
+        follower = Follower(simulation, node) if arguments.advised else None
+
+        def on_step(scan: Scan) -> None:
+            pose = source.step_made()
+            truth.put(TruePose(sender=node.name, step=scan.step, pose=pose))
+            if follower:
+                follower.truths.append((scan.step, pose))
+
+        return on_step
+
+    grid_map = load_map(arguments.map) if arguments.map else world.map
+    readings = Source(iter(source.next_reading, None), source.steps)
+    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), readings, extend)
+
+
+def run_with_defaults(invocation: Invocation) -> None:
+    """Simulate until the process is stopped, as the program does without arguments of its own."""
+    parser = argparse.ArgumentParser()
+    _add_arguments(parser)
+    run_simulator(replace(invocation, arguments=parser.parse_args([])))
+
+
+def count_places(belief: Belief) -> int:
+    return sum(place.probability >= LEAST_PROBABILITY for place in belief.hypotheses)
+
+
+class Follower:
+    """Drives along the best advised way while several places are possible, and then asks again.
+
+    The robot stands until the answer arrives, and wanders while no way is advised.
+    """
+
+    def __init__(self, simulation: Simulation, node: Node) -> None:
+        self._simulation, self._node = simulation, node
+        self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
+        """Numbers and true poses of the last steps."""
+        self._asks, self._ask_step, self._places = False, 0, 0
+        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
+
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
+        places, is_soon = count_places(belief), belief.step < self._ask_step
+        drives_on = self._simulation.robot.follows and (is_soon or places == self._places)
+        if belief.state == "ambiguous" and not (self._asks or drives_on):
+            self._asks, self._places = True, places
+            self._simulation.robot.drive_by_hand(0.0, 0.0)
+            self._node.ask(
+                keys.ADVICE, Advice, self._on_advice, self._on_failure, timeout_s=_ADVICE_TIMEOUT_S
+            )
+
+    def _on_advice(self, advice: Advice) -> None:
+        self._asks, self._ask_step = False, advice.step + ASK_STEPS
+        begin = dict(self.truths).get(advice.step)
+        if advice.ways and begin:
+            _log.info("drive an advised way of %.1f m", advice.ways[0].length_m)
+            self._simulation.follow(np.array(advice.ways[0].poses), begin)
+        else:
+            self._simulation.robot.wander()
+
+    def _on_failure(self, problem: str) -> None:
+        _log.warning("no advice: %s", problem or "no answer")
+        self._asks = False
+        self._simulation.robot.wander()
+
+
+class _Operator:
+    """Carries out the commands to kidnap and to drive; a repeated kidnapping has no effect."""
+
+    def __init__(self, simulation: Simulation, sender: str) -> None:
+        self._simulation, self._sender = simulation, sender
+        self._last_id = ""
+
+    def kidnap(self, asked: Asked) -> None:
+        command = decode(asked.payload, Kidnap)
+        if command.command_id != self._last_id:
+            self._last_id = command.command_id
+            x, y, heading = self._simulation.kidnap(command.pose)
+            _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
+        asked.answer(CommandDone(sender=self._sender))
+
+    def drive(self, asked: Asked) -> None:
+        command = decode(asked.payload, Drive)
+        if command.by_hand:
+            self._simulation.robot.drive_by_hand(command.speed_m_s, command.turn_rate_rad_s)
+        else:
+            self._simulation.robot.wander()
+        asked.answer(CommandDone(sender=self._sender))

@@ -1,0 +1,154 @@
+"""Simulates a robot in a world: odometry, laser scans and ground truth."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from clustermcl.filter.arrays import Poses
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading
+from clustermcl.simulator.free_space import FreeSpace
+from clustermcl.simulator.robot import RADIUS_M, Drive, Robot, driven
+from clustermcl.simulator.sensors import Lidar, LidarModel, Odometer
+from clustermcl.simulator.worlds.world import World
+
+_SENDER = "simulator"
+_PIECE_NS = 50_000_000
+"""Interval of odometry readings: 20 Hz."""
+_SCAN_SHARE = 0.4
+"""Time of a scan after an odometry reading, as a share of the interval of odometry readings."""
+_KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
+
+
+@dataclass(frozen=True)
+class Tick:
+    """The readings of 0.1 s: two odometry readings and a scan between them."""
+
+    odometry: tuple[OdometryReading, OdometryReading]
+    laser: LaserReading
+    map_from_robot: PoseTuple
+    """Ground truth at the time of the scan."""
+    observations: tuple[Observation, ...] = ()
+    """Those of other sensors at the time of the scan."""
+
+    @property
+    def readings(self) -> tuple[OdometryReading, LaserReading, OdometryReading]:
+        """All readings in the order of their stamps."""
+        return self.odometry[0], self.laser, self.odometry[1]
+
+
+class Simulation:
+    """An endless iterator of ticks; the same world and seed give the same ticks, bit for bit.
+
+    Args:
+        world: the world.
+        seed: seed of all random numbers.
+        lidar: parameters of the scanner; None: the defaults.
+        start: start pose, instead of the world's start pose and route; None: those of the world.
+
+    Raises:
+        NoRoomError: the robot fits nowhere in this world.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        *,
+        lidar: LidarModel | None = None,
+        start: PoseTuple | None = None,
+    ) -> None:
+        rngs = [np.random.default_rng([seed, purpose]) for purpose in range(6)]
+        self.world = world
+        self._free_space = FreeSpace(world.truth)
+        self._place_rng = rngs[0]
+        begin = start if start is not None else world.start
+        pose = begin if begin is not None else self._free_space.random_pose(rngs[0])
+        pose = self._free_space.where_it_fits(pose, RADIUS_M)
+        route = np.array(world.route if start is None else (), np.float64).reshape(-1, 2)
+        self.robot = Robot(self._free_space, pose, route, rngs[1])
+        self._odometer = Odometer(rngs[2])
+        self._lidar = Lidar(lidar or LidarModel(), world.truth, rngs[3])
+        self._observation_rng = rngs[5]
+        self._now_ns = 0
+
+    @property
+    def map_from_robot(self) -> PoseTuple:
+        """True pose at the end of the last tick."""
+        return self.robot.map_from_robot
+
+    def __iter__(self) -> Iterator[Tick]:
+        return self
+
+    def __next__(self) -> Tick:
+        begin_ns, begin = self._now_ns, self.map_from_robot
+        first, drive = self._drive_on()
+        scan_pose = driven(begin, drive.part(_SCAN_SHARE))
+        laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
+        second, _ = self._drive_on()
+        return Tick((first, second), laser, scan_pose, self._observe(laser.stamp_ns, scan_pose))
+
+    def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
+        """Move the robot, unseen by odometry, and return its new pose.
+
+        Args:
+            map_from_robot: the new pose: x [m], y [m], heading [rad]; the nearest free position
+                is used if the robot does not fit there. None: a random pose far away.
+        """
+        pose = map_from_robot if map_from_robot is not None else self._far_pose()
+        self.robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
+        return self.map_from_robot
+
+    def follow(self, way: Poses, begin: PoseTuple) -> None:
+        """Drive along a way, or turn once if it has no length; then drive to random goals.
+
+        Args:
+            way: (n, 3) poses relative to the robot's pose where the way begins.
+            begin: that pose in the map.
+        """
+        if np.ptp(way[:, :2], axis=0).any():
+            self.robot.follow(compose(np.array(begin), way)[1:, :2])
+        else:
+            self.robot.turn_round()
+
+    def _drive_on(self) -> tuple[OdometryReading, Drive]:
+        """Drive until the next odometry reading; return the reading before, and the motion."""
+        reading = OdometryReading(
+            sender=_SENDER,
+            stamp_ns=self._now_ns,
+            odom_from_robot=self._odometer.odom_from_robot,
+        )
+        drive = self.robot.move(_PIECE_NS * 1e-9)
+        self._odometer.read(drive)
+        self._now_ns += _PIECE_NS
+        return reading, drive
+
+    def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
+        model = self._lidar.model
+        ranges = self._lidar.scan(map_from_robot)
+        return LaserReading(
+            sender=_SENDER,
+            stamp_ns=stamp_ns,
+            ranges=ArrayBlob.of(ranges, "float32"),
+            angle_min_rad=float(model.angles[0]),
+            angle_step_rad=model.angle_step_rad,
+            range_max_m=model.range_max_m,
+            robot_from_laser=model.robot_from_laser,
+        )
+
+    def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> tuple[Observation, ...]:
+        world, rng = self.world, self._observation_rng
+        if world.sensor is None:
+            return ()
+        return tuple(world.sensor.observe(stamp_ns, map_from_robot, world.landmarks, rng))
+
+    def _far_pose(self) -> PoseTuple:
+        """Return one of the ten farthest of forty random poses."""
+        poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]
+        x, y, _ = self.map_from_robot
+        poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))
+        return poses[int(self._place_rng.integers(_KIDNAP_FARTHEST))]

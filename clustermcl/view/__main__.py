@@ -1,0 +1,5 @@
+"""Run the page's server."""
+
+from clustermcl.view.process import main
+
+main()

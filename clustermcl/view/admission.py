@@ -1,0 +1,118 @@
+"""Access control of the page: checks the headers of each request before it is answered."""
+
+import hmac
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from clustermcl.protocol.errors import SettingsError
+
+DEFAULT_PORT = 8350
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+
+@dataclass(frozen=True)
+class Address:
+    """Host and port at which the page is served."""
+
+    host: str
+    port: int
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only programs on this machine can reach the address."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def netloc(self) -> str:
+        """Host and port as in a link."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parsed_address(text: str) -> Address:
+    """Parse ``HOST:PORT``, ``HOST`` or ``:PORT``, with an IPv6 address in brackets.
+
+    The default host is 127.0.0.1, the default port `DEFAULT_PORT`.
+
+    Raises:
+        SettingsError: the text is not such an address.
+    """
+    try:
+        parts = urlsplit(f"//{text}")
+        port = parts.port
+    except ValueError as error:
+        raise SettingsError(key="--listen", problem=f"--listen: {text!r}: {error}") from None
+    if parts.netloc != text or not text or parts.username is not None:
+        raise SettingsError(key="--listen", problem=f"--listen: {text!r} is not HOST:PORT")
+    return Address(parts.hostname or "127.0.0.1", DEFAULT_PORT if port is None else port)
+
+
+@dataclass(frozen=True)
+class Admission:
+    """The rules by which requests are accepted or refused.
+
+    On loopback, the host in a request must be this machine: another site could make its own name
+    resolve to 127.0.0.1 (DNS rebinding). Otherwise a request needs a token, which is in the page's
+    link, and in a cookie that the browser gets with the page.
+
+    Args:
+        address: address of the page, with the port that was bound.
+        token: token that requests must present; empty: none, as on loopback.
+    """
+
+    address: Address
+    token: str = ""
+
+    @property
+    def link(self) -> str:
+        """Link of the page, with the token if there is one."""
+        token = f"?token={self.token}" if self.token else ""
+        return f"http://{self.address.netloc}/{token}"
+
+    @property
+    def cookie(self) -> str:
+        """Value of the header ``Set-Cookie`` with the token; empty without a token."""
+        if not self.token:
+            return ""
+        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+
+    def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
+        """Return why a request is refused, or an empty text if it is accepted.
+
+        Args:
+            target: path and query of the request.
+            headers: headers of the request by their lower-case names.
+            socket: whether the request opens a WebSocket, which only this page may do.
+        """
+        host = headers.get("host", "")
+        port = self.address.port
+        names = {self.address.netloc, *(f"{name}:{port}" for name in LOOPBACK_NAMES)}
+        names |= set(LOOPBACK_NAMES) if port == 80 else set()
+        if self.address.is_loopback and host not in names:
+            return f"this page is served at {self.address.netloc}, not at {host!r}"
+        if socket and urlsplit(headers.get("origin", "")).netloc != host:
+            return f"a page of {headers.get('origin', 'no origin')!r} may not connect"
+        if self.token and not self._knows_token(target, headers):
+            return "the token is missing or wrong: open the link that `clustermcl view` printed"
+        return ""
+
+    def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
+        given = parse_qs(urlsplit(target).query).get("token", [""])[0]
+        try:
+            cookies = SimpleCookie(headers.get("cookie", ""))
+        except CookieError:
+            cookies = SimpleCookie()
+        if self._cookie_name in cookies:
+            given = given or cookies[self._cookie_name].value
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+    @property
+    def _cookie_name(self) -> str:
+        return f"clustermcl-{self.address.port}"  # a browser sends a cookie to all ports of a host

@@ -1,0 +1,184 @@
+"""Converts messages to frames: JSON objects for the page, with short names and rounded numbers.
+
+Frames have no versions: only the page's scripts read them, which the same process serves.
+"""
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.protocol.answers import Belief, Hypothesis
+from clustermcl.protocol.job_events import NumberedEvent, event_text
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan, Seen
+from clustermcl.protocol.work import Particles
+
+Frame: TypeAlias = dict[str, Any]
+
+ROW_PLACES = 16
+"""Limit for the places of a step in plot and trails; the most probable are kept."""
+MAX_BEAMS = 360
+"""Limit for the drawn beams of a laser; of more beams, only every second, third, ... is drawn."""
+MAX_PARTICLES = 250
+"""Limit for the drawn particles of a cluster; of more particles, a resampled set is drawn."""
+
+
+def map_frame(message: MapMessage) -> Frame:
+    """Return the map without its cells, which the page fetches separately."""
+    return {
+        "digest": message.digest,
+        "rows": message.rows,
+        "cols": message.cols,
+        "cell_m": message.cell_m,
+        "origin": message.map_from_grid,
+        "landmarks": [(each.name, each.x, each.y) for each in message.landmarks],
+    }
+
+
+def step_frame(
+    belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
+) -> Frame:
+    """Return what the page draws of a step.
+
+    Args:
+        belief: the belief after the step.
+        slots: slot of each cluster in the belief.
+        scan: the step's scan; None: unknown.
+        truth: true pose at the step; None: unknown.
+    """
+    return {
+        "step": belief.step,
+        "stamp_s": belief.stamp_ns / 1e9,
+        "last": belief.last,
+        "odom": belief.odom_from_robot,
+        "state": belief.state,
+        "searching": belief.searching,
+        "search_progress": belief.search_progress,
+        "places": place_frames(belief.hypotheses, slots),
+        "elsewhere": belief.elsewhere_probability,
+        "off_map": belief.off_map_probability,
+        **scan_frame(scan),
+        "truth": truth,
+    }
+
+
+def scan_frame(scan: Scan | None) -> Frame:
+    """Return the part of a step's frame that shows the scan.
+
+    ``scan`` are the beams' end points (see `scan_points_cm`), ``laser`` is the position of the
+    first laser [cm]; both are in the robot's frame. ``seen`` are the observations: a landmark's
+    name and its position in the robot's frame [m], or no name and the robot's position in the map,
+    which is that of the most likely cell of a field.
+    """
+    return {
+        "scan": [] if scan is None else scan_points_cm(scan),
+        "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
+        "seen": [] if scan is None else [(s.landmark, *_where(s)) for s in scan.observations],
+    }
+
+
+def _where(seen: Seen) -> tuple[float, float]:
+    x, y = seen.mean[:2]
+    if seen.field is None:
+        return x, y
+    values = seen.field.log_likelihoods.array()
+    row, col = divmod(int(values.argmax()), values.shape[1])
+    return x + (col + 0.5) * seen.field.cell_m, y + (row + 0.5) * seen.field.cell_m
+
+
+def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int]) -> list[Frame]:
+    """Return what is drawn of each place; the covariances are of x, x y, y and the heading."""
+    return [
+        {
+            "cluster": place.cluster,
+            "slot": slots[place.cluster],
+            "p": place.probability,
+            "pose": place.pose,
+            "cov": [place.covariance[at] for at in (0, 1, 4, 8)],
+            "age": place.age_steps,
+        }
+        for place in places
+    ]
+
+
+def history_row(frame: Frame) -> list[Any]:
+    """Return a step's row for trails and plot: its number, its places, and the true pose.
+
+    A place is (cluster, slot, probability, x [m], y [m]).
+    """
+    places = [
+        (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
+        for p in frame["places"][:ROW_PLACES]
+    ]
+    return [frame["step"], places, frame["truth"]]
+
+
+def scan_points_cm(scan: Scan) -> list[int]:
+    """Return the end points of all beams that returned: x, y, x, y, ..., robot's frame [cm]."""
+    lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
+    return [cm for beams in lasers for cm in _points_cm(beams)]
+
+
+def _points_cm(scan: Scan | LaserBeams) -> list[int]:
+    beams = scan.ranges.array().ravel()
+    every = -(-len(beams) // MAX_BEAMS) or 1
+    ranges = beams[::every]
+    x, y, heading = scan.robot_from_laser
+    first, apart = scan.angle_min_rad + heading, every * scan.angle_step_rad
+    returned = (ranges > 0.0) & (ranges < scan.range_max_m)  # false for NaN
+    points = _directions_cm(len(ranges), first, apart)[returned] * ranges[returned, None]
+    points += (100.0 * x, 100.0 * y)
+    cm: list[int] = np.rint(points).astype(int).ravel().tolist()
+    return cm
+
+
+@lru_cache(maxsize=4)
+def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
+    """Return (count, 2) offsets of one metre along each beam, in the robot's axes [cm]."""
+    angles = first_rad + apart_rad * np.arange(count)
+    return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
+    return [
+        {
+            "number": numbered.number,
+            "step": numbered.step,
+            "job": getattr(numbered.event, "job_id", ""),
+            "cause": numbered.event.cause,
+            "kind": type(numbered.event).__name__.lower(),
+            "text": event_text(numbered.event),
+        }
+        for numbered in events
+    ]
+
+
+def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
+    """Return particles of a cluster, which the page moves with later odometry.
+
+    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is the odometry pose to which
+    the points belong.
+    """
+    chosen = _drawn(particles.log_weights.array(), MAX_PARTICLES)
+    points = np.rint(particles.map_from_robot.array()[chosen] * (100.0, 100.0, 1000.0)).astype(
+        np.int64
+    )
+    return {
+        "cluster": cluster,
+        "step": particles.step,
+        "odom": particles.odom_from_robot,
+        "points": points.ravel().tolist(),
+    }
+
+
+def _drawn(log_weights: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Return at most `most` indices by systematic resampling without a random offset."""
+    shares = np.cumsum(np.exp(log_weights - log_weights.max()))
+    count = min(most, len(shares))
+    drawn: NDArray[np.int64] = np.searchsorted(
+        shares, (np.arange(count) + 0.5) / count * shares[-1]
+    )
+    return drawn

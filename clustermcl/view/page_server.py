@@ -1,0 +1,239 @@
+"""The web server: serves the page's files, the map and the WebSocket in a thread."""
+
+import asyncio
+import logging
+import secrets
+import socket
+import sys
+import threading
+import webbrowser
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from http import HTTPStatus
+from typing import Self
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request as HttpRequest
+from websockets.http11 import Response
+
+from clustermcl.protocol.answers import Drive
+from clustermcl.protocol.errors import MalformedMessageError, SettingsError
+from clustermcl.protocol.message import MAX_ID_CHARACTERS
+from clustermcl.runtime.caller import caller
+from clustermcl.view.admission import Address, Admission
+from clustermcl.view.commands import (
+    MAX_REQUEST_BYTES,
+    SENDER,
+    Drawn,
+    Request,
+    ShowEarlier,
+    ShowPast,
+    parsed_request,
+)
+from clustermcl.view.room import Browser, FromBrowser, PageOpened, Room, encoded
+from clustermcl.view.saved_page import static_files
+
+SOCKET_PATH = "live"
+ROBOT_PATH = "robot/"
+MAX_BROWSERS = 100
+MAX_UNREAD_BYTES = 8_000_000
+"""Limit for the bytes that wait to be sent to a browser; the largest message has a tenth."""
+_STARTED_WITHIN_S = 10.0
+_CONTENT_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+_SAFE = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+def print_link(link: str) -> None:
+    """Print the link of the page to standard error."""
+    sys.stderr.write(f"clustermcl: look at {link}\n")
+    sys.stderr.flush()
+
+
+class PageServer:
+    """A web server that runs in a thread within its ``with`` block, and prints its link.
+
+    Args:
+        address: address to listen at, whose port 0 selects a free port; elsewhere than on
+            loopback, the link contains a token.
+        rooms: a room for each robot; the path ``/`` leads to the first.
+        obeys_commands: whether commands of browsers are accepted.
+        open_browser: whether to open the page in this machine's browser.
+
+    Raises:
+        SettingsError: the address is not of this machine, or in use.
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        rooms: Sequence[Room],
+        *,
+        obeys_commands: bool = False,
+        open_browser: bool = False,
+    ) -> None:
+        token = "" if address.is_loopback else secrets.token_urlsafe(18)
+        self._listening = _listening(address)
+        port = int(self._listening.getsockname()[1])
+        self._admission = Admission(Address(address.host, port), token)
+        self._rooms = {room.name: room for room in rooms}
+        self._first, self._commands = rooms[0], obeys_commands
+        self._open_browser, self._files = open_browser, static_files()
+        self._stopping = asyncio.Event()
+        self._started: Future[asyncio.AbstractEventLoop] = Future()
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(self._serve()), name="page server", daemon=True
+        )
+
+    @property
+    def link(self) -> str:
+        return self._admission.link
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        self._started.result(_STARTED_WITHIN_S)
+        print_link(self.link)
+        if self._open_browser:
+            webbrowser.open(self.link)
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._started.result().call_soon_threadsafe(self._stopping.set)
+        self._thread.join()
+
+    async def _serve(self) -> None:
+        loop = asyncio.get_running_loop()
+        for room in self._rooms.values():
+            room.loop = loop
+        quiet = logging.getLogger("clustermcl.view.websockets")
+        quiet.setLevel(logging.CRITICAL)  # refused connections are not logged
+        async with serve(
+            self._talk,
+            sock=self._listening,
+            process_request=self._answer,
+            compression=None,
+            max_size=MAX_REQUEST_BYTES,
+            server_header=None,
+            close_timeout=0.5,
+            logger=quiet,
+        ):
+            self._started.set_result(loop)
+            await self._stopping.wait()
+
+    def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
+        """Answer or refuse an HTTP request; None: open the WebSocket."""
+        headers = {name.lower(): value for name, value in request.headers.raw_items()}
+        room, path = self._asked(request.path)
+        opens_socket = path == SOCKET_PATH
+        if problem := self._admission.problem(request.path, headers, socket=opens_socket):
+            return _response(HTTPStatus.FORBIDDEN, problem.encode(), {})
+        if room is None:
+            return _response(HTTPStatus.NOT_FOUND, b"there is no such robot", {})
+        if opens_socket:
+            if sum(len(room.browsers) for room in self._rooms.values()) >= MAX_BROWSERS:
+                return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many pages are open", {})
+            return None
+        return self._content(room, path or "index.html")
+
+    def _asked(self, target: str) -> tuple[Room | None, str]:
+        """Return the room (None: no such robot) and the file name of a path.
+
+        Paths are ``/robot/NAME/app.js``, or ``/app.js`` for the first robot.
+        """
+        path = urlsplit(target).path.removeprefix("/")
+        if not path.startswith(ROBOT_PATH):
+            return self._first, path
+        name, _, rest = path.removeprefix(ROBOT_PATH).partition("/")
+        return self._rooms.get(name), rest
+
+    def _content(self, room: Room, name: str) -> Response:
+        digest, cells = room.map
+        if digest and name == f"map/{digest}":
+            packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
+            return _response(HTTPStatus.OK, cells, packed)
+        if name == "browsers":  # the demo waits for the first browser
+            return _response(HTTPStatus.OK, str(len(room.browsers)).encode(), {})
+        content = self._files.get(name)
+        if content is None:
+            return _response(HTTPStatus.NOT_FOUND, b"there is no such page", {})
+        more = {"Content-Type": _CONTENT_TYPES[name.rpartition(".")[2]]}
+        if name == "index.html" and self._admission.cookie:
+            more["Set-Cookie"] = self._admission.cookie
+        return _response(HTTPStatus.OK, content, more)
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        room, _ = self._asked(connection.request.path if connection.request else "")
+        if room is None:  # refused by `_answer`
+            return
+        browser = Browser(lambda data: _send(connection, data))
+        room.browsers.add(browser)
+        try:
+            room.on_event(FromBrowser(browser, PageOpened()))
+            async for text in connection:
+                self._on_request(room, browser, parsed_request(text, _sender(connection)))
+        except MalformedMessageError as error:
+            await connection.close(1008, str(error)[:100])
+        except ConnectionClosed:
+            pass
+        finally:
+            room.browsers.discard(browser)
+            if browser.drives:  # so that the robot drives on by itself
+                room.on_event(FromBrowser(browser, Drive(sender=SENDER, by_hand=False)))
+
+    def _on_request(self, room: Room, browser: Browser, request: Request) -> None:
+        if isinstance(request, Drawn):
+            browser.on_drawn(request)
+        elif self._commands or isinstance(request, ShowPast | ShowEarlier):
+            if isinstance(request, Drive):
+                browser.drives = request.by_hand
+            room.on_event(FromBrowser(browser, request))
+        else:
+            problem = "this page is read-only: start it with --allow-commands"
+            browser.offer(encoded({"done": {"problem": problem}}))
+
+
+def _sender(connection: ServerConnection) -> str:
+    """Return who commands, such as ``view of robot@r1, browser at 10.0.0.7``."""
+    address = connection.remote_address
+    browser = f", browser at {address[0]}" if address else ""
+    return f"{caller('view')}{browser}"[:MAX_ID_CHARACTERS]
+
+
+def _send(connection: ServerConnection, data: bytes) -> None:
+    """Send without waiting; disconnect a browser that has too many bytes to read."""
+    if connection.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
+        connection.transport.abort()
+    else:
+        broadcast([connection], data.decode())
+
+
+def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Response:
+    text = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}
+    headers = Headers({**text, **_SAFE, **more, "Connection": "close"})
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _listening(address: Address) -> socket.socket:
+    try:
+        return socket.create_server(
+            (address.host, address.port),
+            family=socket.AF_INET6 if ":" in address.host else socket.AF_INET,
+        )
+    except OSError as error:
+        problem = f"{address.netloc}: {error.strerror or error}; name another with --listen"
+        raise SettingsError(key="--listen", problem=problem) from error

@@ -1,0 +1,213 @@
+"""Shows a recorded run on the page, which can be used while the recording is still read."""
+
+import logging
+import math
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from clustermcl.link.inbox import Inbox
+from clustermcl.protocol.answers import Belief, PoseAnswer
+from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.job_events import JobEvents
+from clustermcl.protocol.reading_checks import MAX_LASERS
+from clustermcl.protocol.steps import KEPT_STEPS as KEPT_SCANS
+from clustermcl.protocol.steps import MapMessage, Scan
+from clustermcl.recordings import run_log
+from clustermcl.recordings.foxglove import LaserFields
+from clustermcl.recordings.maps.landmarks import landmarks_of_map
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.runtime.compressed import os_problem
+from clustermcl.runtime.output_files import check_output_file, write_output_file
+from clustermcl.runtime.stop import StopFlag, stop_on_signals
+from clustermcl.view.admission import Address
+from clustermcl.view.live_loop import answer_browser
+from clustermcl.view.map_reduction import reduced
+from clustermcl.view.page_server import PageServer
+from clustermcl.view.picture import Picture
+from clustermcl.view.room import FromBrowser, Room
+from clustermcl.view.saved_page import saved_run
+from clustermcl.view.step_archive import StepArchive
+
+KEPT_STEPS = 100_000
+KEPT_BYTES = 200_000_000
+_AT_A_TIME_S = 0.05
+_POLL_S = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+def view_recording(
+    recording: Path,
+    address: Address,
+    map_file: Path | None = None,
+    save_file: Path | None = None,
+    *,
+    open_browser: bool = False,
+) -> None:
+    """Serve the page of a recorded run until Ctrl-C, or save the page.
+
+    Args:
+        recording: a run log, or a folder with run logs.
+        address: address of the page.
+        map_file: map of the recording; None: the map in the recording.
+        save_file: file for the recording as one page, which is then not served; None: serve it.
+        open_browser: whether to open the page in this machine's browser.
+
+    Raises:
+        SettingsError: the address is invalid.
+        InputFileError: there is no recording, or it cannot be read.
+        MapFileError: the map cannot be read.
+        OutputError: the page cannot be written.
+    """
+    stop = stop_on_signals()
+    if not recording.exists():
+        raise RecordingError(recording, os_problem(FileNotFoundError()))
+    if not run_log.is_run_log(recording):
+        problem = "is not a recorded run: neither clustermcl record nor a coordinator wrote it"
+        remedy = f"to localize with it: clustermcl demo --view --recording {recording}"
+        raise RecordingError(recording, f"{problem}; {remedy}")
+    named = None
+    if map_file:
+        grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
+        named = to_message(grid_map, "recording")
+    run = RecordedRun(recording, named)
+    if save_file is None:
+        with PageServer(address, [run.room], open_browser=open_browser):
+            run.run(stop)
+    else:
+        check_output_file(save_file)
+        write_output_file(save_file, run.saved())
+
+
+class RecordedRun:
+    """The page of a recorded run.
+
+    Args:
+        path: a run log, or the folder of a flight recorder.
+        grid_map: map to draw; None: the map in the recording.
+
+    Raises:
+        RecordingError: there is no recording.
+    """
+
+    def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
+        self._inbox: Inbox[FromBrowser] = Inbox({})
+        self.room = Room("recording", self._inbox.put)
+        about: dict[str, Any] = {
+            "router": "", "commands": False, "robot": path.resolve().stem,
+            "kept_steps": KEPT_STEPS,
+        }  # fmt: skip
+        self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
+        self.picture.on_link("replaying")
+        self._is_map_given = grid_map is not None
+        self._map: MapMessage | None = None
+        if grid_map is not None:
+            self._show_map(grid_map)
+        self._lasers: deque[LaserFields] = deque(maxlen=KEPT_SCANS)
+        self._pieces = self._read(run_log.log_files(path))
+
+    def run(self, stop: StopFlag) -> None:
+        """Read the recording in small pieces, and answer browsers, until `stop` is set.
+
+        Raises:
+            RecordingError: the recording cannot be read.
+        """
+        while not stop.is_set():
+            goes_on = self.read_for(_AT_A_TIME_S)
+            event = self._inbox.get(0.0 if goes_on else _POLL_S)
+            while event is not None:
+                answer_browser(self.room, self.picture, event)  # a recording obeys no command
+                event = self._inbox.get(0.0)
+            if changes := self.picture.changes():
+                self.room.publish(changes)
+
+    def saved(self) -> str:
+        """Read the whole recording, and return an HTML page that plays it.
+
+        Raises:
+            RecordingError: the recording cannot be read.
+        """
+        self.read_for(math.inf)
+        return saved_run(self.picture, self._map)
+
+    def read_for(self, seconds: float) -> bool:
+        """Read on for some seconds; return whether there is more to read."""
+        until_s = time.monotonic() + seconds
+        for _ in self._pieces:
+            if time.monotonic() >= until_s:
+                return True
+        self.picture.on_link("finished")
+        return False
+
+    def _read(self, files: list[Path]) -> Iterator[None]:
+        for path in files:
+            log = run_log.RunLogReader(path)
+            for message in log.messages():
+                self._on_message(message, path)
+                yield
+            if log.cut:
+                _log.warning("%s is cut off or damaged: %s", path, log.cut)
+
+    def _on_message(self, message: run_log.LogMessage, path: Path) -> None:
+        if message.topic == run_log.BELIEF:
+            self._on_belief(run_log.decoded(message, Belief, path))
+        elif message.topic == run_log.JOB_EVENTS:
+            self.picture.on_events(run_log.decoded(message, JobEvents, path))
+        elif message.topic.startswith(run_log.SCAN):
+            self._lasers.append(run_log.decoded(message, LaserFields, path))
+        elif message.topic == run_log.GRID and not self._is_map_given:
+            grid_map = run_log.map_in(message, path)
+            if self._map is None or grid_map.digest != self._map.digest:
+                self._show_map(to_message(grid_map, "recording"))
+
+    def _on_belief(self, belief: Belief) -> None:
+        lasers = [laser for laser in self._lasers if laser.step == belief.step][:MAX_LASERS]
+        while self._lasers and self._lasers[0].step <= belief.step:
+            self._lasers.popleft()
+        if lasers:
+            self.picture.on_scan(_scan(belief, lasers))
+        self.picture.on_belief(belief)
+        self.picture.on_pose(best_pose(belief))
+
+    def _show_map(self, grid_map: MapMessage) -> None:
+        self._map = shown = reduced(grid_map)
+        self.room.map = (shown.digest, shown.zlib_cells)
+        self.picture.on_map(shown)
+
+
+def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
+    first, *others = [laser.beams() for laser in lasers]
+    return Scan(
+        sender=belief.sender,
+        step=belief.step,
+        stamp_ns=belief.stamp_ns,
+        odom_from_robot=belief.odom_from_robot,
+        **msgspec.structs.asdict(first),
+        map_digest=lasers[0].map_digest,
+        others=tuple(others),
+    )
+
+
+def best_pose(belief: Belief) -> PoseAnswer:
+    """Return the most probable place in the form of the coordinator's answer."""
+    return PoseAnswer(
+        sender=belief.sender,
+        state=belief.state,
+        freshness="fresh",
+        stamp_ns=belief.stamp_ns,
+        age_s=0.0,
+        step=belief.step,
+        probability=belief.probability,
+        pose=belief.pose,
+        covariance=belief.covariance,
+        workers=0,
+        term=belief.term,
+        elsewhere_probability=belief.elsewhere_probability,
+        off_map_probability=belief.off_map_probability,
+    )

@@ -1,0 +1,98 @@
+"""The open pages of one robot: passes on their requests, and sends them frames."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from clustermcl.view.commands import AskAdvice, Command, Drawn, ShowEarlier, ShowPast
+
+MESSAGES_AHEAD = 6
+"""Limit for unacknowledged messages to a page that does not report that it is slow."""
+
+
+class Browser:
+    """One open page, to which frames are sent no faster than it draws them.
+
+    A frame is a state, so a newer frame replaces a waiting one of the same topic: a slow page skips
+    frames, and at most one frame of each topic waits. Use an object in the server's thread only.
+    `send` does not wait.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._send = send
+        self._waiting: dict[str, bytes] = {}
+        self._undrawn, self._max_undrawn = 0, MESSAGES_AHEAD
+        self.drives = False
+        """Whether this page drives the simulated robot manually."""
+
+    def offer(self, frames: Mapping[str, bytes]) -> None:
+        """Send encoded frames, now or when the page has drawn earlier ones."""
+        self._waiting.update(frames)
+        self._send_waiting()
+
+    def on_drawn(self, drawn: Drawn) -> None:
+        self._undrawn = max(self._undrawn - drawn.count, 0)
+        self._max_undrawn = 1 if drawn.slow else MESSAGES_AHEAD
+        self._send_waiting()
+
+    def _send_waiting(self) -> None:
+        if self._waiting and self._undrawn < self._max_undrawn:
+            message = b"{" + b",".join(self._waiting.values()) + b"}"
+            self._waiting.clear()
+            self._undrawn += 1
+            self._send(message)
+
+
+class PageOpened:
+    """A page was just opened, and needs all frames."""
+
+
+@dataclass(frozen=True)
+class FromBrowser:
+    """A request of a page."""
+
+    browser: Browser
+    request: PageOpened | ShowPast | ShowEarlier | AskAdvice | Command
+
+
+class Room:
+    """The open pages of one robot. Set `map`, call `publish` and `send` in any thread.
+
+    `on_event` is called in the server's thread with each request of a page; it must not block.
+    """
+
+    def __init__(self, name: str, on_event: Callable[[FromBrowser], object]) -> None:
+        self.name, self.on_event = name, on_event
+        self.browsers: set[Browser] = set()
+        self.map: tuple[str, bytes] = ("", b"")
+        """The digest and the cells, compressed by zlib, of the map that pages fetch."""
+        self.loop: asyncio.AbstractEventLoop | None = None
+        """The server's event loop; None before the server starts."""
+
+    def publish(self, frames: Mapping[str, Any]) -> None:
+        if self.browsers:
+            self._call_soon(self._offer_all, encoded(frames))
+
+    def send(self, browser: Browser, frames: Mapping[str, Any]) -> None:
+        self._call_soon(browser.offer, encoded(frames))
+
+    def _call_soon(
+        self, act: Callable[[Mapping[str, bytes]], None], frames: Mapping[str, bytes]
+    ) -> None:
+        if self.loop is not None:
+            self.loop.call_soon_threadsafe(act, frames)
+
+    def _offer_all(self, frames: Mapping[str, bytes]) -> None:
+        for browser in self.browsers:
+            browser.offer(frames)
+
+
+def encoded(frames: Mapping[str, Any]) -> dict[str, bytes]:
+    """Encode each frame as a member of a JSON object."""
+    return {
+        topic: b'"%s":%s' % (topic.encode(), msgspec.json.encode(frame))
+        for topic, frame in frames.items()
+    }

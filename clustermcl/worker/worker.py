@@ -1,0 +1,456 @@
+"""The decisions of one worker, whose methods take events and return instructions."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import msgspec
+
+from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
+from clustermcl.protocol.advice import Advice, AdviceQuestion
+from clustermcl.protocol.codec import encode
+from clustermcl.protocol.conversion import converted
+from clustermcl.protocol.errors import (
+    MalformedMessageError,
+    MapMismatchError,
+    OldTermError,
+    printable,
+)
+from clustermcl.protocol.live_settings import AS_STARTED
+from clustermcl.protocol.steps import Landmark, MapMessage, Scan
+from clustermcl.protocol.work import (
+    Checkpoint,
+    OrderAnswer,
+    Report,
+    TakeOver,
+    WorkerState,
+    WorkOrder,
+)
+from clustermcl.worker.job_table import RECENT_SCANS, JobTable, MissingScans
+
+HISTORY_TIMEOUT_S = 5.0
+LOST_SCANS_TIMEOUT_S = 0.5
+"""Timeout of a query after a gap: the bridge has just sent a scan, so it answers soon or never."""
+KEPT_TERMS = 16
+"""Number of remembered terms, more than coordinators that compete for a take-over."""
+
+
+@dataclass(frozen=True)
+class PublishReport:
+    """Publish a job's report of a step."""
+
+    report: Report
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer a query, once."""
+
+    question: Any
+    message: OrderAnswer | WorkerState | Advice
+
+
+@dataclass(frozen=True)
+class FetchMap:
+    """Query the bridge for the map; `on_map` or `on_map_failure` follows."""
+
+
+@dataclass(frozen=True)
+class BuildModel:
+    """Compute or read the sensor model of a map, which may take a minute.
+
+    `on_model` or `on_map_failure` follows.
+    """
+
+    map: MapMessage
+    settings: SensorSettings
+
+
+@dataclass(frozen=True)
+class FetchScans:
+    """Query the bridge for past steps; `on_history` or `on_no_history` follows."""
+
+    missing: MissingScans
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class Warn:
+    """Count a fault, and log each cause at most once a period."""
+
+    cause: str
+    """Name of the counter, without details."""
+    detail: str
+
+
+@dataclass(frozen=True)
+class Advise:
+    """Compute the answer to a query for advice; see `Adviser`."""
+
+    question: Any
+    asked: AdviceQuestion
+    scan: Scan
+    """The scan of the asked step."""
+    model: SensorModel
+    settings: FilterSettings
+    landmarks: tuple[Landmark, ...]
+
+
+Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchScans | Warn | Advise
+
+
+class TermFence:
+    """The rule that a worker follows the coordinator with the highest term."""
+
+    def __init__(self) -> None:
+        self.term = 0
+        """The highest known term."""
+        self.founded = 0
+        """The highest term of a received checkpoint with clusters; 0: none."""
+        self.order = 0
+        """Number of the last order followed."""
+        self.newest = 0
+        """Highest number of an order received, followed or not."""
+        self._terms: deque[int] = deque(maxlen=KEPT_TERMS)
+
+    @property
+    def terms(self) -> tuple[int, ...]:
+        """The last terms, in the order in which they became known."""
+        return tuple(self._terms)
+
+    def on_term(self, term: int) -> None:
+        """Note a coordinator's term; from now on, orders of lower terms are refused."""
+        if term and term not in self._terms:
+            self._terms.append(term)
+        if term > self.term:
+            self.term, self.order, self.newest = term, 0, 0
+
+    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Note the term of a coordinator's checkpoint, and whether the belief has had clusters."""
+        self.on_term(checkpoint.term)
+        if checkpoint.founded:
+            self.founded = max(self.founded, checkpoint.term)
+
+    def check(self, order: WorkOrder) -> bool:
+        """Return whether to follow an order; False if a later order has arrived before it.
+
+        Raises:
+            OldTermError: a coordinator with a higher term is known.
+        """
+        if order.term < self.term:
+            raise OldTermError(term=order.term, ruling=self.term)
+        self.on_term(order.term)
+        if order.order < self.newest:
+            return False
+        self.newest = order.order
+        return True
+
+
+@dataclass(frozen=True)
+class _WaitingOrder:
+    """An order that waits for its sensor model."""
+
+    question: Any
+    order: WorkOrder
+    settings: FilterSettings
+
+
+class Worker:
+    """One worker: its jobs, the coordinator that it follows, and the map's sensor model.
+
+    No method waits: the map and past scans are requested by an instruction, and arrive in a later
+    call. Other work continues until then.
+
+    Args:
+        name: the worker's name.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._table, self._fence = JobTable(name), TermFence()
+        self._map: MapMessage | None = None
+        self._landmarks: tuple[Landmark, ...] = ()
+        self._model: SensorModel | None = None
+        self._model_digest = ""
+        """Digest of the map of `_model`."""
+        self._preparing = False
+        """Whether the map is being fetched, or its sensor model built."""
+        self._waiting: _WaitingOrder | None = None
+        self._ordered: FilterSettings | None = None
+        """Settings of the last order."""
+        self._ordered_map = ""
+        """Digest of the last order's map."""
+        self._live = AS_STARTED
+        """Settings of the newest scan, which override those of the order."""
+        self._in_force: FilterSettings | None = None
+        """Settings of the jobs: those of the order, changed by those of the scan."""
+        self._held: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        """Scans that wait for a sensor model with other settings."""
+        self._fetching: MissingScans | None = None
+        self._dropped = 0
+        self._decided = -1
+        """The last step that a coordinator is known to have decided."""
+
+    @property
+    def jobs(self) -> int:
+        """Number of jobs that this worker has."""
+        return len(self._table.summary())
+
+    @property
+    def needs_scans(self) -> bool:
+        """Whether this worker has a job, or an order that waits for a sensor model."""
+        return not self._table.is_empty or self._waiting is not None
+
+    @property
+    def searches(self) -> bool:
+        """Whether there is work for `search`."""
+        return self._table.searches
+
+    def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
+        """Process a coordinator's published state."""
+        self._fence.on_checkpoint(checkpoint)
+        self._decided = checkpoint.step
+        return []
+
+    def search(self) -> list[Instruction]:
+        """Compute one slice of a search; call it while no event waits."""
+        return _published(self._table.search_on())
+
+    def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
+        """Have an advice computed, or answer why there is none."""
+        model, settings = self._model, self._in_force or self._ordered
+        scan = self._table.scan_of(asked.step)
+        if model is None or settings is None or asked.map_digest != self._model_digest:
+            problem = "the worker has no map yet"
+        elif scan is None:
+            problem = f"the worker has no scan of step {asked.step}: ask again"
+        elif (wrong := ViewMemory(asked.views).problem) is not None:
+            problem = wrong
+        else:
+            return [Advise(question, asked, scan, model, settings, self._landmarks)]
+        return [Answer(question, Advice(sender=self._name, note=problem))]
+
+    # --- scans
+
+    def on_scan(self, scan: Scan, dropped: int = 0) -> list[Instruction]:
+        """Process a step of the bridge.
+
+        Args:
+            scan: the step.
+            dropped: scans that this process dropped from a full inbox since its start.
+        """
+        if not self.needs_scans:
+            return []
+        if self._is_of_another_map(scan):
+            detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
+            return [Warn("scan of another map", detail)]
+        if not self._is_prepared(scan):
+            self._held.append(scan)
+            return self._continue()
+        lost = self._table.lost_before(scan)
+        if lost is None or self._has_fallen_behind(dropped):
+            return _published(self._table.on_scan(scan))
+        self._table.wait_for(lost)
+        reports = self._table.on_scan(scan)
+        return [*_published(reports), *self._fetch(self._table.missing(), LOST_SCANS_TIMEOUT_S)]
+
+    def _is_prepared(self, scan: Scan) -> bool:
+        """Apply a scan's settings; return False if they need another sensor model first."""
+        if self._held:
+            return False
+        self._live = scan.settings
+        if self._model is None or self._ordered is None:
+            return True
+        settings = filter_with(self._ordered, scan.settings)
+        if self._model.settings != settings.sensor:
+            return False
+        if self._in_force != settings:
+            self._in_force = settings
+            self._table.use(self._model, settings)
+        return True
+
+    def _is_of_another_map(self, scan: Scan) -> bool:
+        return self._map is not None and scan.map_digest != self._map.digest
+
+    def _has_fallen_behind(self, dropped: int) -> bool:
+        """Return whether this process dropped scans since the last gap, as it was too slow."""
+        known, self._dropped = self._dropped, dropped
+        return dropped > known
+
+    def _fetch(self, missing: MissingScans | None, timeout_s: float) -> list[Instruction]:
+        """Request past scans, unless the same request is under way; a new one replaces it."""
+        if missing is None or missing == self._fetching:
+            return []
+        self._fetching = missing
+        return [FetchScans(missing, timeout_s)]
+
+    def on_no_history(self, missing: MissingScans, problem: str) -> list[Instruction]:
+        """Continue without past scans, because `FetchScans` failed."""
+        return [Warn("no scan history", problem), *self.on_history(missing, ())]
+
+    def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
+        """Process the past scans that `FetchScans` requested."""
+        if missing != self._fetching:
+            return []  # an answer to a request that a later one has replaced
+        self._fetching = None
+        self._table.wait_for(None)
+        fitting = [scan for scan in scans if not self._is_of_another_map(scan)]
+        return _published(self._table.catch_up(fitting))
+
+    # --- orders
+
+    def on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
+        """Follow an order as soon as there is a sensor model for it.
+
+        Args:
+            question: handle of the query, for its `Answer`.
+            order: the order of a coordinator.
+        """
+        try:
+            settings = converted(order.filter_settings, FilterSettings)
+            if not self._fence.check(order):
+                return self._overtaken(question, order)
+        except (OldTermError, msgspec.ValidationError) as error:
+            return self.refuse(question, error)
+        before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)
+        # The coordinator no longer expects its previous order to be followed.
+        answered = [Answer(before.question, self._answer())] if before else []
+        return [*answered, *self._continue()]
+
+    def _overtaken(self, question: Any, order: WorkOrder) -> list[Instruction]:
+        detail = f"order {order.order} after {self._fence.newest}"
+        return [Warn("order overtaken", detail), Answer(question, self._answer())]
+
+    def _continue(self) -> list[Instruction]:
+        """Follow the waiting order and take the held scans, or request what they need.
+
+        A worker without a job also requests the model, so that it can take over at once.
+        """
+        waiting, wanted = self._waiting, self._wanted()
+        if wanted is None:
+            return []
+        settings, digest = wanted
+        sensor = filter_with(settings, self._live).sensor
+        has_model = self._model and (self._model_digest, self._model.settings) == (digest, sensor)
+        if waiting is not None and (has_model or not waiting.order.begin):
+            return [*self._follow(waiting), *self._continue()]
+        if has_model:
+            held, self._held = self._held, deque(maxlen=RECENT_SCANS)
+            return [do for scan in held for do in self.on_scan(scan, self._dropped)]
+        if self._preparing:
+            return []
+        self._preparing = True
+        if self._map is None or self._map.digest != digest:
+            return [FetchMap()]
+        return [BuildModel(self._map, sensor)]
+
+    def _wanted(self) -> tuple[FilterSettings, str] | None:
+        """Return the settings and the map's digest of the waiting order, or of the last one."""
+        if self._waiting is not None:
+            return self._waiting.settings, self._waiting.order.map_digest
+        return (self._ordered, self._ordered_map) if self._ordered and self._ordered_map else None
+
+    def on_map_failure(self, error: Exception) -> list[Instruction]:
+        """Refuse the waiting order, because `FetchMap` or `BuildModel` failed.
+
+        Args:
+            error: a `ClusterMclError`, or a `ValueError` if the map has no obstacle.
+        """
+        self._preparing, self._map = False, None
+        return self._refuse_waiting(error)
+
+    def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
+        """Use the sensor model that `BuildModel` requested."""
+        self._preparing, self._model, self._model_digest = False, model, map_digest
+        if self._map is not None:
+            self._landmarks = self._map.landmarks
+        return self._continue()
+
+    def on_map(self, message: MapMessage) -> list[Instruction]:
+        """Use the map that `FetchMap` requested."""
+        self._preparing = False
+        wanted = self._wanted()
+        if wanted is None:
+            return []
+        if message.digest != wanted[1]:
+            error = MapMismatchError(worker=self._name, expected=wanted[1], found=message.digest)
+            return self._refuse_waiting(error)
+        self._map = message
+        return self._continue()
+
+    def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
+        self._waiting = None
+        order = waiting.order
+        repeated = not self._table.has_changes(order)  # after an outage, which cost reports
+        again = self._table.reports_after(self._decided) if repeated else []
+        try:
+            if not self._fence.check(order):  # checked again, as the order may have waited
+                return self._overtaken(waiting.question, order)
+            if self._model is not None:
+                settings = filter_with(waiting.settings, self._live)
+                self._table.follow(order, self._model, settings)
+            self._ordered, self._ordered_map = waiting.settings, order.map_digest
+        except (OldTermError, ValueError) as error:
+            return self.refuse(waiting.question, error)
+        self._fence.order = order.order
+        missing = self._table.missing()
+        self._table.wait_for(missing)
+        return [
+            Answer(waiting.question, self._answer()),
+            *_published([*again, *self._table.catch_up()]),
+            *self._fetch(missing, HISTORY_TIMEOUT_S),
+        ]
+
+    def _refuse_waiting(self, error: Exception) -> list[Instruction]:
+        waiting, self._waiting = self._waiting, None
+        return self.refuse(waiting.question, error) if waiting else []
+
+    def refuse(self, question: Any, error: Exception) -> list[Instruction]:
+        """Refuse an order, which may be one that cannot be decoded."""
+        problem = str(error)
+        return [Warn(_cause_of(error), problem), Answer(question, self._answer(problem))]
+
+    # --- answers
+
+    def _answer(self, problem: str = "") -> OrderAnswer:
+        return OrderAnswer(
+            sender=self._name,
+            order=self._fence.order,
+            term=self._fence.term,
+            jobs=self._table.summary(),
+            problem=problem,
+        )
+
+    def on_state_query(self, question: Any, take_over: TakeOver | None = None) -> list[Instruction]:
+        """Answer with the jobs, or with the `WorkerState` for a coordinator that takes over."""
+        if take_over is None:
+            return [Answer(question, self._answer())]
+        self._fence.on_term(take_over.term)
+        state = WorkerState(
+            sender=self._name,
+            term=self._fence.term,
+            holds=self._table.holds(),
+            terms=self._fence.terms,
+            founded=self._fence.founded,
+            reports=tuple(map(encode, self._table.reports.since(take_over.since))),
+        )
+        return [Answer(question, state)]
+
+
+def _published(reports: list[Report]) -> list[Instruction]:
+    return [PublishReport(report) for report in reports]
+
+
+def _cause_of(error: Exception) -> str:
+    """Return the name of the counter for a refused order."""
+    match error:
+        case MalformedMessageError():
+            return error.cause
+        case MapMismatchError():
+            return "order for another map"
+        case OldTermError():
+            return "order of an old term"
+        case _:
+            return "order refused"

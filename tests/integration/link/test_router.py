@@ -1,0 +1,117 @@
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from clustermcl.protocol.errors import AlreadyRunningError, SettingsError
+from clustermcl.runtime.settings import ZenohSettings
+from clustermcl.runtime.supervisor import python_module
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.processes import RunningProcess
+from tests.integration.routers import open_router
+from tests.integration.waiting import wait_until
+
+ROUTER_FILE = Path(__file__).parents[3] / "deploy" / "router.json5"
+
+
+def test_a_router_ends_on_a_signal_and_a_killed_one_does_not_block_the_next(
+    start_router: Callable[[], RunningProcess],
+) -> None:
+    killed = start_router()
+    killed.send_signal(signal.SIGKILL)
+    assert killed.wait() == -signal.SIGKILL
+    process = start_router()
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert process.out == ""
+
+
+def test_a_router_that_a_client_starts_has_more_threads_than_a_machine_has_links(
+    zenoh_settings: ZenohSettings,
+    start_router: Callable[[], RunningProcess],
+    open_client: OpenClient,
+) -> None:
+    first = start_router()
+    open_client()
+    first.kill()
+    Path(zenoh_settings.router.partition("/")[2]).unlink(missing_ok=True)
+    second = start_router()
+
+    def receiving() -> int:
+        names = Path(f"/proc/{second.pid}/task").glob("*/comm")
+        return sum(name.read_text().startswith("rx-") for name in names)
+
+    wait_until(lambda: receiving() == 16)  # the client has come back: they are started with a link
+
+
+def test_a_port_in_use_prints_one_line_and_exits_with_2(start_process: StartProcess) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        process = start_process(
+            python_module("clustermcl.link.router", "--set", f"zenoh.router={endpoint}")
+        )
+        assert process.wait() == 2
+    assert process.err == (
+        f"router: {endpoint} is in use: a router or another program already listens there; "
+        "share that router by 'clustermcl up --robot NAME --set zenoh.start_router=false', "
+        "stop it, or set zenoh.router\n"
+    )
+
+
+def test_a_second_router_on_one_socket_is_refused(router: ZenohSettings) -> None:
+    with pytest.raises(AlreadyRunningError, match="is in use"), open_router(router):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "message"),
+    [
+        ("tcp:/127.0.0.1:7447", "is not an endpoint: write tcp/HOST:PORT"),
+        ("tcp/192.0.2.1:7447", "cannot listen at tcp/192.0.2.1:7447: "),  # TEST-NET, never ours
+        ("unixsock-stream//no/such/folder/x", "cannot listen at unixsock-stream//no/such/folder/x"),
+    ],
+)
+def test_an_endpoint_that_cannot_be_listened_at_is_named(endpoint: str, message: str) -> None:
+    with pytest.raises(SettingsError) as caught, open_router(ZenohSettings(router=endpoint)):
+        pass
+    assert message in str(caught.value)
+    assert ".rs" not in str(caught.value)
+
+
+def test_the_deployed_file_makes_a_router_that_forwards(
+    zenoh_settings: ZenohSettings,
+    tmp_path: Path,
+    start_process: StartProcess,
+    open_client: OpenClient,
+) -> None:
+    text = ROUTER_FILE.read_text()
+    assert '"tcp/0.0.0.0:7447"' in text
+    file = tmp_path / "router.json5"
+    file.write_text(text.replace('["tcp/0.0.0.0:7447"]', f'["{zenoh_settings.router}"]'))
+    process = start_process(python_module("clustermcl.link.router", "--config", str(file)))
+    process.wait_for("router listens at")
+    received: list[str] = []
+    open_client().declare_subscriber("test", lambda s: received.append(s.payload.to_string()))
+    speaker = open_client()
+
+    def put_and_look() -> list[str]:
+        speaker.put("test", "hello")
+        return received
+
+    wait_until(put_and_look)
+    assert received[0] == "hello"
+
+
+@pytest.mark.parametrize("text", [None, "{ mode: 'router', ", "{ mode: 'routre' }", "{ nod: 1 }"])
+def test_a_file_that_is_no_configuration_is_named(
+    text: str | None, tmp_path: Path, start_process: StartProcess
+) -> None:
+    file = tmp_path / "router.json5"
+    if text is not None:
+        file.write_text(text)
+    process = start_process(python_module("clustermcl.link.router", "--config", str(file)))
+    assert process.wait() == 2
+    assert process.err.startswith(f"router: {file}: ")
+    assert process.err.count("\n") == 1

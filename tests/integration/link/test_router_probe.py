@@ -1,0 +1,104 @@
+import json
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from clustermcl.link.configuration import as_zenoh, router_configuration
+from clustermcl.link.router import MIN_PROBES, RouterProbe, client_of
+from clustermcl.runtime.settings import ZenohSettings
+from clustermcl.runtime.supervisor import python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import RunningProcess
+from tests.integration.waiting import PATIENCE_S, wait_until
+
+EVERY_S = 0.5
+
+
+@pytest.fixture
+def narrow_router(
+    zenoh_settings: ZenohSettings, tmp_path: Path, start_process: StartProcess
+) -> RunningProcess:
+    """A router that allows one pending connection: easily blocked for good."""
+    configuration = router_configuration(zenoh_settings)
+    configuration["transport"]["unicast"] = {"accept_pending": 1, "accept_timeout": 600_000}
+    file = tmp_path / "router.json5"
+    file.write_text(json.dumps(configuration))
+    words = ("--config", str(file), "--look-every", str(EVERY_S), "--set", "log.level=debug")
+    process = start_process(python_module("clustermcl.link.router", *words))
+    process.wait_for("router listens at")
+    return process
+
+
+@pytest.fixture
+def silence() -> Iterator[ExitStack]:
+    with ExitStack() as silence:
+        yield silence
+
+
+def test_a_router_that_accepts_no_client_any_more_exits(
+    narrow_router: RunningProcess, zenoh_settings: ZenohSettings, silence: ExitStack
+) -> None:
+    narrow_router.wait_for("clients can connect")
+
+    def block() -> bool:
+        one = silence.enter_context(socket.socket(socket.AF_UNIX))
+        with suppress(ConnectionRefusedError):  # it has just ended
+            one.connect(zenoh_settings.router.partition("/")[2])
+        return not narrow_router.is_running()
+
+    wait_until(block)
+    assert narrow_router.wait() == 1
+    assert "no client can connect" in narrow_router.err
+
+
+def test_failures_of_the_probe_count_only_after_a_success(
+    narrow_router: RunningProcess, zenoh_settings: ZenohSettings
+) -> None:
+    """A probe that never connects, for example without a valid certificate, proves nothing."""
+    assert narrow_router.is_running()
+    router = as_zenoh(router_configuration(zenoh_settings))
+    good, never = RouterProbe(router, patience_s=PATIENCE_S), RouterProbe(router, patience_s=0.1)
+    never._client["connect"]["endpoints"] = ["unixsock-stream//no/such/router"]
+    for _ in range(2 * MIN_PROBES):
+        for one in (good, never):
+            one.probe().join()
+            assert not one.is_locked_up
+
+
+@pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
+def test_a_router_without_endpoints_is_never_reported(listens: str, tmp_path: Path) -> None:
+    file = tmp_path / "router.json5"
+    file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
+    probe = RouterProbe(zenoh.Config.from_file(str(file)), patience_s=0.1)
+    for _ in range(2 * MIN_PROBES):
+        probe.probe().join()
+        assert not probe.is_locked_up
+
+
+@pytest.mark.parametrize("every", ["-1", "nan"])
+def test_an_invalid_probe_interval_is_refused(every: str, start_process: StartProcess) -> None:
+    process = start_process(python_module("clustermcl.link.router", "--look-every", every))
+    assert process.wait() == 2
+    assert "--look-every" in process.err
+    assert "Traceback" not in process.err
+
+
+@pytest.mark.parametrize(
+    ("listens", "looks"),
+    [
+        ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
+        ("tcp/[::]:7447", "tcp/[::1]:7447"),
+        ("tcp/10.1.2.3:7447#iface=eth0", "tcp/10.1.2.3:7447"),
+        ("unixsock-stream//tmp/a", "unixsock-stream//tmp/a"),
+    ],
+)
+def test_the_probe_connects_where_the_router_listens(listens: str, looks: str) -> None:
+    configuration = router_configuration(ZenohSettings(router="tcp/localhost:1"))
+    configuration["listen"]["endpoints"] = [listens]
+    client = client_of(as_zenoh(configuration), 1.0)
+    assert client["connect"]["endpoints"] == [looks]
+    assert client["transport"]["shared_memory"] == {"enabled": False}, "it would be left behind"

@@ -1,0 +1,145 @@
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from clustermcl.runtime.main import EXIT_ERROR
+from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from clustermcl.runtime.watchdog import SignsOfLife
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import python_script
+from tests.integration.waiting import PATIENCE_S, wait_until
+
+HANGING = Path(__file__).parent / "programs" / "hanging.py"
+NOWHERE = ("--set", "zenoh.router=tcp/127.0.0.1:9")
+
+if sys.platform != "linux":
+    pytest.skip("systemd is Linux'", allow_module_level=True)
+
+
+class Systemd:
+    """The other end of NOTIFY_SOCKET."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(folder / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(folder / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def receives(self, within_s: float) -> bytes | None:
+        self._socket.settimeout(within_s)
+        try:
+            return self._socket.recv(100)
+        except TimeoutError:
+            return None
+
+    def receives_no_more(self) -> bool:
+        """Whether there is a silence of more than WATCHDOG_USEC in the next seconds."""
+        until_s = time.monotonic() + 10.0
+        while self.receives(0.6) is not None:
+            if time.monotonic() > until_s:
+                return False
+        return True
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+    with closing(Systemd(tmp_path, monkeypatch)) as listening:
+        yield listening
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        python_module("clustermcl.link.router", "--set", "zenoh.router=unixsock-stream/{folder}/r"),
+        python_module("clustermcl.coordinator", *NOWHERE),
+        python_module("clustermcl.worker", "--count", "1", *NOWHERE),
+    ],
+    ids=["router", "coordinator", "worker"],
+)
+def test_a_process_reports_that_it_is_ready_and_runs_until_it_is_stopped(
+    systemd: Systemd, start_process: StartProcess, command: list[str], tmp_path: Path
+) -> None:
+    process = start_process([word.replace("{folder}", str(tmp_path)) for word in command])
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+    for _ in range(6):
+        assert systemd.receives(PATIENCE_S) == b"WATCHDOG=1"
+    process.send_signal(signal.SIGSTOP)
+    assert systemd.receives_no_more()
+    process.send_signal(signal.SIGCONT)
+    assert systemd.receives(PATIENCE_S) == b"WATCHDOG=1"
+
+
+def test_a_process_that_fails_at_its_start_never_reports_that_it_is_ready(
+    systemd: Systemd, start_process: StartProcess
+) -> None:
+    process = start_process(python_module("clustermcl.sensor_bridge", "--set", "bridge.map="))
+    assert process.wait() == EXIT_ERROR
+    assert systemd.receives(0.1) is None
+
+
+def test_a_hanging_loop_sends_no_sign_of_life_although_a_thread_runs(
+    systemd: Systemd, start_process: StartProcess
+) -> None:
+    process = start_process(python_script(HANGING))
+    process.wait_for("goes round")
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+    process.send_signal(signal.SIGUSR1)
+    process.wait_for("hangs")
+    assert systemd.receives_no_more()
+    process.send_signal(signal.SIGABRT)  # as systemd does then
+    assert process.wait() == -signal.SIGABRT
+    assert "never.wait()" in process.err or "in body" in process.err
+
+
+def test_no_sign_of_life_without_the_variable_or_in_another_process(systemd: Systemd) -> None:
+    SignsOfLife({}).give()
+    named = {"NOTIFY_SOCKET": os.environ["NOTIFY_SOCKET"], "WATCHDOG_USEC": "1"}
+    SignsOfLife({**named, "WATCHDOG_PID": "1"}).give()
+    assert systemd.receives(0.1) is None
+    SignsOfLife({**named, "WATCHDOG_PID": str(os.getpid())}).give()
+    assert systemd.receives(PATIENCE_S) == b"READY=1\nWATCHDOG=1"
+
+
+def test_a_missing_or_slow_watchdog_delays_no_process(tmp_path: Path) -> None:
+    SignsOfLife({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"}).give()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf:
+        deaf.bind(str(tmp_path / "deaf"))
+        sign = SignsOfLife({"NOTIFY_SOCKET": str(tmp_path / "deaf"), "WATCHDOG_USEC": "1"}).give
+        for _ in range(2000):
+            sign()
+
+
+@pytest.fixture
+def supervisor() -> Iterator[Supervisor]:
+    made = Supervisor(hung_after_s=2.0)
+    yield made
+    made.stop()
+
+
+def test_the_supervisor_kills_and_restarts_a_child_that_hangs(supervisor: Supervisor) -> None:
+    ended: list[ChildExit] = []
+
+    def look() -> bool:
+        ended.extend(supervisor.poll(time.monotonic()))
+        return bool(ended)
+
+    supervisor.add(ChildSpec("hanging", python_script(HANGING)))
+    first = supervisor.pids()["hanging"]
+    alive_until_s = time.monotonic() + 3.0
+    wait_until(lambda: look() or time.monotonic() > alive_until_s)
+    assert ended == [], "a child that goes round is left alone"
+    os.kill(first, signal.SIGUSR1)
+    wait_until(look)
+    assert (ended[0].name, ended[0].code) == ("hanging", -signal.SIGKILL)
+    wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
+    assert supervisor.pids()["hanging"] != first

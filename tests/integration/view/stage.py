@@ -1,0 +1,100 @@
+"""The real server and page without a system; tests give it what it should draw."""
+
+import queue
+import zlib
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from clustermcl.protocol.steps import Landmark, MapMessage
+from clustermcl.view.admission import parsed_address
+from clustermcl.view.commands import Command
+from clustermcl.view.live_loop import answer_browser
+from clustermcl.view.map_reduction import reduced
+from clustermcl.view.page_server import PageServer
+from clustermcl.view.picture import Picture
+from clustermcl.view.room import FromBrowser, Room
+
+
+class Actor:
+    """A robot that pages may look at: tests change `picture`, and call `pump`."""
+
+    def __init__(self, name: str, robots: list[str]) -> None:
+        self.picture = Picture(
+            {"robot": name, "router": "none", "commands": True, "robots": robots}
+        )
+        self.picture.on_link("running")
+        self.commands: list[Command] = []
+        self._events: queue.Queue[FromBrowser] = queue.Queue()
+        self.room = Room(name, self._events.put)
+
+    def pump(self) -> None:
+        """Answer what browsers have said, and send them what has changed."""
+        while not self._events.empty():
+            event = self._events.get()
+            if isinstance(event.request, Command):
+                self.commands.append(event.request)
+            answer_browser(self.room, self.picture, event)
+        if changes := self.picture.changes():
+            self.room.publish(changes)
+
+
+class Stage(Actor):
+    """The robot ``r``, others by their names, and the server of their pages."""
+
+    def __init__(self, *others: str) -> None:
+        super().__init__("r", ["r", *others] if others else [])
+        self.map: MapMessage | None = None
+        self.others = {name: Actor(name, []) for name in others}
+        rooms = [self.room, *(other.room for other in self.others.values())]
+        self.server = PageServer(parsed_address("127.0.0.1:0"), rooms, obeys_commands=True)
+
+    def __enter__(self) -> Self:
+        self.server.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.server.__exit__(kind, error, traceback)
+
+    def show_map(
+        self,
+        rows: int,
+        cols: int,
+        cell_m: float = 0.05,
+        pillar: tuple[int, int] = (0, 0),
+        landmarks: tuple[Landmark, ...] = (),
+    ) -> None:
+        """An empty room of this size, but for a pillar of one cell."""
+        cells = np.zeros((rows, cols), np.int8)
+        cells[[0, -1]] = cells[:, [0, -1]] = cells[pillar] = 1
+        packed = zlib.compress(cells.tobytes(), 1)
+        self.show(
+            MapMessage(
+                sender="bridge",
+                digest=f"{rows}x{cols}",
+                cell_m=cell_m,
+                map_from_grid=(0.0, 0.0, 0.0),
+                rows=rows,
+                cols=cols,
+                zlib_cells=packed,
+                landmarks=landmarks,
+            )
+        )
+
+    def show(self, grid_map: MapMessage) -> None:
+        """A map, reduced as the process does it."""
+        self.map = message = reduced(grid_map)
+        self.room.map = (message.digest, message.zlib_cells)
+        self.picture.on_map(message)
+
+    def pump(self) -> None:
+        """Answer the browsers of all robots, and send them what has changed."""
+        for other in self.others.values():
+            other.pump()
+        super().pump()

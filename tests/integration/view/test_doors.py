@@ -1,0 +1,138 @@
+import http.client
+import json
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.sync.client import ClientConnection
+
+from clustermcl.runtime.supervisor import python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.free_port import free_port
+from tests.integration.processes import RunningProcess
+from tests.integration.view.page import frame_of
+from tests.integration.view.page import opened as open_page
+from tests.integration.waiting import PATIENCE_S
+
+
+@pytest.fixture
+def no_router(tmp_path: Path) -> str:
+    """A router's endpoint without a router."""
+    return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
+
+
+@pytest.fixture(scope="module")
+def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """Of a page of two robots on loopback, started as a person types it; no router is there."""
+    folder, chosen = tmp_path_factory.mktemp("page"), free_port()
+    words = ["--quiet", "view", "--listen", f"127.0.0.1:{chosen}", "--robot", "r1", "--robot", "r2"]
+    words += ["--set", f"zenoh.router=unixsock-stream/{folder}/r.sock"]
+    process = RunningProcess(python_module("clustermcl", *words), folder, "view")
+    process.wait_for("look at")
+    assert process.err == f"clustermcl: look at http://127.0.0.1:{chosen}/\n"
+    yield chosen
+    with opened(chosen) as page:
+        page.recv(PATIENCE_S)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0, "an open page does not hold it"
+
+
+def served(start_process: StartProcess, no_router: str, *arguments: str) -> RunningProcess:
+    process = start_process(python_module("clustermcl.view", "--set", no_router, *arguments))
+    process.wait_for("look at")
+    return process
+
+
+def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=PATIENCE_S)
+    connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
+    answer = connection.getresponse()
+    headers = {name.lower(): value for name, value in answer.getheaders()}
+    result = answer.status, headers, answer.read().decode()
+    connection.close()
+    return result
+
+
+def opened(
+    port: int, *, origin: str = "", cookie: str = "", path: str = "live"
+) -> ClientConnection:
+    headers = {"Cookie": cookie} if cookie else {}
+    link = f"http://127.0.0.1:{port}"
+    return open_page(f"{link}/", path, origin=origin or link, additional_headers=headers)
+
+
+def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -> None:
+    for at in ("/", "/robot/r2/"):
+        status, headers, text = got(port, at)
+        assert status == 200
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "://" not in policy
+        for file in re.findall(r'(?:src|href)="([^"]+)"', text):
+            found, about, content = got(port, f"{at}{file}")
+            assert found == 200, file
+            assert about["x-content-type-options"] == "nosniff"
+            assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
+    for path in ("/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js", "/robot/r3/"):
+        assert got(port, path)[0] == 404, path
+    for name, path in (("r1", "live"), ("r1", "robot/r1/live"), ("r2", "robot/r2/live")):
+        with opened(port, path=path) as page:
+            system = json.loads(page.recv(PATIENCE_S))["system"]
+            assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
+
+
+def done(page: ClientConnection) -> str:
+    """Send a command; return the reason why it is refused."""
+    page.send('{"type": "relocalize"}')
+    return str(frame_of(page, "done")["problem"])
+
+
+def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
+    with opened(port) as page:
+        assert "no answer" in done(page)
+
+
+def test_a_browser_that_sends_malformed_messages_is_disconnected_and_disturbs_no_other(
+    port: int,
+) -> None:
+    for rubbish in ("{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}'):
+        with opened(port) as page:
+            page.recv(PATIENCE_S)
+            page.send(rubbish)
+            with pytest.raises(ConnectionClosedError):
+                all(page.recv(PATIENCE_S) for _ in range(20))  # some pictures were under way
+    with opened(port) as page:
+        assert "system" in json.loads(page.recv(PATIENCE_S))
+
+
+def test_on_other_addresses_the_page_needs_the_token_and_is_read_only(
+    start_process: StartProcess, no_router: str
+) -> None:
+    port = free_port()
+    process = served(start_process, no_router, "--listen", f"0.0.0.0:{port}")
+    token = re.search(r"\?token=([\w-]+)", process.err)
+    assert token is not None
+    assert [got(port, path)[0] for path in ("/", "/app.js")] == [403, 403]
+    status, headers, _ = got(port, f"/?token={token[1]}")
+    assert status == 200
+    with pytest.raises(InvalidStatus):
+        opened(port)
+    with opened(port, cookie=headers["set-cookie"].partition(";")[0]) as page:
+        system = json.loads(page.recv(PATIENCE_S))["system"]
+        assert (system["link"], system["commands"]) == ("no router", False)
+        assert "is read-only" in done(page)
+    assert process.is_running()
+
+
+def test_a_port_in_use_is_refused_in_one_line(
+    start_process: StartProcess, no_router: str, port: int
+) -> None:
+    words = ("--set", no_router, "--listen", f"127.0.0.1:{port}")
+    process = start_process(python_module("clustermcl.view", *words))
+    assert process.wait() == 2
+    assert "in use" in process.err
+    assert process.err.count("\n") == 1

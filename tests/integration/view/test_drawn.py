@@ -1,0 +1,641 @@
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+
+from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.job_events import Ended, JobEvents, NumberedEvent
+from clustermcl.protocol.steps import Landmark, Seen, TruePose
+from clustermcl.protocol.work import TrackReport
+from clustermcl.view.saved_page import saved_run
+from tests.integration.view.page import Page, press, serious_problems
+from tests.integration.view.stage import Stage
+from tests.integration.waiting import wait_until
+from tests.unit.view.messages import (
+    belief,
+    events,
+    hypothesis,
+    pose,
+    report,
+    scan,
+    simulator,
+    status,
+)
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    with Stage() as made:
+        made.show_map(120, 200)
+        yield made
+
+
+@pytest.fixture
+def drawn(stage: Stage, driver: Any) -> Iterator[Page]:
+    """The page of the stage; nothing is said on the browser's console."""
+    page = page_of(stage, driver)
+    yield page
+    driver.get("about:blank")
+    assert page.console() == []
+
+
+def page_of(stage: Stage, driver: Any) -> Page:
+    """The stage's page, once it has the map."""
+    page = Page(driver, stage.server.link)
+    shows(stage, lambda: page.run("return liveView.view.map !== null"))
+    return page
+
+
+def shows(stage: Stage, condition: Callable[[], object]) -> None:
+    """Wait until the page shows the stage's last message."""
+
+    def pumped() -> object:
+        stage.pump()
+        return condition()
+
+    wait_until(pumped)
+
+
+def play(stage: Stage, steps: range) -> None:
+    """A robot that drives along, with two places."""
+    for step in steps:
+        stage.picture.on_truth(TruePose(sender="s", step=step, pose=(1.0 + step / 100, 2.0, 0.0)))
+        stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
+        stage.picture.on_belief(belief(step, 1, 2))
+        stage.picture.on_pose(pose(step))
+
+
+def has_steps(stage: Stage, page: Page, count: int) -> None:
+    """Wait until the page has all steps, including those skipped for speed."""
+    shows(stage, lambda: [row[0] for row in page.history()] == list(range(count)))
+
+
+def shown_step(page: Page) -> int | None:
+    step: int | None = page.run("return liveView.view.step?.step ?? null")
+    return step
+
+
+def believe(stage: Stage, page: Page, what: Belief) -> None:
+    """Publish a belief, and wait until the page shows its step."""
+    stage.picture.on_belief(what)
+    shows(stage, lambda: shown_step(page) == what.step)
+
+
+def test_particles_are_drawn_in_their_clusters_colour(stage: Stage, drawn: Page) -> None:
+    believe(stage, drawn, belief(5, 4))  # its place is (4, 2)
+    x, y = 4.0, 4.5
+    assert drawn.snapshot().pixel_at(x, y) == (255, 255, 255)
+    stage.picture.on_report(with_particles_at(x, y))
+    shows(stage, lambda: drawn.run("return liveView.view.clouds.size === 1"))
+    red, _, blue = drawn.snapshot().pixel_at(x, y)
+    assert red > blue + 100  # the first colour is an orange
+
+
+def with_particles_at(x_m: float, y_m: float) -> TrackReport:
+    made = report(5, 4)
+    assert made.snapshot is not None
+    poses = ArrayBlob.of(np.tile((x_m, y_m, 0.0), (100, 1)), "float64")
+    snapshot = msgspec.structs.replace(made.snapshot, map_from_robot=poses)
+    return msgspec.structs.replace(made, snapshot=snapshot)
+
+
+def test_particles_are_carried_forward_by_odometry(drawn: Page) -> None:
+    carried = drawn.run_async(
+        "import('./particles.js').then(({carried}) => done([...carried("
+        "{odom: [1, 1, Math.PI / 2], points: [300, 400, 0, 300, 400, 1571]}, [1, 3, 0])]))"
+    )  # the robot has gone 2 m ahead
+    assert carried == pytest.approx([5.0, 4.0, 3.0, 6.0], abs=0.01)
+
+
+def test_the_scan_is_drawn_at_the_cluster_under_the_pointer(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))  # 2.5 m before the robot
+    believe(stage, drawn, belief(5, 1, 5))
+    best, other = (place["pose"] for place in drawn.snapshot().step["places"])
+    at_best, at_other = ((p[0] + 2.5 * 0.8776, p[1] + 2.5 * 0.4794) for p in (best, other))
+    assert is_scan(drawn, at_best)
+    assert not is_scan(drawn, at_other)
+    drawn.hover_on_map(drawn.snapshot().screen_of(*other[:2]))
+    assert is_scan(drawn, at_other)
+    assert not is_scan(drawn, at_best)
+
+
+def is_scan(page: Page, where: tuple[float, float]) -> bool:
+    red, green, blue = page.snapshot().pixel_at(*where)
+    return red > green + 80 and red > blue + 80
+
+
+def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
+    stage: Stage, drawn: Page
+) -> None:
+    tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 7.0))
+    stage.show_map(121, 200, landmarks=tags)  # another map, so the page fetches it
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.landmarks.length === 2"))
+    flat = (0.01, 0.0, 0.0, 0.01)
+    seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
+                share=1.0)  # fmt: skip
+    stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
+    believe(stage, drawn, belief(5, 1))
+    half_way = (1.0 + 0.8776, 2.0 + 0.4794)
+    assert is_scan(drawn, half_way)
+    assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
+    red, green, _ = drawn.snapshot().pixel_at(7.0, 2.0)
+    assert red == green or red < 60, "a landmark that was not seen is dark"
+
+
+def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_events(events(3))
+    stage.picture.on_status(status())
+    play(stage, range(20))
+    stage.picture.on_events(events(15))
+    has_steps(stage, drawn, 20)
+    press(drawn, ",")
+    shows(stage, lambda: shown_step(drawn) == 18)
+    drawn.run("liveView.travel.goTo(7)")
+    shows(stage, lambda: shown_step(drawn) == 7)
+    assert drawn.run("return location.hash") == "#step=7"
+    assert drawn.text("slider-step") == "step 7"
+    assert drawn.run("return liveView.view.rows.length") == 8
+    assert "c3" in drawn.text("events")
+    assert "c15" not in drawn.text("events")
+    assert drawn.run("return liveView.view.step.scan.length") == 8
+    play(stage, range(20, 23))
+    shows(stage, lambda: drawn.history()[-1][0] == 22)
+    assert shown_step(drawn) == 7  # what goes on meanwhile does not disturb
+    drawn.click("to-now")
+    shows(stage, lambda: shown_step(drawn) == 22)
+    assert drawn.run("return location.hash") == ""
+    shows(stage, lambda: "c15" in drawn.text("events"))
+
+
+def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
+    play(stage, range(4000))
+    shows(stage, lambda: shown_step(drawn) == 3999)
+    drawn.driver.get("about:blank")
+    drawn.driver.get(f"{stage.server.link}#step=42")
+    shows(stage, lambda: shown_step(drawn) == 42)
+    assert range_of_slider(drawn) == (0, 3999)
+    shows(stage, lambda: len(drawn.run("return liveView.view.rows")) == 43)  # its trails come first
+    drawn.run("document.getElementById('plot').dispatchEvent("
+              "new MouseEvent('click', {clientX: 0, bubbles: true}))")  # fmt: skip
+    shows(stage, lambda: shown_step(drawn) == 0)  # its left end: the plot is of that time
+    has_steps(stage, drawn, 4000)  # all others come afterwards
+
+
+def range_of_slider(page: Page) -> tuple[int, int]:
+    low, high = page.run(
+        "const {min, max} = document.getElementById('slider'); return [min, max].map(Number)"
+    )
+    return low, high
+
+
+def test_a_page_that_draws_slowly_gets_the_steps_that_it_skipped(stage: Stage, drawn: Page) -> None:
+    """The steps go on, so some are skipped again before those before them have come."""
+    step = 0
+
+    def goes_on() -> bool:
+        nonlocal step
+        for _ in range(300):  # a message for the last of them alone
+            play(stage, range(step, step + 1))
+            step += 1
+        return step > 5000
+
+    shows(stage, goes_on)
+    has_steps(stage, drawn, step)
+
+
+def test_play_shows_step_after_step_and_ends_at_now(stage: Stage, drawn: Page) -> None:
+    play(stage, range(12))
+    has_steps(stage, drawn, 12)
+    drawn.run("window.seen = new Set(); const view = liveView.view, set = view.setStep;"
+              "view.setStep = function (step, rows) {"
+              "  if (step) window.seen.add(step.step); set.call(view, step, rows); }")  # fmt: skip
+    drawn.click("play")
+    shows(stage, lambda: drawn.run("return liveView.travel.at === null && seen.size > 8"))
+    assert set(drawn.run("return [...seen]")) <= set(range(12))
+
+
+def driven(speed_m_s: float = 0.0, *, by_hand: bool = True) -> Drive:
+    return Drive(sender="view", speed_m_s=speed_m_s, by_hand=by_hand)
+
+
+def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) -> None:
+    believe(stage, drawn, belief(0, 1))
+    assert not drawn.is_visible("kidnap")  # a real robot is not lifted
+    play(stage, range(1, 4))
+    shows(stage, lambda: shown_step(drawn) == 3)
+    stage.picture.on_status(status())
+    shows(stage, lambda: drawn.text("worker-count") == "2")
+    assert not drawn.is_visible("kidnap")  # a recording with a reference has a true pose, too
+    assert not drawn.is_visible("sources")
+    stage.picture.on_status(status(processes=(simulator(),)))
+    shows(stage, lambda: drawn.is_visible("kidnap"))
+    assert drawn.text("sources") == "eye exit\n9.4 nat · broken 80 %"
+    press(drawn, "kk")
+    shows(stage, lambda: [type(one) for one in stage.commands] == [Kidnap])
+    drawn.click("kidnap")
+    start = drawn.snapshot().screen_of(3.0, 3.0)
+    drawn.drag_on_map(start, (start[0], start[1] - 50))
+    shows(stage, lambda: len(stage.commands) == 2)
+    lifted = stage.commands[1]
+    assert isinstance(lifted, Kidnap)
+    assert lifted.pose == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
+    stage.commands.clear()
+    press(drawn, "d")
+    with drawn.holding("\ue013"):  # the up arrow
+        shows(stage, lambda: stage.commands.count(driven(0.6)) >= 3)
+    shows(stage, lambda: stage.commands[-1] == driven())
+    press(drawn, "d")
+    shows(stage, lambda: stage.commands[-1] == driven(by_hand=False))
+
+
+def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
+    drawn.click("set-pose")
+    drawn.hover_on_map(drawn.snapshot().screen_of(3.0, 3.0))
+    before = drawn.snapshot().view
+    drawn.actions().click_and_hold().move_by_offset(50, 0).perform()
+    press(drawn, "--")  # narrower
+    assert drawn.text("hint") == "± 0.30 m"
+    drawn.actions().release().perform()
+    shows(stage, lambda: stage.commands)
+    (given,) = stage.commands
+    assert isinstance(given, SetPose)
+    assert given.pose == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
+    assert given.position_sigma_m == pytest.approx(0.5 / 1.3**2)
+    assert drawn.snapshot().view == before  # the map stays
+
+
+@pytest.mark.parametrize("screen", ["wide", "dark", "phone"])
+def test_a_page_with_sixty_four_clusters_is_readable(
+    stage: Stage, drawn: Page, pictures: Path, screen: str
+) -> None:
+    for step in range(20):
+        stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
+        stage.picture.on_belief(many_places(step))
+        stage.picture.on_pose(pose(step))
+    stage.picture.on_events(events(15))
+    stage.picture.on_status(status())
+    with drawn.on_screen(screen):
+        shows(stage, lambda: shown_step(drawn) == 19)
+        listed = "return document.querySelectorAll('#clusters li[data-cluster]').length"
+        shows(stage, lambda: drawn.run(listed) == 64)
+        assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
+        drawn.click("fit")
+        shows(stage, lambda: labels(drawn) >= 4)
+        snapshot = drawn.snapshot()
+        for place in snapshot.step["places"][:8]:
+            red, green, blue = snapshot.pixel_at(*place["pose"][:2])
+            assert np.ptp([red, green, blue]) > 40, "no label hides a probable place"
+        drawn.save(pictures / f"many-{screen}.png")
+
+
+def many_places(step: int) -> Belief:
+    """All over the map, the first ones the most probable."""
+    reported = belief(step, *range(64))
+    shares = 0.9 ** np.arange(64)
+    places = [
+        msgspec.structs.replace(
+            place,
+            pose=(0.7 + 1.2 * (i * 5 % 8) + step / 50, 0.6 + 0.65 * (i // 8), i / 9),
+            probability=float(0.9 * shares[i] / shares.sum()),
+            covariance=(0.01, 0.003, 0.0, 0.003, 0.02, 0.0, 0.0, 0.0, 0.01),
+        )
+        for i, place in enumerate(reported.hypotheses)
+    ]
+    return msgspec.structs.replace(reported, hypotheses=tuple(places))
+
+
+def labels(page: Page) -> int:
+    """Percentages on the map that hide no other."""
+    count: int = page.run_async(
+        "const {view} = liveView; import('./symbols.js').then(({drawLabels}) => {"
+        "  view.draw(); done(drawLabels(view, view.step.places.slice(0, 8))); });"
+    )
+    return count
+
+
+def test_a_run_that_was_saved_plays_without_a_server(
+    stage: Stage, driver: Any, tmp_path: Path
+) -> None:
+    play(stage, range(30))
+    stage.picture.on_events(events(3))
+    stage.picture.on_link("finished")
+    file = tmp_path / "run.html"
+    assert stage.map is not None
+    file.write_text(saved_run(stage.picture, stage.map))
+    page = Page(driver, f"{file.as_uri()}#step=4")
+    wait_until(lambda: shown_step(page) == 4)
+    truth = page.run("return liveView.view.step.truth")
+    assert truth == pytest.approx([1.04, 2.0, 0.0])
+    page.click("play")
+    wait_until(lambda: shown_step(page) == 29)
+    wait_until(lambda: page.text("slider-step") == "end")
+    assert page.console() == []
+
+
+def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None:
+    """It is empty but for its rim and a pillar of one cell, which is still seen."""
+    stage.show_map(16384, 16384, pillar=(8001, 12002))
+    stage.picture.on_belief(belief(1, 4))
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows") == 4096)
+    assert drawn.snapshot().pixel_at(400.0, 500.0) == (255, 255, 255)
+    assert drawn.run("return liveView.view.map.frame.cell_m") == pytest.approx(0.2)
+    drawn.run("liveView.view.lookAt([600.1, 400.05]); liveView.view.zoom(200)")
+    close = drawn.snapshot()
+    assert close.pixel_at(600.1, 400.05) == (0x2A, 0x32, 0x3B)
+    assert close.pixel_at(601.0, 400.05) == (255, 255, 255)
+
+
+def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
+    stage: Stage, drawn: Page
+) -> None:
+    believe(stage, drawn, belief(1, 4))
+    drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: null}})")
+    shows(stage, lambda: "elsewhere" not in drawn.text("clusters"))
+    drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: 0.25}})")
+    shows(stage, lambda: "elsewhere" in drawn.text("clusters"))
+    assert "25 %" in drawn.text("clusters")
+
+
+@pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
+def test_no_element_of_the_page_covers_a_button(
+    stage: Stage, drawn: Page, pictures: Path, width: int
+) -> None:
+    play(stage, range(5))
+    stage.picture.on_status(status(processes=(simulator(),)))
+    with drawn.on_screen(f"{width}x800"):
+        shows(stage, lambda: drawn.is_visible("kidnap") and drawn.is_visible("timeline"))
+        assert drawn.run(COVERED_BUTTONS) == []
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
+        drawn.save(pictures / f"width-{width}.png")
+
+
+COVERED_BUTTONS = """
+return [...document.querySelectorAll("#stage button, #stage input")].filter((button) => {
+  button.scrollIntoView({block: "nearest", inline: "center"}); // a narrow legend scrolls
+  const {left, right, top, bottom} = button.getBoundingClientRect();
+  return button.checkVisibility() && [left + 3, right - 3].some((x) =>
+    !button.contains(document.elementFromPoint(x, (top + bottom) / 2)));
+}).map((button) => button.id);
+"""
+
+
+def test_one_row_of_the_list_is_marked(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(1, 4, 7))
+    shows(stage, lambda: len(drawn.run(ROWS)) == 2)
+    row = drawn.driver.find_element("css selector", "#clusters li[data-cluster='4']")
+    drawn.actions().move_to_element(row).perform()
+    assert marked(drawn) == ["4"]
+    stage.picture.on_belief(belief(2, 7, 4))  # the other one is under the pointer now
+    shows(stage, lambda: drawn.run(ROWS)[0] == "7")
+    assert marked(drawn) == ["4"]
+
+
+ROWS = """
+return [...document.querySelectorAll("#clusters li[data-cluster]")].map((r) => r.dataset.cluster);
+"""
+
+
+def marked(page: Page) -> list[str]:
+    """Clusters whose row has another ground than the card."""
+    rows: list[str] = page.run(
+        "return [...document.querySelectorAll('#clusters li[data-cluster]')].filter((row) =>"
+        "  getComputedStyle(row).backgroundColor !== 'rgba(0, 0, 0, 0)')"
+        ".map((row) => row.dataset.cluster)"
+    )
+    return rows
+
+
+def test_a_recorded_run_is_marked_as_recorded(stage: Stage, drawn: Page) -> None:
+    play(stage, range(3))
+    stage.picture.on_link("finished")
+    shows(stage, lambda: drawn.text("events") == "this recording holds no events")
+    shows(stage, lambda: drawn.text("freshness") == "recorded")
+    assert not drawn.is_visible("system")  # it does not know of workers
+
+
+def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))
+    believe(stage, drawn, belief(5, 1))
+    end = (1.0 + 2.5 * 0.8776, 2.0 + 2.5 * 0.4794)
+    wall = (5.0, 0.02)
+    assert is_scan(drawn, end)
+    assert drawn.snapshot().pixel_at(*wall) == (0x2A, 0x32, 0x3B)
+    for layer in ("scan", "map"):
+        drawn.driver.find_element("css selector", f"[data-layer={layer}]").click()
+    assert not is_scan(drawn, end)
+    assert drawn.snapshot().pixel_at(*wall) != (0x2A, 0x32, 0x3B)
+    before = drawn.snapshot().pixels
+    press(drawn, "g")
+    assert (drawn.snapshot().pixels != before).any(axis=2).sum() > 1000  # a grid
+
+
+def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page) -> None:
+    """It looks along the wall of a room of 10 m by 6 m, from (1, 2) to the right."""
+    straight = msgspec.structs.replace(hypothesis(1, 0.9), pose=(1.0, 2.0, 0.0))
+    beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
+    seen = msgspec.structs.replace(scan(5, beams), range_max_m=30.0)
+    stage.picture.on_scan(seen)
+    believe(stage, drawn, msgspec.structs.replace(belief(5, 1), hypotheses=(straight,)))
+    assert not drawn.is_visible("beams")
+    x, y = drawn.snapshot().screen_of(1.0, 2.0)
+    drawn.drag_on_map((x, y), (x, y))
+    shows(stage, lambda: drawn.is_visible("beams"))
+    legend = drawn.text("beams")
+    assert "1 hit" in legend
+    assert "2 through a wall" in legend
+    assert "1 short of one" in legend
+    press(drawn, "\ue00c")  # Esc
+    shows(stage, lambda: not drawn.is_visible("beams"))
+
+
+def test_the_footprint_is_drawn_in_its_true_size(stage: Stage, drawn: Page) -> None:
+    believe(stage, drawn, belief(1, 4))  # at (4, 2)
+    drawn.run("liveView.view.toggle('ellipses')")
+    assert drawn.snapshot().pixel_at(4.0, 2.8) == (255, 255, 255)
+    drawn.run("liveView.take({system: {robot: 'r', link: 'running', radius_m: 0.8}})")
+    for x, y in ((4.0, 2.8), (4.0, 1.2), (3.2, 2.0)):
+        red, _, blue = drawn.snapshot().pixel_at(x, y)
+        assert red > blue + 60, "an orange line"
+    assert drawn.snapshot().pixel_at(4.0, 2.6) == (255, 255, 255)
+
+
+def test_a_distance_is_measured(stage: Stage, drawn: Page) -> None:
+    drawn.click("ruler")
+    snapshot = drawn.snapshot()
+    drawn.drag_on_map(snapshot.screen_of(2.0, 2.0), snapshot.screen_of(5.0, 2.0))
+    ruler = drawn.run("return liveView.view.ruler")
+    assert ruler["to"][0] - ruler["from"][0] == pytest.approx(3.0, abs=0.05)
+    assert drawn.snapshot().view == snapshot.view
+    assert not stage.commands
+    drawn.hover_on_map(snapshot.screen_of(4.0, 3.0))
+    _, x, _, y, unit = drawn.text("cursor").split()
+    assert (float(x), float(y), unit) == (
+        pytest.approx(4.0, abs=0.05),
+        pytest.approx(3.0, abs=0.05),
+        "m",
+    )
+    press(drawn, "m")
+    assert drawn.run("return liveView.view.ruler") is None
+
+
+def test_help_lists_all_keys(drawn: Page) -> None:
+    press(drawn, "?")
+    assert drawn.is_visible("keys")
+    assert "kidnap" in drawn.text("keys")
+    press(drawn, "\ue00c")  # Esc
+    assert not drawn.is_visible("keys")
+
+
+def test_a_picture_is_saved(stage: Stage, drawn: Page, tmp_path: Path) -> None:
+    believe(stage, drawn, belief(5, 1))
+    drawn.driver.execute_cdp_cmd(
+        "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)}
+    )
+    press(drawn, "s")
+    wait_until((tmp_path / "r-step-5.png").exists)
+    with Image.open(tmp_path / "r-step-5.png") as image:
+        assert image.size[0] > 800
+
+
+def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
+    stage: Stage, drawn: Page
+) -> None:
+    play(stage, range(30))
+    has_steps(stage, drawn, 30)
+    plot = drawn.driver.find_element("id", "plot")
+    drawn.actions().move_to_element(plot).perform()
+    assert drawn.text("plot-at").startswith("step ")
+    assert drawn.text("plot-at").endswith("c1 45 %, c2 45 %")
+
+
+def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
+    ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
+    searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
+    reported = [
+        NumberedEvent(number=n, step=9, stamp_ns=9, event=event)
+        for n, event in enumerate([*ended, *searches])
+    ]
+    stage.picture.on_events(JobEvents(sender="c", events=tuple(reported), term=1))
+    listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
+    shows(stage, lambda: len(drawn.run(listed)) == 2)
+    searches_line, clusters_line = drawn.run(listed)
+    assert "a search by 3 jobs is over" in searches_line
+    assert "c0 and 3 more became too improbable" in clusters_line
+
+
+def test_manual_driving_ends_when_the_page_is_closed(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_status(status(processes=(simulator(),)))
+    shows(stage, lambda: drawn.is_visible("drive"))
+    press(drawn, "d")
+    shows(stage, lambda: stage.commands == [driven()])
+    drawn.driver.get("about:blank")
+    shows(stage, lambda: stage.commands[-1] == driven(by_hand=False))
+
+
+def test_the_list_is_reached_by_keyboard_and_keeps_the_focus(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(1, 4, 7))
+    shows(stage, lambda: len(drawn.run(ROWS)) == 2)
+    drawn.run("document.querySelector('#clusters li[data-cluster=\"7\"] button').focus()")
+    press(drawn, "\ue007")  # Enter
+    assert drawn.run("return liveView.view.selected") == 7
+    stage.picture.on_belief(belief(2, 7, 4))
+    shows(stage, lambda: drawn.run(ROWS)[0] == "7")
+    assert drawn.run("return document.activeElement.closest('li').dataset.cluster") == "7"
+
+
+def test_every_state_is_announced(stage: Stage, drawn: Page) -> None:
+    assert drawn.run("return document.getElementById('announced').role") == "status"
+    stage.picture.on_belief(belief(1, 4))
+    stage.picture.on_pose(pose(1))
+    shows(stage, lambda: drawn.text("announced") == "ambiguous")
+    stage.picture.on_belief(msgspec.structs.replace(belief(2, 4), state="lost"))
+    stage.picture.on_pose(pose(2, freshness="dead_reckoning", workers=0))
+    shows(stage, lambda: drawn.text("announced") == "lost, dead reckoning")
+
+
+@pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
+@pytest.mark.parametrize("shown", ["now", "past", "dead_reckoning", "waiting", "keys"])
+def test_axe_finds_nothing_serious(
+    stage: Stage, drawn: Page, pictures: Path, screen: str, shown: str
+) -> None:
+    """Contrast, names and roles, by axe-core's rules for WCAG 2.1 AA."""
+    for step in range(20):
+        stage.picture.on_belief(many_places(step))
+        stage.picture.on_pose(pose(step))
+    stage.picture.on_events(events(3, 15))
+    stage.picture.on_status(status(processes=(simulator(),)))
+    has_steps(stage, drawn, 20)
+    with drawn.on_screen(screen):
+        match shown:
+            case "past":
+                drawn.run("liveView.travel.goTo(7)")
+                shows(stage, lambda: shown_step(drawn) == 7)
+            case "dead_reckoning":
+                stage.picture.on_pose(pose(19, freshness="dead_reckoning", workers=0))
+                stage.picture.on_status(status(workers={}))
+                shows(stage, lambda: drawn.text("freshness").startswith("dead reckoning"))
+            case "waiting":
+                stage.picture.on_link("no system")
+                shows(stage, lambda: drawn.is_visible("banner"))
+            case "keys":
+                press(drawn, "?")
+        drawn.save(pictures / f"{shown}-{screen}.png")
+        assert serious_problems(drawn) == []
+
+
+def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) -> None:
+    believe(stage, drawn, belief(1, 1, 2))
+    assert not drawn.is_visible("caption")  # only of a demo
+    drawn.run(
+        "liveView.take({system: {robot: 'r', link: 'running', commands: true, story: 'sim'}})"
+    )
+
+    def shows_text(step: int, text: str, **changed: Any) -> None:
+        stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
+        shows(stage, lambda: text in drawn.text("caption"))
+
+    shows_text(2, "Two places look alike")
+    assert not drawn.is_visible("again")
+    drawn.save(pictures / "caption.png")
+    top_of_map = "return liveView.view.screenOf([0, 6])[1]"
+    bottom = "return document.getElementById('caption').getBoundingClientRect().bottom"
+    shows(stage, lambda: drawn.run(top_of_map) > drawn.run(bottom))  # it covers nothing
+    shows_text(3, "no place explains the scan", state="lost")
+    shows_text(4, "fits one place alone", state="localized")
+    drawn.click("again")
+    shows(stage, lambda: [type(one) for one in stage.commands] == [Relocalize])
+    shows_text(5, "The run has ended", last=True)
+    drawn.click("again")
+    shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
+    assert [type(one) for one in stage.commands] == [Relocalize]
+
+
+def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictures: Path) -> None:
+    with Stage("r2", "r3") as stage:
+        stage.show_map(120, 200)
+        page = page_of(stage, driver)
+        assert stage.map is not None
+        stage.picture.on_belief(belief(1, 1))
+        stage.others["r2"].picture.on_map(stage.map)
+        stage.others["r2"].picture.on_belief(belief(1, 4))  # at (4, 2)
+        elsewhere = msgspec.structs.replace(stage.map, digest="another")
+        stage.others["r3"].picture.on_map(elsewhere)
+        stage.others["r3"].picture.on_belief(belief(1, 7))  # at (7, 2) of another map
+        shows(stage, lambda: "r2: ambiguous" in page.text("robots"))
+        shows(stage, lambda: "r3: ambiguous" in page.text("robots"))
+        shows(stage, lambda: page.snapshot().pixel_at(4.0, 2.0) == (0x5C, 0x68, 0x75))
+        assert page.snapshot().pixel_at(7.0, 2.0) == (255, 255, 255)
+        page.save(pictures / "robots.png")
+        stage.others["r2"].picture.on_link("no system")
+        shows(stage, lambda: "r2: ambiguous" not in page.text("robots"))
+        assert page.snapshot().pixel_at(4.0, 2.0) == (255, 255, 255)
+        driver.get("about:blank")
+        assert page.console() == []

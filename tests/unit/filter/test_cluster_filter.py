@@ -1,0 +1,196 @@
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from clustermcl.filter.arrays import OCCUPIED, Pose
+from clustermcl.filter.cluster.cluster_filter import (
+    ParticleSet,
+    mcl_step,
+    measurement_update,
+    regularised_resample,
+    resampled,
+)
+from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
+from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.filter.poses import compose
+from clustermcl.filter.settings import ClusterSettings, SensorSettings
+from tests.unit.filter.rooms import (
+    PERFECT_ODOMETRY,
+    divided_room,
+    model_of,
+    plain_room,
+    seen_from,
+)
+
+HERE, NO_WAY = np.array([1.0, 3.0, 0.3]), np.zeros(3)
+
+
+def uneven(count: int) -> ParticleSet:
+    rng = np.random.default_rng(3)
+    poses = HERE + rng.normal(0.0, 0.05, (count, 3))
+    weights = rng.exponential(size=count) ** 2
+    return ParticleSet(poses, np.log(weights / weights.sum() * count))
+
+
+@pytest.mark.parametrize("count", [100, 400, 1_600])
+def test_resampled_particles_have_equal_weights_and_the_same_mean(count: int) -> None:
+    """Each has had its weight already, in how often it was drawn."""
+    cloud = uneven(400)
+    redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
+    assert redrawn is not cloud
+    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(count))
+    expected = cloud.weights @ cloud.map_from_robot
+    # Even multinomial draws would move the mean by 0.05 / sqrt(count), or 400 of the cloud itself.
+    atol = 3.0 * 0.05 / math.sqrt(min(count, 400))
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=atol)
+
+
+@pytest.mark.parametrize(
+    ("motion", "share"),
+    [
+        (NO_WAY, 0.0),
+        (np.array([0.2, 0.0, 0.0]), 1.0 - math.exp(-1.0)),
+        (np.array([0.0, 0.0, -0.2]), 1.0 - math.exp(-0.5)),
+    ],
+)
+def test_a_scan_changes_weights_by_its_new_share_but_is_full_evidence(
+    motion: Pose, share: float
+) -> None:
+    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
+    beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
+    result = mcl_step(cloud, motion, beams, model, PERFECT_ODOMETRY, rules, rng)
+    moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
+    whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
+    assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
+    reported, in_full = (
+        c.log_weights - cloud.log_weights for c in (result.particles, whole.particles)
+    )
+    np.testing.assert_allclose(reported - reported[0], share * (in_full - in_full[0]), atol=1e-9)
+
+
+def test_the_exponent_applies_to_the_scan_and_not_to_the_free_ground() -> None:
+    model = model_of(plain_room(), SensorSettings(not_free_log_penalty=-2.0))
+    poses = np.array([[1.0, 3.0, 0.3], [1.1, 3.0, 0.3], [0.01, 3.0, 0.3]])
+    beams = seen_from(HERE, plain_room())
+    fit = model.log_likelihood(poses, beams)
+    expected = 0.25 * fit + [0.0, 0.0, -2.0]
+    result = measurement_update(ParticleSet.even(poses), beams, model, exponent=0.25)
+    assert result.log_weight_sum == pytest.approx(np.logaddexp.reduce(expected))
+    np.testing.assert_allclose(np.diff(result.particles.log_weights), np.diff(expected))
+    assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
+
+
+def test_occluded_beams_lower_the_evidence() -> None:
+    seen = SensorSettings(
+        visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
+    )
+    beams, cloud = seen_from(HERE, plain_room()), ParticleSet.even(np.tile(HERE, (20, 1)))
+    model, blind = (
+        model_of(divided_room(), settings)
+        for settings in (seen, replace(seen, visibility_particles=0))
+    )
+    evidence, in_full = (
+        mcl_step(
+            cloud, NO_WAY, beams, m, PERFECT_ODOMETRY, ClusterSettings(), np.random.default_rng(0)
+        ).log_weight_sum
+        for m in (model, blind)
+    )
+    assert mean_occluded(cloud, beams, blind) == 0.0, "no particle looks for hidden beams"
+    hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
+    taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
+    assert taken > 0.5
+    assert in_full - evidence == pytest.approx(taken)
+
+
+def test_occlusion_is_averaged_by_weight() -> None:
+    model, beams = model_of(divided_room()), seen_from(HERE, plain_room())
+    behind = np.array([5.0, 2.0, 0.0])
+    poses = np.array([HERE, behind])
+    heavy = model.mean_occluded(poses, np.array([1.0, 0.0]), beams)
+    light = model.mean_occluded(poses, np.array([0.0, 1.0]), beams)
+    assert heavy == pytest.approx(model.mean_occluded(HERE[None], np.ones(1), beams), rel=1e-6)
+    assert light == pytest.approx(model.mean_occluded(behind[None], np.ones(1), beams), rel=1e-6)
+    assert heavy != pytest.approx(light)
+
+
+def test_the_noise_has_half_of_silvermans_width() -> None:
+    sigma = np.array([0.3, 0.1, 0.2])
+    sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
+    sample = (sample - sample.mean(axis=0)) / sample.std(axis=0) * sigma
+    rng = np.random.default_rng(0)
+    drawn = regularised_resample(sample, np.zeros(500), 500, rng)
+    added = np.sort(drawn.map_from_robot[:, 0])  # each point is drawn once, then spread
+    assert len(np.unique(added)) == 500
+    width = 0.5 * (4.0 / (5.0 * 500)) ** (1.0 / 7.0)
+    noise = drawn.map_from_robot - sample
+    # 500 normal numbers know their deviation to 3 %: five times that.
+    np.testing.assert_allclose(noise.std(axis=0), width * sigma, rtol=0.16)
+
+
+def test_the_threshold_is_a_share_of_the_particles() -> None:
+    half = ParticleSet(
+        np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0)
+    )
+    assert half.effective_sample_size == pytest.approx(50.0)
+    rng = np.random.default_rng(0)
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.49), rng) is half
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.51), rng) is not half
+    exactly = ParticleSet.even(half.map_from_robot)
+    assert resampled(exactly, 100, ClusterSettings(resample_below_ess=1.0), rng) is exactly
+
+
+def cloud_round(pose: np.ndarray, count: int) -> ParticleSet:
+    return ParticleSet.even(pose + np.random.default_rng(0).normal(0.0, 0.05, (count, 3)))
+
+
+def mean_occluded(cloud: ParticleSet, beams: Beams, model: LikelihoodFieldModel) -> float:
+    return model.mean_occluded(cloud.map_from_robot, cloud.weights, beams)
+
+
+def test_carried_weights_count_in_the_evidence() -> None:
+    """Two scans without resampling are worth the average of both likelihoods' product."""
+    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
+    cloud = cloud_round(HERE, 50)
+    first = measurement_update(cloud, beams, model, exponent=0.1)
+    second = measurement_update(first.particles, beams, model, exponent=0.1)
+    evidence = first.log_weight_sum + second.log_weight_sum - 2.0 * math.log(50)
+    both = np.exp(0.2 * model.log_likelihood(cloud.map_from_robot, beams))
+    assert evidence == pytest.approx(math.log(both.mean()))
+
+
+def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
+    cloud = cloud_round(HERE, 10)
+    nothing = Beams(np.empty(0), np.empty(0), np.zeros(3), 10.0)
+    result = measurement_update(cloud, nothing, model_of(plain_room()), exponent=0.2)
+    assert result.particles is cloud
+    assert result.log_weight_sum == pytest.approx(math.log(10))
+
+
+def test_an_exactly_known_pose_stays_exactly_known() -> None:
+    sample = np.tile(HERE, (10, 1))
+    cloud = regularised_resample(sample, np.zeros(10), 2_000, np.random.default_rng(0))
+    np.testing.assert_allclose(cloud.map_from_robot, np.tile(HERE, (2000, 1)))
+
+
+def test_particles_at_one_place_share_the_beams_among_them() -> None:
+    """Three lasers with a third of the beams each give the evidence of one with all beams."""
+    beams = seen_from(HERE, plain_room())
+    alone = model_of(divided_room(), SensorSettings(visibility_beam_stride=1))
+    sharing = model_of(divided_room(), SensorSettings(visibility_beam_stride=3))
+    whole = alone.occluded(HERE[None], beams)[0]
+    parts = sharing.occluded(np.tile(HERE, (3, 1)), beams)
+    assert whole > 10.0
+    assert parts.mean() == pytest.approx(whole)
+    assert len(set(parts)) > 1, "not all particles followed the same ones"
+
+
+def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
+    corridor = np.zeros((30, 400), np.int8)
+    corridor[[0, -1], :] = corridor[:, [0, -1]] = OCCUPIED
+    truth = np.array([1.0, 0.6, 0.0])
+    beams = seen_from(truth, corridor)
+    off = ParticleSet.even(np.tile(truth + np.array([0.0, 0.0, 0.02]), (20, 1)))
+    assert mean_occluded(off, beams, model_of(corridor)) == pytest.approx(0.0, abs=0.1)

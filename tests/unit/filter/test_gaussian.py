@@ -1,0 +1,88 @@
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import Poses
+from clustermcl.filter.cluster.gaussian import fit_gaussian, fit_gaussians
+from clustermcl.filter.poses import heading_distance
+from tests.unit.filter import naive
+
+SUMS = """
+import numpy as np
+from clustermcl.filter.cluster.gaussian import fit_gaussian
+from clustermcl.filter.cluster.log_weights import weights_and_ess
+rng = np.random.default_rng(1)
+poses, log_weights = rng.normal(size=(60_000, 3)), rng.normal(size=60_000)
+mean, covariance = fit_gaussian(poses, np.exp(log_weights))
+size = weights_and_ess(log_weights)[1]
+print([value.hex() for value in (*mean.tolist(), *covariance.ravel().tolist(), size)])
+"""
+
+clouds = arrays(np.float64, (6, 3), elements=st.floats(-1, 1))
+weights = arrays(np.float64, 6, elements=st.floats(0.1, 10))
+
+
+@given(cloud=clouds, weight=weights)
+def test_the_fitted_gaussian_agrees_with_sums_written_out(
+    cloud: Poses, weight: NDArray[np.float64]
+) -> None:
+    for found, expected in zip(
+        fit_gaussian(cloud, weight), naive.fit_gaussian(cloud, weight), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_the_mean_heading_across_the_seam_is_at_the_seam() -> None:
+    cloud = np.array([[0.0, 0.0, np.radians(179.0)], [0.0, 0.0, np.radians(-179.0)]])
+    mean, covariance = fit_gaussian(cloud, np.ones(2))
+    assert heading_distance(mean[2], np.pi) < 1e-12
+    assert covariance[2, 2] == pytest.approx(np.radians(1.0) ** 2)
+
+
+def test_one_particle_is_its_own_mean_whatever_lies_behind_it_in_memory() -> None:
+    memory = np.array([[1.0, 2.0, 3.0], [np.nan, np.nan, np.nan]])
+    mean, covariance = fit_gaussian(memory[:1], np.ones(1))
+    np.testing.assert_array_equal(mean, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("weight", [[0.0, 0.0], [np.nan, 1.0], [np.inf, 1.0]])
+def test_weights_that_sum_to_nothing_are_refused(weight: list[float]) -> None:
+    with pytest.raises(ValueError, match="fit no Gaussian"):
+        fit_gaussian(np.zeros((2, 3)), np.array(weight))
+
+
+def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() -> None:
+    """Workers have one, programs of others as many as there are cores."""
+    printed = {
+        subprocess.run(
+            [sys.executable, "-I", "-c", SUMS],
+            env={"OPENBLAS_NUM_THREADS": threads},
+            capture_output=True, text=True, check=True, timeout=60,
+        ).stdout
+        for threads in ("1", "4")
+    }  # fmt: skip
+    assert len(printed) == 1
+
+
+def test_the_gaussian_of_a_part_equals_that_of_its_particles_alone() -> None:
+    rng = np.random.default_rng(3)
+    poses, weights = rng.normal(0.0, 2.0, (50, 3)), rng.exponential(1.0, 50)
+    weights[40:45] = 0.0
+    ends = np.array([0, 1, 40, 40, 45, 50])  # one pose, many, none, some without weight, five
+    totals = np.array([weights[first:end].sum() for first, end in pairwise(ends)])
+    means, covariances = fit_gaussians(poses, weights, ends, totals)
+    for part in (0, 1, 4):
+        own = slice(ends[part], ends[part + 1])
+        mean, covariance = fit_gaussian(poses[own], weights[own])
+        np.testing.assert_allclose(means[part], mean, atol=1e-12)
+        np.testing.assert_allclose(covariances[part], covariance, atol=1e-12)
+    assert np.isfinite(means).all()
+    assert np.isfinite(covariances).all()

@@ -1,0 +1,173 @@
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clustermcl.filter.arrays import UNKNOWN, Cells, Pose
+from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.filter.poses import compose, heading_distance
+from clustermcl.filter.search.global_search import GlobalSearch
+from clustermcl.filter.search.places import FoundPlace
+from clustermcl.filter.search.slices import finished
+from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from tests.unit.filter.rooms import (
+    beam_model_of,
+    model_of,
+    plain_room,
+    seen_from,
+    symmetric_room,
+)
+
+START = np.array([1.0, 3.2, -0.4])
+LITERAL = BeliefSettings(view_distance_m=0.0, evidence_residual=math.inf)
+"""Each scan counts in full."""
+
+
+def search_in(
+    cells: Cells, poses: int = 6_000, *, belief: BeliefSettings = LITERAL, model: Any = None
+) -> GlobalSearch:
+    settings = FilterSettings(belief=belief, search=SearchSettings(poses=poses, shards=1))
+    return GlobalSearch(model or model_of(cells), settings, shard=0)
+
+
+def places_after(
+    search: GlobalSearch, cells: Cells, poses: Iterable[Pose], seed: int = 0
+) -> list[FoundPlace]:
+    """The places that are found from perfect scans at these poses."""
+    rng, before = np.random.default_rng(seed), None
+    for pose in poses:
+        finished(search.advance(before, pose, seen_from(pose, cells), rng))
+        before = pose
+    return finished(search.places(np.random.default_rng(0)))
+
+
+def curve(steps: int) -> list[Pose]:
+    """Poses of a robot that drives a gentle curve."""
+    return [START + step * np.array([0.15, -0.05, 0.05]) for step in range(steps)]
+
+
+def is_near(pose: np.ndarray, truth: np.ndarray) -> bool:
+    near = math.dist(pose[:2], truth[:2]) < 0.3
+    return near and float(heading_distance(pose[2], truth[2])) < 0.2
+
+
+@pytest.mark.parametrize(("steps", "share"), [(1, 0.5), (2, 0.8), (10, 0.99)])
+def test_a_search_finds_a_unique_place_from_the_first_scan_on(steps: int, share: float) -> None:
+    poses = curve(steps)
+    best = places_after(search_in(plain_room()), plain_room(), poses)[0]
+    assert is_near(best.mean, poses[-1])
+    assert best.share > share
+
+
+def test_a_search_finds_two_places_that_look_alike_in_ten_of_ten_runs() -> None:
+    poses = curve(10)
+    turned = poses[-1] * [-1.0, -1.0, 1.0] + [6.0, 4.0, np.pi]
+    for seed in range(10):
+        places = places_after(search_in(symmetric_room()), symmetric_room(), poses, seed)
+        shares = [
+            sum(place.share for place in places if is_near(place.mean, truth))
+            for truth in (poses[-1], turned)
+        ]
+        assert min(shares) > 0.1, f"seed {seed}: {shares}"
+        assert sum(shares) > 0.9, f"seed {seed}: {shares}"
+
+
+def test_the_left_out_gap_shows_whether_leaves_were_sampled() -> None:
+    for poses, gap in ((200_000, SearchSettings().margin), (20, 0.0)):
+        search = search_in(plain_room(), poses)
+        places_after(search, plain_room(), [START])
+        assert search.left_out_gap == pytest.approx(gap, abs=1.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("poses", [4, 20])
+def test_a_search_with_few_poses_finds_the_place_from_scans_joined_by_odometry(
+    poses: int, seed: int
+) -> None:
+    """The robot turns and drives a metre between scans, so each is of use only at its own pose."""
+    drive = [START]
+    for _ in range(3):
+        drive.append(compose(drive[-1], np.array([0.9, 0.0, 0.7])))
+    best = places_after(search_in(plain_room(), poses), plain_room(), drive, seed)[0]
+    assert is_near(best.mean, drive[-1])
+
+
+def test_the_likelihood_of_all_scans_is_kept_when_their_evidence_is_tempered() -> None:
+    cells, rng = plain_room(), np.random.default_rng(0)
+    search, seen = search_in(cells, belief=BeliefSettings()), seen_from(START, cells)
+    for _ in range(8):  # the robot stands, so no further scan adds evidence
+        before = search.log_evidence
+        per_beam = finished(search.advance(START, START, seen, rng))
+    best = model_of(cells).settings.scan_likelihood_exponent * seen.count * per_beam
+    assert search.log_evidence - before == pytest.approx(best, abs=1.0)
+    assert abs(best) > 3.0, "else nothing would be as near"
+
+
+def test_a_scan_without_a_return_adds_no_evidence() -> None:
+    cells, rng = plain_room(), np.random.default_rng(0)
+    search, seen = search_in(cells), seen_from(START, cells)
+    nothing = Beams(seen.ranges[:0], seen.angles[:0], seen.robot_from_laser, 20.0)
+    assert math.isnan(finished(search.advance(None, START, nothing, rng)))
+    assert finished(search.places(rng)) == []
+    assert search.log_evidence == 0.0
+    finished(search.advance(START, START, seen, rng))
+    assert is_near(finished(search.places(rng))[0].mean, START)
+    finished(search.advance(START, START, nothing, rng))
+    assert is_near(finished(search.places(rng))[0].mean, START)
+
+
+def test_a_beam_model_is_searched_too() -> None:
+    search = search_in(plain_room(), model=beam_model_of(plain_room()))
+    assert is_near(places_after(search, plain_room(), [START])[0].mean, START)
+
+
+def test_a_map_without_a_free_cell_is_refused() -> None:
+    cells = np.full((30, 30), UNKNOWN, np.int8)
+    cells[10, 10] = 1
+    with pytest.raises(ValueError, match="no free cell"):
+        search_in(cells)
+
+
+class CorrectedFarSide:
+    """A model that takes a part of the evidence back where the robot is not."""
+
+    def __init__(self, correction: float) -> None:
+        self._model, self._correction = model_of(symmetric_room()), correction
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._model, name)
+
+    def correction(
+        self, poses: np.ndarray, weights: np.ndarray, _beams: Beams, sharers: int
+    ) -> float:
+        assert len(poses) == len(weights)
+        assert sharers == 1
+        assert float(weights.sum()) == pytest.approx(1.0), "of one place"
+        return self._correction if float(weights @ poses[:, 0]) > 3.0 else 0.0
+
+
+def standing(correction: float) -> tuple[list[float], list[float]]:
+    """The share of the far side, and the evidence up to it, after each of six scans."""
+    cells, rng = symmetric_room(), np.random.default_rng(0)
+    search = search_in(cells, belief=BeliefSettings(), model=CorrectedFarSide(correction))
+    seen, far_side = seen_from(START, cells), []
+    before, reported = None, [0.0]
+    for _ in range(6):
+        finished(search.advance(before, START, seen, rng))
+        places = finished(search.places(np.random.default_rng(0)))
+        far_side.append(sum(place.share for place in places if place.mean[0] > 3.0))
+        reported.append(search.log_evidence)
+        before = START
+    return far_side, reported
+
+
+def test_a_correction_for_occlusion_counts_once_for_a_standing_robot() -> None:
+    """The robot stands: no scan after the first is a new view, so its places stay as they are."""
+    as_given, (far_side, reported) = standing(0.0)[1], standing(2.0)
+    assert far_side[0] == pytest.approx(math.exp(-2.0) / (1.0 + math.exp(-2.0)), abs=0.03)
+    np.testing.assert_allclose(far_side, far_side[0], atol=0.02)
+    # All scans are as likely as they are: what is taken back of them lacks in full.
+    lost = np.log1p(np.array([0.5, *[far_side[0]] * 5]) * math.expm1(-2.0))
+    np.testing.assert_allclose(np.diff(reported) - np.diff(as_given), lost, atol=0.08)

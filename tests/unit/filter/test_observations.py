@@ -1,0 +1,133 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.likelihood import allowed_poses, log_likelihood_ratio
+from clustermcl.filter.observations.observation import (
+    Landmarks,
+    Observation,
+    log_average_ratio,
+    outlier_probability,
+)
+from clustermcl.filter.poses import between, compose
+from tests.unit.oracle.grid_filter import Array
+
+GRID = Grid(np.zeros((160, 200), np.int8), 0.05, np.zeros(3))
+AREA_M2, SIGHT_M2 = 10.0 * 8.0, math.pi * 100.0
+LANDMARKS = Landmarks(
+    ("door", "door", "tag"),
+    np.array([[3.0, 3.0], [7.0, 5.0], [5.0, 4.0]]),
+    np.array([0.01, 0.02, 0.005]),
+)
+TILTED = np.array([[0.09, 0.02], [0.02, 0.04]])
+KINDS = {
+    "pose": Observation(np.array([4.0, 3.0, 0.5]), np.diag([0.2, 0.1, 0.3]), "", 0.1),
+    "position": Observation(np.array([4.0, 3.0]), TILTED, "", 0.05),
+    "id": Observation(np.array([1.0, 0.5]), TILTED, "tag", 0.05),
+    "class": Observation(np.array([1.5, -0.3]), TILTED, "door", 0.2),
+}
+
+
+def density(difference: Array, covariance: Array) -> float:
+    squares = difference @ np.linalg.solve(covariance, difference)
+    return float(np.exp(-0.5 * squares) / np.sqrt(np.linalg.det(2.0 * np.pi * covariance)))
+
+
+def exact_ratio(pose: Array, seen: Observation, marks: Landmarks = LANDMARKS) -> float:
+    """The mixture as the page of docs describes it, one term after the other."""
+    eps = seen.outlier_probability
+    if not seen.landmark:
+        off = pose[: len(seen.mean)] - seen.mean
+        if len(off) == 3:
+            off[2] = math.remainder(off[2], math.tau)
+        nothing = eps / AREA_M2 / (math.tau if len(off) == 3 else 1.0)
+        return ((1.0 - eps) * density(off, seen.covariance) + nothing) / nothing
+    names = len(set(marks.names))
+    nothing = eps / 2.0 / names / SIGHT_M2
+    total = nothing
+    for name, place, variance in zip(marks.names, marks.positions, marks.variances, strict=True):
+        at = between(pose, np.append(place, 0.0))[:2]
+        here = density(at - seen.mean, seen.covariance + variance * np.eye(2))
+        total += eps / 2.0 / names * here + (1.0 - eps) * here * (name == seen.landmark)
+    return total / nothing
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
+    poses = np.random.default_rng(1).uniform((0, 0, -4), (10, 8, 4), (200, 3))
+    ratios = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
+    expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
+    np.testing.assert_allclose(ratios, expected, rtol=1e-9, atol=1e-12)
+    false = [outlier_probability(pose, KINDS[kind], LANDMARKS, GRID) for pose in poses]
+    assert -np.log(false) == pytest.approx(ratios, abs=1e-9)
+
+
+def test_the_table_and_what_is_left_out_change_the_ratio_by_less_than_1e_12() -> None:
+    rng = np.random.default_rng(5)
+    places = rng.uniform(0, 10, (12, 2))
+    marks = Landmarks(("a", "b", "b", "c") * 3, places, rng.uniform(1e-4, 0.1, 12))
+    seen = [
+        Observation(rng.uniform(-4, 4, 2), TILTED * scale, name, 0.05, share)
+        for scale, name, share in zip((0.01, 1.0, 9.0), "abc", (1.0, 0.3, 0.02), strict=True)
+    ] + [replace(KINDS["pose"], share=0.7), KINDS["position"]]
+    poses = rng.uniform((0, 0, -4), (10, 8, 4), (300, 3))
+    expected = [
+        sum(each.share * math.log(exact_ratio(pose, each, marks)) for each in seen)
+        for pose in poses
+    ]
+    found = log_likelihood_ratio(poses, seen, marks, GRID)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_says_nothing_of_a_pose_that_is_infinitely_far(kind: str) -> None:
+    far = np.array([[1e300, -1e300, 0.3]])
+    assert log_likelihood_ratio(far, [KINDS[kind]], LANDMARKS, GRID) == [0.0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_average_over_the_map_is_that_of_poses_spread_over_it(kind: str) -> None:
+    poses = np.random.default_rng(2).uniform((0, 0, -np.pi), (10, 8, np.pi), (200_000, 3))
+    ratios = np.exp(log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID))
+    average = math.exp(log_average_ratio([KINDS[kind]], LANDMARKS, GRID))
+    # Sights are short: a landmark near the edge of the map would be seen from fewer poses.
+    assert average == pytest.approx(ratios.mean(), rel=0.15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_observation_moves_with_the_robot(kind: str) -> None:
+    seen, motion = KINDS[kind], np.array([0.4, -0.2, 0.7])
+    poses = np.random.default_rng(3).uniform((3, 2, -1), (6, 5, 1), (50, 3))
+    before = log_likelihood_ratio(poses, [seen], LANDMARKS, GRID)
+    after = log_likelihood_ratio(compose(poses, motion), [seen.moved(motion)], LANDMARKS, GRID)
+    if kind == "position":  # the direction of the motion is unknown
+        assert np.trace(seen.moved(motion).covariance) == pytest.approx(0.13 + 2.0 * 0.2)
+    elif kind == "pose":  # so does a sample of its Gaussian, if the heading is well known
+        narrow = replace(seen, covariance=np.diag([0.02, 0.01, 0.003]))
+        drawn = np.random.default_rng(4).multivariate_normal(seen.mean, narrow.covariance, 100_000)
+        sample, moved = compose(drawn, motion), narrow.moved(motion)
+        np.testing.assert_allclose(moved.mean, sample.mean(axis=0), atol=0.002)
+        np.testing.assert_allclose(moved.covariance, np.cov(sample.T), atol=3e-4)
+    else:
+        np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_allowed_poses_and_even_poses_estimate_an_average_together(kind: str) -> None:
+    """Averages of a function over the free space, weighed by the densities of both kinds."""
+    seen, rng = [KINDS[kind]], np.random.default_rng(9)
+
+    def function(poses: Array) -> Array:
+        fits = np.cos(poses[:, 2] - 0.4) - 0.1 * np.hypot(poses[:, 0] - 4.0, poses[:, 1] - 3.0)
+        return np.exp(log_likelihood_ratio(poses, seen, LANDMARKS, GRID) + fits)
+
+    even = rng.uniform((0, 0, -math.pi), (10, 8, math.pi), (1_000_000, 3))
+    average = math.expm1(log_average_ratio(seen, LANDMARKS, GRID))
+    share = np.expm1(log_likelihood_ratio(even, seen, LANDMARKS, GRID)) / average
+    exact = np.mean(function(even) * share / (1.0 + share))
+    poses, log_weights = allowed_poses(seen, LANDMARKS, GRID, 100_000, rng)
+    assert len(poses) > 50_000
+    assert np.sum(np.exp(log_weights) * function(poses)) / 100_000 == pytest.approx(exact, rel=0.03)

@@ -1,0 +1,582 @@
+from collections.abc import Iterable
+from math import inf, nan, pi
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clustermcl.filter.poses import compose, inverse
+from clustermcl.protocol.answers import Relocalize, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
+from clustermcl.protocol.work import Particles
+from clustermcl.recordings.rigid import Rigid, flat
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2 import topics
+from clustermcl.ros2.amcl import Amcl
+from clustermcl.ros2.laser_scans import MAX_WAITING
+from clustermcl.ros2.message_types import decode, new
+from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
+from clustermcl.ros2.outputs import Output, Publish, Refused
+from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.sensor_bridge.step_maker import beams_of
+from tests.unit.ros2.beliefs import COVARIANCE, belief
+
+SECOND = 1_000_000_000
+PLACE = (5.0, -3.0, 1.0)
+
+
+def link(parent: str, child: str, at: Rigid) -> Any:
+    one = transform((0.0, 0.0, 0.0), 0, parent, child)
+    made = one.transforms[0]
+    made.transform.translation.x, made.transform.translation.y = at.x, at.y
+    turn = new("geometry_msgs/msg/Quaternion", x=at.qx, y=at.qy, z=at.qz, w=at.qw)
+    made.transform.rotation = turn
+    return one
+
+
+def scan(
+    stamp_ns: int, ranges: Iterable[float] = (1.0, 2.0, 3.0), frame: str = "laser", **more: Any
+) -> Any:
+    fields = {"angle_min": -0.5, "angle_increment": 0.25, "range_min": 0.1, "range_max": 10.0}
+    values = np.array(list(ranges), np.float32)
+    fields = {"header": header(stamp_ns, frame), "ranges": values, **fields}
+    return new(types.LASER_SCAN, **fields | more)
+
+
+CELLS = (0, 100, -1, 50, 0, 0)
+
+
+def grid(
+    width: int = 3,
+    height: int = 2,
+    frame: str = "map",
+    *,
+    x: float = 0.0,
+    cells: tuple[int, ...] = CELLS,
+) -> Any:
+    origin = pose((x, 0.0, 0.0))
+    size = {"width": width, "height": height, "resolution": 0.05}
+    info = new("nav_msgs/msg/MapMetaData", origin=origin, **size)
+    data = np.array(cells, np.int8)
+    return new(types.OCCUPANCY_GRID, header=header(0, frame), info=info, data=data)
+
+
+class Robot:
+    """Passes a robot's messages to a node and keeps its outputs."""
+
+    def __init__(self, settings: Ros2Settings | None = None, *, active: bool = True) -> None:
+        self.amcl = Amcl(settings or Ros2Settings())
+        self.now_ns = 0
+        if active:
+            assert list(self.amcl.activate()) == []
+        mount = link("base_footprint", "laser", flat((0.2, 0.1, 0.3)))
+        assert list(self.amcl.on_transforms(mount, 0, fixed=True)) == []
+
+    def odometry(self, stamp_ns: int, at: PoseTuple) -> list[Output]:
+        message = transform(at, stamp_ns, "odom", "base_footprint")
+        return list(self.amcl.on_transforms(message, self.now_ns, fixed=False))
+
+    def scan(self, *arguments: Any, **more: Any) -> list[Output]:
+        return list(self.amcl.on_scan(scan(*arguments, **more), self.now_ns))
+
+    def drive(self, stamp_ns: int, at: PoseTuple) -> list[Output]:
+        return self.odometry(stamp_ns, at) + self.scan(stamp_ns)
+
+    def believe(self, stamp_ns: int, state: Any = "localized") -> list[Output]:
+        reported = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
+        return [*self.amcl.on_belief(reported), *self.amcl.all_places()]
+
+
+def readings(outputs: list[Output]) -> list[LaserReading]:
+    return [one for one in outputs if isinstance(one, LaserReading)]
+
+
+def causes(outputs: list[Output]) -> list[str]:
+    return [one.cause for one in outputs if isinstance(one, Refused)]
+
+
+def published(outputs: list[Output], topic: topics.Topic) -> list[Any]:
+    return [one.message for one in outputs if isinstance(one, Publish) and one.topic == topic]
+
+
+def map_from_odom(outputs: list[Output]) -> list[tuple[int, PoseTuple]]:
+    """Stamp and pose of each transform from map to odom."""
+    sent = []
+    for one in published(outputs, topics.Topics(Ros2Settings()).tf):
+        reported = one.transforms[0]
+        assert (reported.header.frame_id, reported.child_frame_id) == ("map", "odom")
+        turn, at = reported.transform.rotation, reported.transform.translation
+        stamp_ns = reported.header.stamp.sec * SECOND + reported.header.stamp.nanosec
+        sent.append((stamp_ns, (at.x, at.y, 2.0 * float(np.arctan2(turn.z, turn.w)))))
+    return sent
+
+
+# --- scans
+
+
+def test_a_scan_becomes_a_reading_with_odometry_and_mount_of_its_time() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND + SECOND // 2) == []  # it waits for odometry
+    outputs = robot.odometry(2 * SECOND, (1.0, 0.0, 0.2))
+    odometry, reading = outputs
+    assert isinstance(odometry, OdometryReading)
+    assert odometry.stamp_ns == 2 * SECOND
+    assert odometry.odom_from_robot == pytest.approx((1.0, 0.0, 0.2))
+    assert isinstance(reading, LaserReading)
+    assert reading.stamp_ns == SECOND + SECOND // 2
+    np.testing.assert_allclose(reading.odom_from_robot or (), (0.5, 0.0, 0.1), atol=1e-12)
+    np.testing.assert_allclose(reading.robot_from_laser, (0.2, 0.1, 0.3), atol=1e-12)
+
+
+def test_ranges_below_the_least_are_no_return() -> None:
+    robot = Robot(Ros2Settings(laser_min_range_m=1.5))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (reading,) = readings(robot.scan(SECOND, (0.05, 1.4, 1.5, 2.0, nan, inf)))
+    np.testing.assert_array_equal(beams_of(reading).ranges.array(), [0.0, 0.0, 1.5, 2.0, nan, inf])
+    (reading,) = readings(Robot().drive(SECOND, (0.0, 0.0, 0.0)))
+    np.testing.assert_array_equal(beams_of(reading).ranges.array(), [1.0, 2.0, 3.0])
+
+
+def test_the_longest_range_is_the_shorter_of_the_lasers_and_the_settings() -> None:
+    for longest_m, expected in ((4.0, 4.0), (40.0, 10.0), (0.0, 10.0), (-1.0, 10.0)):
+        robot = Robot(Ros2Settings(laser_max_range_m=longest_m))
+        (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
+        assert reading.range_max_m == expected
+
+
+@pytest.mark.parametrize(("seconds", "more_ns"), [(-1, 0), (2**31 - 1, 2 * 10**9), (-(2**31), 0)])
+def test_times_that_ros_cannot_represent_are_refused_in_every_message(
+    seconds: int, more_ns: int
+) -> None:
+    robot = Robot(Ros2Settings(use_sim_time=True))
+    stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=more_ns)
+    at = new("std_msgs/msg/Header", stamp=stamp, frame_id="odom")
+    clock = list(robot.amcl.on_clock(new(types.CLOCK, clock=stamp)))
+    assert causes(clock) == ["clock refused"]
+    assert robot.amcl.clock_ns is None
+    moved = transform((0.0, 0.0, 0.0), 0, "odom", "base_footprint")
+    moved.transforms[0].header = at
+    assert causes(list(robot.amcl.on_transforms(moved, 0, fixed=False))) == ["transform refused"]
+    assert causes(list(robot.amcl.on_scan(scan(0, header=at), 0))) == ["laser scan refused"]
+    assert readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
+
+
+def test_the_beams_of_an_upside_down_laser_are_reordered() -> None:
+    robot = Robot()
+    overhead = link("base_footprint", "roof", Rigid(0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    list(robot.amcl.on_transforms(overhead, 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (reading,) = readings(robot.scan(SECOND, (1.0, 2.0, 3.0), "roof"))
+    # Beams at -0.5, -0.25 and 0 rad of the laser are at 0.5, 0.25 and 0 seen from above.
+    beams = beams_of(reading)
+    assert (beams.angle_min_rad, beams.angle_step_rad) == (0.0, 0.25)
+    np.testing.assert_array_equal(beams.ranges.array(), [3.0, 2.0, 1.0])
+    np.testing.assert_allclose(reading.robot_from_laser, (0.2, 0.0, 0.0), atol=1e-12)
+
+
+def test_two_lasers_on_one_topic_keep_their_places() -> None:
+    robot = Robot()
+    behind = link("base_footprint", "rear", flat((-0.3, 0.0, pi - 0.001)))
+    list(robot.amcl.on_transforms(behind, 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    front, rear = readings(robot.scan(SECOND) + robot.scan(SECOND, frame="rear"))
+    assert front.robot_from_laser == pytest.approx((0.2, 0.1, 0.3))
+    assert rear.robot_from_laser == pytest.approx((-0.3, 0.0, pi - 0.001))
+
+
+def test_a_refused_scan_without_transform_names_laser_and_waiting_time() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND, frame="mast") == []
+    robot.now_ns = 900_000_000
+    assert robot.scan(SECOND, frame="laser") != []  # another laser does not wait for it
+    robot.now_ns = 1_500_000_000
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert isinstance(refused, Refused)
+    assert refused.cause == "laser scan without transform: frames not connected"
+    assert refused.detail == (
+        "'mast', waited for 1.5 s: no transform from 'base_footprint' to 'mast'; "
+        "tf has odom -> base_footprint, base_footprint -> laser"
+    )
+    assert robot.scan(SECOND, frame="mast") == []
+    robot.now_ns = 9_000_000_000
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert "waited for 9.0 s" in str(refused)
+
+
+def test_the_oldest_of_too_many_waiting_scans_is_refused() -> None:
+    robot = Robot()
+    for number in range(MAX_WAITING):
+        assert robot.scan(number + 1) == []
+    assert causes(robot.scan(99)) == ["laser scan without transform: frames not connected"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "detail"),
+    [
+        ({"ranges": ()}, "'laser': no beams"),
+        ({"angle_increment": 0.0}, "'laser': bad geometry"),
+        ({"angle_min": nan}, "'laser': not finite"),
+        ({"ranges": (nan, inf, 0.0)}, "'laser': no returns"),
+    ],
+)
+def test_an_invalid_scan_is_refused_and_the_next_one_used(
+    fields: dict[str, Any], detail: str
+) -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND, **fields) == [Refused("laser scan refused", detail)]
+    assert len(readings(robot.scan(SECOND))) == 1
+
+
+def test_a_laser_that_looks_at_the_floor_is_refused() -> None:
+    robot = Robot()
+    tilted = Rigid(0.0, 0.0, 0.0, 0.0, float(np.sin(0.2)), 0.0, float(np.cos(0.2)))
+    list(robot.amcl.on_transforms(link("base_footprint", "floor", tilted), 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (refused,) = robot.scan(SECOND, frame="floor")
+    tilted = "'floor': the laser 'floor' is tilted by 23 degrees"
+    assert refused == Refused("laser scan refused", tilted)
+
+
+# --- odometry
+
+
+def test_invalid_transforms_are_refused_and_the_others_used() -> None:
+    robot = Robot()
+    broken = transform((nan, 0.0, 0.0), SECOND, "odom", "base_footprint")
+    broken.transforms += transform((1.0, 0.0, 0.0), SECOND, "odom", "base_footprint").transforms
+    outputs = list(robot.amcl.on_transforms(broken, 0, fixed=False))
+    assert causes(outputs) == ["transform refused"]
+    assert isinstance(outputs[-1], OdometryReading)
+
+
+def test_a_loop_in_tf_is_reported_until_it_is_gone() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    looping = link("laser", "base_footprint", flat((0.0, 0.0, 0.0)))
+    list(robot.amcl.on_transforms(looping, 0, fixed=False))
+    robot.scan(SECOND)
+    robot.now_ns = 2 * SECOND
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert isinstance(refused, Refused)
+    assert refused.cause == "laser scan without transform: tf loops"
+    assert len(readings(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))) == 1
+
+
+def test_map_to_odom_from_another_node_is_reported() -> None:
+    robot = Robot()
+    other = transform((1.0, 0.0, 0.0), SECOND, "map", "odom")
+    assert causes(list(robot.amcl.on_transforms(other, 0, fixed=False))) == [
+        "map to odom from another node"
+    ]
+
+
+def test_after_the_clock_was_set_back_transforms_are_accepted_again() -> None:
+    robot = Robot()
+    robot.drive(100 * SECOND, (1.0, 0.0, 0.0))
+    robot.believe(100 * SECOND)
+    outputs: list[Output] = []
+    for tick in range(25):
+        outputs += robot.drive(SECOND + tick * 50_000_000, (1.0, 0.0, 0.0))
+    assert causes(outputs).count("clock set back") == 1
+    assert len(readings(outputs)) >= 5
+    assert map_from_odom(outputs)[-1][0] == SECOND + 24 * 50_000_000 + SECOND
+
+
+def test_simulated_time_that_goes_back_drops_moving_transforms() -> None:
+    robot = Robot(Ros2Settings(use_sim_time=True))
+
+    def clock(seconds: int) -> list[Output]:
+        message = new(types.CLOCK, clock=new("builtin_interfaces/msg/Time", sec=seconds))
+        return list(robot.amcl.on_clock(message))
+
+    assert clock(100) == []
+    robot.drive(100 * SECOND, (1.0, 0.0, 0.0))
+    assert causes(clock(5)) == ["clock set back"]
+    assert len(readings(robot.drive(5 * SECOND, (0.0, 0.0, 0.0)))) == 1
+
+
+# --- the pose
+
+
+def test_map_to_odom_is_exact_after_odometry_has_jumped() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (1.0, 2.0, 0.3))
+    robot.believe(SECOND)
+    outputs = robot.drive(SECOND + SECOND // 10, (0.0, 0.0, 0.0))
+    assert causes(outputs) == ["odometry jumped"]
+    ((_, reported),) = map_from_odom(outputs)
+    np.testing.assert_allclose(reported, PLACE, atol=1e-12)  # it stands where it stood
+    outputs = robot.drive(SECOND + SECOND // 5, (0.5, 0.0, 0.0))
+    ((_, reported),) = map_from_odom(outputs)
+    np.testing.assert_allclose(reported, PLACE, atol=1e-12)
+    robot.believe(SECOND + SECOND // 5)
+    ((_, reported),) = map_from_odom(robot.drive(2 * SECOND, (0.5, 0.0, 0.0)))
+    expected = compose(np.array(PLACE), inverse(np.array((0.5, 0.0, 0.0))))
+    np.testing.assert_allclose(reported, expected, atol=1e-12)
+
+
+def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jumps() -> None:
+    robot = Robot()
+    here, there = (1, 0.95, PLACE), (2, 0.05, (-9.0, 4.0, 2.0))
+    robot.drive(SECOND, (1.0, 2.0, 0.3))
+    list(robot.amcl.on_belief(belief(SECOND, here, there, state="localized")))
+    sent, scans, odometry = [], 0, (1.0, 2.0, 0.3)
+    for tick in range(1, 601):  # ten scans a second; odometry restarts in the middle
+        stamp_ns = SECOND + tick * SECOND // 10
+        odometry = (0.0, 0.0, 0.0) if tick >= 300 else odometry
+        sent += [(one, odometry) for one in map_from_odom(robot.drive(stamp_ns, odometry))]
+        scans += 1
+        if tick % 7 == 0:  # now the one, now the other place is more probable: ambiguous
+            more, less = (there, here) if tick % 2 else (here, there)
+            reported = ((more[0], 0.6, more[2]), (less[0], 0.4, less[2]))
+            list(robot.amcl.on_belief(belief(stamp_ns, *reported)))
+    assert [stamp_ns for (stamp_ns, _), _ in sent] == [
+        2 * SECOND + tick * SECOND // 10 for tick in range(1, scans + 1)
+    ]
+    places = [compose(np.array(reported), np.array(at)) for (_, reported), at in sent]
+    np.testing.assert_allclose(places, [PLACE] * len(places), atol=1e-9)
+
+
+def test_map_to_odom_is_not_published_without_a_place() -> None:
+    robot = Robot()
+    assert map_from_odom(robot.drive(SECOND, (0.0, 0.0, 0.0))) == []
+    assert published(robot.believe(SECOND, "ambiguous"), topics.AMCL_POSE) == []
+    assert map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0))) == []
+    assert published(robot.believe(2 * SECOND), topics.AMCL_POSE) != []
+    assert map_from_odom(robot.drive(3 * SECOND, (0.0, 0.0, 0.0))) != []
+    list(robot.amcl.on_belief(belief(3 * SECOND, state="searching")))
+    assert map_from_odom(robot.drive(4 * SECOND, (0.0, 0.0, 0.0))) == []
+
+
+def test_two_scans_of_one_time_publish_map_to_odom_once() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    robot.believe(SECOND)
+    twice = robot.drive(2 * SECOND, (0.0, 0.0, 0.0)) + robot.scan(2 * SECOND)
+    assert len(map_from_odom(twice)) == 1
+
+
+def test_without_tf_broadcast_only_the_transform_is_missing() -> None:
+    robot = Robot(Ros2Settings(tf_broadcast=False))
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    assert published(robot.believe(SECOND), topics.AMCL_POSE) != []
+    assert map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0))) == []
+
+
+def test_the_pose_has_the_scans_stamp_and_the_covariance_of_ros() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    (reported,) = published(robot.believe(SECOND), topics.AMCL_POSE)
+    assert (reported.header.stamp.sec, reported.header.frame_id) == (1, "map")
+    wide = np.reshape(reported.pose.covariance, (6, 6))
+    np.testing.assert_array_equal(
+        wide[np.ix_((0, 1, 5), (0, 1, 5))], np.reshape(COVARIANCE, (3, 3))
+    )
+    assert np.count_nonzero(wide) == np.count_nonzero(COVARIANCE)
+
+
+def test_all_places_are_published_with_their_probabilities() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    outputs = robot.believe(SECOND, "ambiguous")
+    (state,) = published(outputs, topics.STATE)
+    (probability,) = published(outputs, topics.PROBABILITY)
+    assert (state.data, probability.data) == ("ambiguous", 0.95)
+    (reported,) = published(outputs, topics.HYPOTHESIS_DETECTION)
+    results = [(one.hypothesis.class_id, one.hypothesis.score) for one in reported.results]
+    assert results == [("1", 0.95), ("2", 0.05)]
+    given = [one.pose.pose.position for one in reported.results]
+    assert [(one.x, one.y) for one in given] == [PLACE[:2], (0.0, 0.0)]
+    (drawn,) = published(outputs, topics.HYPOTHESES)
+    assert drawn.markers[0].action == 3  # all of before go
+    assert [one.ns for one in drawn.markers[1:4]] == ["arrow", "ellipse", "percentage"]
+    assert [one.text for one in drawn.markers if one.text] == ["95 %", "5 %"]
+    ellipse = drawn.markers[2]
+    axes = 4.0 * np.sqrt(np.linalg.eigvalsh(np.reshape(COVARIANCE, (3, 3))[:2, :2]))
+    np.testing.assert_allclose((ellipse.scale.y, ellipse.scale.x), axes)
+
+
+def test_particles_are_moved_by_odometry_and_weighted_by_cluster() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    cloud = Particles(
+        step=0,
+        odom_from_robot=(-1.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(np.array([[1.0, 2.0, 0.0], [9.0, 9.0, 0.0]]), "float64"),
+        log_weights=ArrayBlob.of(np.array([0.0, -np.inf]), "float64"),
+    )
+    assert published(robot.believe(SECOND), topics.PARTICLE_CLOUD) == []
+    robot.amcl.on_particles(1, cloud)
+    (data,) = published(robot.believe(SECOND), topics.PARTICLE_CLOUD)
+    reported = decode(data, types.PARTICLE_CLOUD)
+    assert len(reported.particles) == 1900
+    assert {(one.pose.position.x, one.pose.position.y) for one in reported.particles} == {
+        (2.0, 2.0)
+    }
+    assert sum(one.weight for one in reported.particles) == pytest.approx(1.0)
+
+
+def test_a_belief_of_an_older_term_is_ignored() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    list(robot.amcl.on_belief(belief(SECOND, (1, 1.0, PLACE), state="localized", term=3)))
+    list(robot.amcl.all_places())
+    assert robot.believe(SECOND) == []  # of term 1
+
+
+# --- what is given
+
+
+def test_a_pose_of_the_past_has_the_odometry_since_then_added() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    robot.odometry(2 * SECOND, (1.0, 0.0, 0.0))
+    message = pose_stamped((5.0, 5.0, pi / 2), COVARIANCE, SECOND, "map")
+    (given,) = robot.amcl.on_initial_pose(message)
+    assert isinstance(given, SetPose)
+    np.testing.assert_allclose(given.pose, (5.0, 6.0, pi / 2), atol=1e-12)
+    assert (given.covariance, given.stamp_ns) == (COVARIANCE, 2 * SECOND)
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 5 * SECOND])
+def test_a_pose_without_past_stamp_is_taken_as_the_current_pose(stamp_ns: int) -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (given,) = robot.amcl.on_initial_pose(pose_stamped(PLACE, COVARIANCE, stamp_ns, "map"))
+    assert isinstance(given, SetPose)
+    np.testing.assert_allclose(given.pose, PLACE, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frame", "x", "covariance"),
+    [
+        ("odom", 0.0, COVARIANCE),
+        ("", 0.0, COVARIANCE),
+        ("map", nan, COVARIANCE),
+        ("map", 0.0, (-1.0, *COVARIANCE[1:])),
+        ("map", 0.0, (nan, *COVARIANCE[1:])),
+    ],
+)
+def test_an_invalid_initial_pose_is_refused(frame: str, x: float, covariance: Any) -> None:
+    message = pose_stamped((x, 0.0, 0.0), covariance, 0, frame)
+    assert causes(list(Robot().amcl.on_initial_pose(message))) == ["initial pose refused"]
+
+
+def wide(x: float, y: float, heading: float) -> Any:
+    return np.diag([x, y, 0.0, 0.0, 0.0, heading]).ravel()
+
+
+def observed(covariance: Any, stamp_ns: int = SECOND, frame: str = "map") -> Any:
+    message = pose_stamped(PLACE, COVARIANCE, stamp_ns, frame)
+    message.pose.covariance = covariance
+    return message
+
+
+def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -> None:
+    amcl = Robot().amcl
+    (seen,) = amcl.on_observed(observed(wide(0.4, 0.5, 0.1)), "uwb/pose", 0)
+    assert isinstance(seen, Observation)
+    assert (seen.sender, seen.stamp_ns, seen.landmark) == ("uwb/pose", SECOND, "")
+    np.testing.assert_allclose(seen.mean, PLACE)
+    assert seen.covariance == (0.4, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize("heading", [0.0, -1.0, 1e6, nan])
+def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -> None:
+    (seen,) = Robot().amcl.on_observed(observed(wide(0.4, 0.5, heading)), "gnss", 0)
+    assert isinstance(seen, Observation)
+    assert (len(seen.mean), seen.covariance) == (2, (0.4, 0.0, 0.0, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("message", "problem"),
+    [
+        (observed(wide(0.0, 0.0, 0.0)), "a covariance that is not positive definite"),
+        (observed(wide(nan, 1.0, 1.0)), "not all numbers are finite"),
+        (observed(wide(1.0, inf, 1.0)), "not all numbers are finite"),
+        (observed(wide(1e30, 1.0, 1.0)), "a covariance that is too large"),
+        (observed(wide(1.0, 1.0, 1.0), frame="odom"), "its frame is 'odom', not 'map'"),
+        (observed(wide(1.0, 1.0, 1.0), stamp_ns=0), "it has no stamp"),
+    ],
+)
+def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None:
+    (refused,) = Robot().amcl.on_observed(message, "gnss", 0)
+    assert isinstance(refused, Refused)
+    assert refused.cause == "observation refused"
+    assert refused.detail.startswith(f"gnss: {problem}")
+
+
+def test_an_inactive_node_uses_no_observed_pose() -> None:
+    amcl = Robot(active=False).amcl
+    assert list(amcl.on_observed(observed(wide(1.0, 1.0, 1.0)), "gnss", 0)) == []
+
+
+def test_a_pose_given_while_inactive_is_remembered() -> None:
+    robot = Robot(active=False)
+    message = pose_stamped(PLACE, COVARIANCE, 0, "map")
+    assert list(robot.amcl.on_initial_pose(message)) == []
+    (given,) = robot.amcl.activate()
+    assert isinstance(given, SetPose)
+    robot.amcl.deactivate()
+    assert list(robot.amcl.activate()) == []
+
+
+def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
+    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0, initial_heading_rad=0.5)
+    (given,) = Amcl(settings).activate()
+    assert isinstance(given, SetPose)
+    assert given.pose == (1.0, 0.0, 0.5)
+    assert (given.position_sigma_m, given.covariance) == (0.5, None)
+
+
+def test_a_reset_keeps_the_pose_unless_always_reset_initial_pose_is_set() -> None:
+    for reset, outputs in ((False, []), (True, [Relocalize])):
+        amcl = Amcl(Ros2Settings(always_reset_initial_pose=reset))
+        assert list(amcl.activate()) == []
+        amcl.deactivate()
+        amcl.clean_up()
+        assert list(map(type, amcl.activate())) == outputs
+
+
+def test_while_inactive_scans_are_not_used_and_nothing_is_published() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    robot.amcl.deactivate()
+    assert robot.drive(2 * SECOND, (1.0, 0.0, 0.0)) == []
+    assert robot.believe(SECOND) == []
+    assert list(robot.amcl.activate()) == []
+    assert map_from_odom(robot.drive(3 * SECOND, (1.0, 0.0, 0.0))) != []
+
+
+# --- the map
+
+
+def test_a_map_is_returned_once_and_again_when_it_changes() -> None:
+    amcl = Amcl(Ros2Settings())
+    (given,) = amcl.on_map(grid())
+    assert isinstance(given, MapReading)
+    np.testing.assert_array_equal(given.occupancy.array(), [[0, 100, -1], [-1, 0, 0]])
+    assert given.cell_m == 0.05
+    assert list(amcl.on_map(grid())) == []
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1
+    amcl.clean_up()
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1
+
+
+def test_with_first_map_only_later_maps_are_ignored() -> None:
+    amcl = Amcl(Ros2Settings(first_map_only=True))
+    assert len(list(amcl.on_map(grid()))) == 1
+    assert list(amcl.on_map(grid(x=1.0))) == []
+
+
+def test_an_invalid_map_is_refused_and_the_next_one_used() -> None:
+    amcl = Amcl(Ros2Settings())
+    for bad in (grid(0, 0), grid(4, 2), grid(x=nan), grid(cells=(100,) * 6)):
+        assert causes(list(amcl.on_map(bad))) == ["map refused"]
+    assert causes(list(amcl.on_map(grid(frame="world")))) == ["map of another frame"]
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1

@@ -1,0 +1,448 @@
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clustermcl.protocol.answers import Configure, SetPose
+from clustermcl.protocol.errors import InputFileError, SettingsError
+from clustermcl.protocol.live_settings import LiveSettings
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.amcl import Amcl
+from clustermcl.ros2.lifecycle import ACTIVATE, CONFIGURE
+from clustermcl.ros2.message_types import decode, encode, new, request_of
+from clustermcl.ros2.nav2_params import read_nav2_params
+from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
+from clustermcl.ros2.parameters import Parameters
+from clustermcl.ros2.robot_session import node_name
+from clustermcl.ros2.services import Services
+from clustermcl.ros2.topics import PARAMETER_EVENTS, Topics
+from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.settings_table import TABLE
+from tests.unit.ros2.beliefs import belief
+
+PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
+DEACTIVATE, CLEAN_UP = 4, 2
+BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
+
+
+def test_every_parameter_has_a_setting_or_a_reason() -> None:
+    for parameter in PARAMETERS.values():
+        assert bool(parameter.setting) != bool(parameter.reason), parameter.name
+        assert not parameter.setting or parameter.setting in TABLE, parameter.name
+    assert set(TABLE) >= LIVE
+    assert len(PARAMETERS) >= 46
+
+
+def test_every_parameter_survives_conversion_to_its_setting_and_back() -> None:
+    settings = Settings()
+    for parameter in PARAMETERS.values():
+        value = parameter.value(settings)
+        assert type(value) is type(parameter.default), parameter.name
+        if parameter.setting:
+            section, _, key = parameter.setting.rpartition(".")
+            ours = getattr(getattr(settings, section) if section else settings, key)
+            assert parameter.converted(value) == pytest.approx(ours), parameter.name
+
+
+def test_the_page_lists_the_setting_or_the_reason_of_every_parameter() -> None:
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| (.*) \|$", PAGE.read_text(), re.MULTILINE))
+    for parameter in PARAMETERS.values():
+        expected = f"`{parameter.setting}`" if parameter.setting else parameter.reason
+        assert expected in rows[parameter.name], parameter.name
+
+
+# --- a file of nav2
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "nav2_params.yaml"
+    path.write_text(text)
+    return path
+
+
+STOCK = """
+amcl:
+  ros__parameters:
+    alpha1: 0.25
+    base_frame_id: "base_link"
+    beam_skip_distance: 0.5
+    laser_max_range: -1
+    laser_model_type: "likelihood_field_prob"
+    max_beams: 90
+    pf_err: 0.01
+    robot_model_type: "nav2_amcl::OmniMotionModel"
+    save_pose_rate: 0.5
+    transform_tolerance: 2
+    update_min_d: 0.3
+    initial_pose: {x: 1.0, y: -2, z: 0.0, yaw: 0.5}
+    invented: 3
+bt_navigator:
+  ros__parameters:
+    global_frame: other
+"""
+
+
+def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
+    values, notes = read_nav2_params(write(tmp_path, STOCK))
+    settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=values)
+    assert settings.motion.turn_noise_per_turn == 0.5
+    assert settings.motion.model == "omnidirectional"
+    assert settings.sensor.max_beams == 90
+    assert settings.sensor.model == "likelihood_field"
+    assert settings.sensor.max_range_m == Settings().sensor.max_range_m
+    assert settings.bridge.gate_distance_m == 0.3
+    assert settings.ros2 == Ros2Settings(
+        enabled=True,
+        base_frame="base_link",
+        transform_tolerance_s=2.0,
+        initial_x_m=7.0,
+        initial_y_m=-2.0,
+        initial_heading_rad=0.5,
+        laser_max_range_m=-1.0,  # the laser's own
+    )
+    assert notes == [  # and nothing of what is as nav2 has it by itself
+        "laser_model_type = likelihood_field_prob of nav2 is replaced by our likelihood_field, "
+        "which multiplies the beams' likelihoods too; no beam is skipped: sensor.occlusion_weight",
+        f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
+        "invented of nav2 has no effect: AMCL has no such parameter",
+    ]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "robot1:\n  amcl:\n    ros__parameters: {max_beams: 90}\n",
+        "/robot1/amcl:\n  ros__parameters: {max_beams: 90}\n",
+        "amcl:\n  ros__parameters: {max_beams: 90}\n/**:\n  ros__parameters: {max_beams: 10}\n",
+    ],
+)
+def test_a_node_is_found_in_any_namespace_and_its_own_values_win(tmp_path: Path, text: str) -> None:
+    assert read_nav2_params(write(tmp_path, text))[0]["sensor.max_beams"] == 90
+
+
+@pytest.mark.parametrize(
+    ("text", "namespace"),
+    [
+        ("robot1:\n  amcl:\n    ros__parameters: {}\n", "/robot1"),
+        ("/fleet/robot1/amcl:\n  ros__parameters: {}\n", "/fleet/robot1"),
+        ("/amcl:\n  ros__parameters: {}\n", ""),
+        ("/**/amcl:\n  ros__parameters: {}\n", ""),
+    ],
+)
+def test_a_namespace_in_the_file_applies_to_the_node_and_its_tf_topics(
+    tmp_path: Path, text: str, namespace: str
+) -> None:
+    values, notes = read_nav2_params(write(tmp_path, text))
+    ros2 = load_settings(None, [], beneath=values).ros2
+    assert ros2.namespace == namespace
+    assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
+    assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
+    assert bool(notes) == bool(namespace)
+
+
+def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> None:
+    """ROS's own reader of parameters takes no aliases either."""
+    laughs = ["a0: &a0 {b: 1}"]
+    laughs += [f"a{i}: &a{i} {{b: *a{i - 1}, c: *a{i - 1}}}" for i in range(1, 40)]
+    file = write(tmp_path, "\n".join([*laughs, "amcl: {ros__parameters: *a39}"]))
+    with pytest.raises(InputFileError, match=r":2: YAML aliases \(\*\) are not read"):
+        read_nav2_params(file)
+
+
+def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -> None:
+    for value in ("[front/scan, /rear]", "'front/scan,/rear'"):
+        text = f"amcl:\n  ros__parameters: {{scan_topic: {value}}}\n"
+        ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text))[0]).ros2
+        assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear"]
+        assert node_name(ros2).name == "amcl"
+    with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS expects letters"):
+        node_name(Ros2Settings(scan_topic="scan,"))
+    with pytest.raises(InputFileError, match=r"scan_topic = \[1\]: nav2 expects a string"):
+        read_nav2_params(write(tmp_path, "amcl:\n  ros__parameters: {scan_topic: [1]}\n"))
+
+
+def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
+    text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
+    assert read_nav2_params(write(tmp_path, text))[0]["ros2.use_sim_time"] is True
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a: [", "not YAML"),
+        ("- 1", "it is not a mapping"),
+        ("planner:\n  ros__parameters: {x: 1}\n", "it has those of: planner"),
+        (
+            "amcl:\n  ros__parameters: {max_beams: many}\n",
+            "max_beams = 'many': nav2 expects an integer",
+        ),
+        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 expects true or"),
+        ("amcl:\n  ros__parameters: {alpha1: -0.2}\n", "alpha1 = -0.2: a variance must not be neg"),
+        ("amcl:\n  ros__parameters: {alpha1: [0.2]}\n", r"alpha1 = \[0.2\]: nav2 expects a number"),
+        (
+            "amcl:\n  ros__parameters: {max_beams: [6]}\n",
+            r"max_beams = \[6\]: nav2 expects an integer",
+        ),
+        ("amcl:\n  ros__parameters: {odom_frame_id: null}\n", "odom_frame_id = None: nav2 expects"),
+        (
+            "amcl:\n  ros__parameters: {robot_model_type: my::MotionModel}\n",
+            "nav2 has nav2_amcl::DifferentialMotionModel, nav2_amcl::OmniMotionModel",
+        ),
+        ("amcl:\n  ros__parameters: {laser_model_type: ndt}\n", "nav2 has likelihood_field, like"),
+        (
+            "amcl:\n  ros__parameters: {base_frame_id: $(var base)}\n",
+            r"base_frame_id = '\$\(var base\)': only ROS's launch files can use",
+        ),
+        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch files can use"),
+        (
+            "a/amcl:\n  ros__parameters: {}\nb/amcl:\n  ros__parameters: {}\n",
+            "several robots: /a/amcl, /b/amcl",
+        ),
+    ],
+)
+def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(InputFileError, match=problem):
+        read_nav2_params(write(tmp_path, text))
+
+
+def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "amcl:\n  ros__parameters: {max_beams: 0}\n")
+    values = read_nav2_params(path)[0]
+    with pytest.raises(SettingsError, match=r"nav2_params.yaml: sensor.max_beams = 0"):
+        load_settings(None, [], beneath=values, beneath_from=str(path))
+
+
+# --- services
+
+
+def get(parameters: Parameters, *names: str) -> list[Any]:
+    request = new(request_of(types.GET_PARAMETERS), names=list(names))
+    values: list[Any] = parameters.get(request).values
+    return values
+
+
+def parameter(name: str, number: int, **value: Any) -> Any:
+    reported = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
+    return new("rcl_interfaces/msg/Parameter", name=name, value=reported)
+
+
+def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
+    one = parameter(name, number, **value)
+    request = new(request_of(types.SET_PARAMETERS), parameters=[one])
+    return parameters.set(request)[0].results[0]
+
+
+def node(settings: Settings | None = None) -> Services:
+    settings = settings or Settings()
+    return Services(Amcl(settings.ros2), settings, lambda: 0, "/amcl")
+
+
+def value_of(services: Services, name: str) -> Any:
+    request = new(request_of(types.GET_PARAMETERS), names=[name])
+    response, _ = services.call("~/get_parameters", request)
+    return response.values[0]
+
+
+def test_parameter_values_are_returned_with_their_types() -> None:
+    names = ("tf_broadcast", "max_beams", "alpha1", "odom_frame_id", "what")
+    values = get(Parameters(Settings()), *names)
+    assert [one.type for one in values] == [BOOL, INTEGER, DOUBLE, STRING, 0]
+    assert (values[0].bool_value, values[1].integer_value) == (True, 60)
+    assert (values[2].double_value, values[3].string_value) == (pytest.approx(0.04), "odom")
+    request = new(request_of(types.GET_PARAMETER_TYPES), names=list(names))
+    assert list(Parameters(Settings()).kinds(request).types) == [BOOL, INTEGER, DOUBLE, STRING, 0]
+
+
+def test_the_bridges_own_parameters_can_be_set() -> None:
+    parameters = Parameters(Settings())
+    assert set_one(parameters, "publish", STRING, string_value="best").successful
+    assert set_one(parameters, "initial_pose.x", DOUBLE, double_value=3.0).successful
+    assert parameters.settings.ros2 == Ros2Settings(publish="best", initial_x_m=3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "value", "reason"),
+    [
+        ("what", DOUBLE, {"double_value": 1.0}, "there is no parameter what"),
+        ("publish", STRING, {"string_value": "all"}, "expected"),
+        ("publish", BOOL, {"bool_value": True}, "publish is a str"),
+        ("transform_tolerance", DOUBLE, {"double_value": -1.0}, "ros2.transform_tolerance_s"),
+        ("max_beams", INTEGER, {"integer_value": 0}, "max_beams: sensor.max_beams = 0: expected"),
+        (
+            "alpha1",
+            DOUBLE,
+            {"double_value": -0.1},
+            "alpha1 = -0.1: a variance must not be negative",
+        ),
+        ("scan_topic", STRING, {"string_value": "a"}, "ros2.scan_topic is read only at the start"),
+        ("pf_err", DOUBLE, {"double_value": 9.0}, PARAMETERS["pf_err"].reason),
+    ],
+)
+def test_a_parameter_that_cannot_be_set_is_refused_with_a_reason(
+    name: str, number: int, value: dict[str, Any], reason: str
+) -> None:
+    parameters = Parameters(Settings())
+    result = set_one(parameters, name, number, **value)
+    assert not result.successful
+    assert reason in result.reason
+    assert parameters.settings == Settings()
+
+
+def test_set_parameters_atomically_sets_all_or_none() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 7 * 10**9 + 5, "/amcl")
+    best, tolerance, wrong = (
+        parameter("publish", STRING, string_value="best"),
+        parameter("transform_tolerance", DOUBLE, double_value=0.5),
+        parameter("transform_tolerance", DOUBLE, double_value=-1.0),
+    )
+
+    def set_at_once(*wanted: Any) -> tuple[Any, Any]:
+        request = new(request_of(types.SET_PARAMETERS_ATOMICALLY), parameters=list(wanted))
+        response, outputs = services.call("~/set_parameters_atomically", request)
+        return response.result, outputs
+
+    result, outputs = set_at_once(best, wrong)
+    assert (result.successful, outputs) == (False, [])
+    assert "ros2.transform_tolerance_s" in result.reason
+    assert value_of(services, "publish").string_value == "held"
+    result, (reported,) = set_at_once(best, tolerance)
+    assert result.successful
+    assert reported.topic == PARAMETER_EVENTS
+    assert (reported.message.node, reported.message.stamp.sec, reported.message.stamp.nanosec) == (
+        "/amcl",
+        7,
+        5,
+    )
+    assert reported.message.changed_parameters == [best, tolerance]
+    assert value_of(services, "publish").string_value == "best"
+
+
+def test_only_accepted_parameters_are_published_as_changed() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/robot1/amcl")
+    taken = parameter("tf_broadcast", BOOL, bool_value=False)
+    refused = parameter("max_particles", INTEGER, integer_value=9)
+    request = new(request_of(types.SET_PARAMETERS), parameters=[refused, taken])
+    _, (reported,) = services.call("~/set_parameters", request)
+    assert reported.message.changed_parameters == [taken]
+    assert reported.message.node == "/robot1/amcl"
+    data = encode(reported.message, types.PARAMETER_EVENT)
+    assert decode(data, types.PARAMETER_EVENT).changed_parameters[0].name == "tf_broadcast"
+
+
+def test_setting_a_parameter_to_its_current_value_always_succeeds() -> None:
+    parameters = Parameters(Settings())
+    assert set_one(parameters, "max_particles", INTEGER, integer_value=2000).successful
+
+
+@pytest.mark.parametrize(
+    ("prefixes", "depth", "found"),
+    [
+        ([], 0, len(PARAMETERS)),
+        (["initial_pose"], 0, 4),
+        (["initial_pose"], 1, 4),
+        (["initial"], 0, 0),
+        ([], 1, len(PARAMETERS) - 4),
+    ],
+)
+def test_names_are_listed_by_prefix_and_depth(prefixes: list[str], depth: int, found: int) -> None:
+    request = new(request_of(types.LIST_PARAMETERS), prefixes=prefixes, depth=depth)
+    assert len(Parameters(Settings()).names(request).result.names) == found
+
+
+def test_descriptions_of_parameters_name_the_setting_and_whether_it_can_be_set() -> None:
+    names = ["transform_tolerance", "max_beams", "pf_err", "what"]
+    request = new(request_of(types.DESCRIBE_PARAMETERS), names=names)
+    reported = Parameters(Settings()).describe(request).descriptors
+    assert [one.read_only for one in reported] == [False, False, True, False]
+    assert reported[0].description == "ros2.transform_tolerance_s"
+    assert reported[2].description.startswith("without effect: all places share belief.particles")
+    assert reported[3].type == 0
+
+
+def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
+    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0)
+    amcl = Amcl(settings)
+    services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
+
+    def given(outputs: list[Any]) -> list[Any]:
+        return [one.pose for one in outputs if isinstance(one, SetPose)]
+
+    services.change(CONFIGURE)
+    assert given(services.change(ACTIVATE)) == [(1.0, 0.0, 0.0)]
+    list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
+    services.change(DEACTIVATE)
+    events = [one for one in services.change(CLEAN_UP) if one.topic == PARAMETER_EVENTS]
+    (reported,) = (one.message.changed_parameters for one in events)
+    assert [(one.name, one.value.double_value) for one in reported] == [
+        ("initial_pose.x", 5.0),
+        ("initial_pose.y", -3.0),
+        ("initial_pose.yaw", 0.5),
+    ]
+    services.change(CONFIGURE)
+    assert given(services.change(ACTIVATE)) == [(5.0, -3.0, 0.5)]
+    assert value_of(services, "initial_pose.x").double_value == 5.0
+
+
+def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> None:
+    for is_set in (True, False):
+        settings = Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0)
+        amcl = Amcl(settings)
+        services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
+        services.change(CONFIGURE)
+        if not is_set:
+            services.change(ACTIVATE)
+            list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
+            services.change(DEACTIVATE)
+        services.change(CLEAN_UP)
+        assert amcl.settings == settings
+
+
+def set_live(services: Services, *wanted: Any) -> list[Any]:
+    """The actions for changed parameters."""
+    request = new(request_of(types.SET_PARAMETERS), parameters=list(wanted))
+    response, outputs = services.call("~/set_parameters", request)
+    assert all(result.successful for result in response.results)
+    return [one for one in outputs if isinstance(one, Configure)]
+
+
+NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")
+NAV2_LIVE += tuple(f"alpha{number}" for number in range(1, 6))
+NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tolerance")
+
+
+@pytest.mark.parametrize("name", NAV2_LIVE)
+def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
+    services = node()
+    value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
+    reported = set_live(
+        services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value)
+    )
+    ((field, found),) = value.items()
+    assert getattr(value_of(services, name), field) == pytest.approx(found)
+    if not PARAMETERS[name].setting.startswith("ros2."):
+        (reconfigured,) = reported
+        setting = PARAMETERS[name].setting.rpartition(".")[2]
+        expected = {setting: PARAMETERS[name].converted(found)}
+        assert reconfigured.settings == LiveSettings(**expected)
+
+
+def test_all_live_settings_are_sent_together() -> None:
+    services = node()
+    set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
+    (reported,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
+    assert reported.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
+    assert set_live(services, parameter("tf_broadcast", BOOL, bool_value=False)) == []
+
+
+def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
+    services = node()
+    before = LiveSettings(max_beams=31)
+    assert services.on_live_settings(before) == []
+    assert value_of(services, "max_beams").integer_value == 31
+    (reported,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
+    assert reported.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
+    assert services.on_live_settings(reported.settings) == []
+    assert services.on_live_settings(LiveSettings()) == [reported]

@@ -1,0 +1,43 @@
+import logging
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clustermcl.runtime.logs import CauseCounter
+from tests.unit.programs import ran
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 500)), max_size=50))
+def test_every_occurrence_is_counted_in_exactly_one_log_line(
+    happened: list[tuple[str, float]],
+) -> None:
+    causes = CauseCounter()
+    counts = {"a": 0, "b": 0}
+    for cause, now_s in sorted(happened, key=lambda item: item[1]):
+        counts[cause] += causes.count(cause, now_s)
+    for cause, times in counts.items():
+        last_counts = causes.count(cause, 1000.0)
+        assert times + last_counts == causes.total[cause]
+
+
+def test_a_warning_is_logged_once_a_minute_with_cause_count_and_detail(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    causes, log = CauseCounter(), logging.getLogger("test")
+    for now_s in (0.0, 1.0, 59.9, 60.0, 61.0):
+        causes.warn(log, "scan dropped", "no beams", now_s)
+    assert caplog.messages == ["scan dropped: no beams", "scan dropped (3 times): no beams"]
+    assert causes.total == {"scan dropped": 5}
+
+
+def test_a_message_is_one_line_on_standard_error_with_the_process_in_front() -> None:
+    program = (
+        "import logging; from clustermcl.runtime.logs import configure_logging as c;"
+        "c('early', 'debug'); c('50% worker-3', 'info'); log = logging.getLogger('x');"
+        "log.debug('hidden'); log.info('two\\nlines %s', 1)"
+    )
+    ended = ran(program)
+    assert ended.stdout == ""
+    assert len(ended.stderr.splitlines()) == 1
+    assert ended.stderr.endswith("INFO    50% worker-3: two | lines 1\n")

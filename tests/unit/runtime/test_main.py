@@ -1,0 +1,113 @@
+import argparse
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from clustermcl.protocol.errors import UnreachableError
+from clustermcl.runtime.main import Invocation, run_process
+from clustermcl.runtime.stop import StopFlag, StoppedError
+from tests.unit.programs import ran
+
+
+def run(body: Callable[[Invocation], None], *argv: str) -> int:
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("--count", type=int)
+
+    return run_process(
+        "tester", body, StopFlag(), describe="x", add_arguments=add_arguments, argv=argv
+    )
+
+
+def test_the_body_gets_name_settings_and_its_own_arguments(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("seed = 4\n")
+    got: list[Invocation] = []
+    given = ["--settings", str(file), "--set", "robot.name=r2", "--name", "t-1", "--count", "3"]
+    assert run(got.append, *given) == 0
+    invocation = got[0]
+    assert (invocation.process, invocation.settings.seed) == ("t-1", 4)
+    assert (invocation.settings.robot.name, invocation.arguments.count) == ("r2", 3)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (UnreachableError(peer="router", problem="no router\nanywhere", waited_s=0.0), 2,
+         "t-1: no router anywhere\n"),
+        (StoppedError(), 0, ""),
+    ],
+    ids=["a user's mistake", "being stopped while waiting"],
+)  # fmt: skip
+def test_expected_ends_are_at_most_a_line_and_their_exit_code(
+    error: Exception, code: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body(_: Invocation) -> None:
+        raise error
+
+    assert run(body, "--name", "t-1") == code
+    assert capsys.readouterr().err == message
+
+
+def test_a_bug_is_logged_with_its_traceback_and_exit_code_1(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def body(_: Invocation) -> None:
+        raise ZeroDivisionError("oops")
+
+    assert run(body) == 1
+    assert "Traceback" in (text := capsys.readouterr().err)
+    assert text.endswith("ZeroDivisionError: oops\n")
+
+
+def test_wrong_settings_are_reported_before_the_body_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    got: list[Invocation] = []
+    assert run(got.append, "--set", "cluster.particles=none") == 2
+    assert capsys.readouterr().err == (
+        "tester: --set: cluster.particles = 'none': expected a whole number > 0 and <= 1000000\n"
+    )
+    assert got == []
+
+
+def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, "--cuont", "3")
+    assert caught.value.code == 2
+    error = "tester: unrecognized arguments: --cuont 3 (see --help)\n"
+    assert capsys.readouterr().err == error
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "*", "a$*", "../a", "a.b", "@a", "x" * 57, "a\n"])
+def test_a_name_that_is_invalid_in_a_key_or_file_name_is_refused(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, f"--name={name}")
+    assert caught.value.code == 2
+    rule = "use letters, digits, _ and single - between them, at most 56"
+    assert capsys.readouterr().err.endswith(f"is not a valid name: {rule} (see --help)\n")
+
+
+def test_every_process_prints_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, "--version")
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"clustermcl {version('clustermcl')}\n"
+
+
+def test_the_command_prints_its_version() -> None:
+    ended = ran("import runpy; runpy.run_module('clustermcl', run_name='__main__')", "--version")
+    assert (ended.stdout, ended.stderr) == (f"clustermcl {version('clustermcl')}\n", "")
+
+
+def test_the_runtime_loads_nothing_heavy() -> None:
+    # Every process imports all of this before its first word; numba alone takes half a second.
+    program = (
+        "import sys, clustermcl.runtime.main, clustermcl.link.inbox, clustermcl.link.session,"
+        "clustermcl.link.router, clustermcl.runtime.supervisor;"
+        "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
+    )
+    assert ran(program).stdout == "set()\n"

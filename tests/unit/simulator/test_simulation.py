@@ -1,0 +1,151 @@
+from dataclasses import replace
+from itertools import islice
+from math import hypot, pi
+
+import numpy as np
+import pytest
+
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.simulator import robot
+from clustermcl.simulator.free_space import FreeSpace
+from clustermcl.simulator.sensors import Lidar, LidarModel
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.simulator.worlds.world import world_from_map
+
+HALL = world("hall")
+ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
+"""From (0, 0) to (6, 4) m."""
+PERFECT = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.0, 0.0, 0.0))
+
+
+def test_the_same_seed_gives_the_same_ticks() -> None:
+    first, second = (list(islice(Simulation(HALL, 3), 300)) for _ in range(2))
+    assert first == second
+
+
+def test_each_step_has_the_true_pose_at_its_scan() -> None:
+    truths = {tick.laser.stamp_ns: tick.map_from_robot for tick in islice(Simulation(HALL, 1), 200)}
+    steps = simulated_steps(SimulatedSource(Simulation(HALL, 1), steps=20), BridgeSettings(), "")
+    assert all(truth == truths[scan.stamp_ns] for scan, truth in steps)
+
+
+def test_a_kidnapping_moves_the_robot_far_without_a_jump_of_odometry() -> None:
+    simulation = Simulation(HALL, 2)
+    before = list(islice(simulation, 100))[-1]
+    x, y, _ = simulation.map_from_robot
+    where = simulation.kidnap()
+    after = next(simulation)
+    assert hypot(where[0] - x, where[1] - y) > 5.0
+    assert hypot(after.map_from_robot[0] - where[0], after.map_from_robot[1] - where[1]) < 0.1
+    jump = np.subtract(after.odometry[0].odom_from_robot, before.odometry[1].odom_from_robot)
+    assert hypot(jump[0], jump[1]) < 0.1
+
+
+def test_a_kidnapped_robot_drives_on_from_the_given_pose() -> None:
+    simulation = Simulation(world("cross_feature"), 2)
+    assert simulation.kidnap((0.0, -3.0, 1.0)) == (0.0, -3.0, 1.0)
+    path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
+    assert np.hypot(*(path[0, :2] - [0.0, -3.0])) < 0.1
+    assert np.ptp(path[:, :2], axis=0).max() > 1.0
+
+
+def test_a_robot_put_into_a_wall_stands_next_to_it() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2)
+    assert simulation.kidnap((-0.05, 2.0, 1.0)) == pytest.approx((0.4, 2.0, 1.0), abs=0.2)
+
+
+def test_a_robot_driven_by_hand_follows_commands_and_then_stands() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
+    simulation.robot.drive_by_hand(0.6, 0.0)
+    x = [tick.map_from_robot[0] for tick in islice(simulation, 30)]
+    assert x[10] > x[0] + 0.1
+    assert x[-1] == x[-5]  # 3 s later it has stood still for long
+    simulation.robot.drive_by_hand(-0.6, 1.0)
+    after = list(islice(simulation, 10))[-1].map_from_robot
+    assert after[0] < x[-1]
+    assert after[2] > 0.3
+
+
+def test_a_robot_driven_by_hand_hits_no_wall() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
+    free_space = FreeSpace(ROOM)
+    for _ in range(20):
+        simulation.robot.drive_by_hand(9.0, 0.0)
+        for tick in islice(simulation, 10):
+            assert free_space.clearance_m(*tick.map_from_robot[:2]) >= robot.RADIUS_M - 0.01
+
+
+def test_after_manual_driving_the_robot_wanders_again() -> None:
+    simulation = Simulation(world("cross_feature"), 2)
+    simulation.robot.drive_by_hand(0.0, 0.0)
+    stands = [tick.map_from_robot for tick in islice(simulation, 30)]
+    assert stands[0][:2] == stands[-1][:2]
+    simulation.robot.wander()
+    path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
+    assert np.ptp(path[:, :2], axis=0).max() > 1.0
+
+
+def test_beams_end_at_the_walls_of_the_true_map() -> None:
+    lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
+    seen = lidar.scan((2.0, 1.0, pi / 2))
+    assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
+
+
+def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
+    model = replace(PERFECT, range_noise_m=0.05, drop_out_share=0.1)
+    lidar, clean = (Lidar(m, ROOM, np.random.default_rng(1)) for m in (model, PERFECT))
+    pose = (2.0, 1.0, 0.3)
+    scans = np.array([lidar.scan(pose) for _ in range(60)])
+    lost = np.isinf(scans)
+    errors = (scans - clean.scan(pose))[~lost]
+    # 10,860 beams: five standard errors of the share are 0.015, of the deviation 0.0018.
+    assert lost.mean() == pytest.approx(0.1, abs=0.015)
+    assert errors.std() == pytest.approx(0.05, abs=0.0018)
+
+
+def test_obstacles_beyond_the_range_give_no_return() -> None:
+    short_sighted = LidarModel(range_max_m=2.5, drop_out_share=0.0)
+    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0))
+    assert np.isinf(seen).any()
+    assert seen[np.isfinite(seen)].max() < 2.5
+
+
+def test_a_robot_follows_a_way_then_turns_round_and_then_wanders() -> None:
+    simulation = Simulation(world_from_map(ROOM), 3, start=(1.0, 2.0, 0.0))
+    way = np.array([(0.0, 0.0, 0.0), (0.0, 0.5, 1.57), (0.0, 1.0, 1.57)])
+    simulation.follow(way, (3.0, 2.0, -pi / 2))  # ends at (4, 2)
+    while simulation.robot.follows:
+        next(simulation)
+    assert hypot(simulation.map_from_robot[0] - 4.0, simulation.map_from_robot[1] - 2.0) < 0.45
+    simulation.robot.drive_by_hand(0.0, 0.0)
+    for _ in range(20):
+        next(simulation)
+    before = simulation.map_from_robot
+    simulation.follow(np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 2 * pi), 9), before)
+    turned = 0.0
+    while simulation.robot.follows:
+        last = simulation.map_from_robot[2]
+        next(simulation)
+        turned += (simulation.map_from_robot[2] - last) % (2 * pi)
+    assert turned == pytest.approx(2 * pi, abs=0.3)
+    assert simulation.map_from_robot[:2] == pytest.approx(before[:2], abs=0.05)
+    for _ in range(50):
+        next(simulation)
+    assert simulation.map_from_robot[:2] != pytest.approx(before[:2], abs=0.1)
+
+
+def test_a_receiver_has_a_fix_each_second_outdoors_and_none_indoors() -> None:
+    ticks = list(islice(Simulation(world("yard"), seed=1), 400))
+    is_outdoors = [abs(tick.map_from_robot[0]) > 13.1 for tick in ticks]
+    assert 10 < sum(is_outdoors) < 390
+    assert [bool(tick.observations) for tick in ticks] == [
+        outdoors and number % 10 == 0 for number, outdoors in enumerate(is_outdoors)
+    ]
+    fixes = [
+        (tick.observations[0].mean, tick.map_from_robot) for tick in ticks if tick.observations
+    ]
+    off_m = [hypot(fix[0] - pose[0], fix[1] - pose[1]) for fix, pose in fixes]
+    assert 1.0 < np.median(off_m) < 8.0

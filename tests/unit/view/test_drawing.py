@@ -1,0 +1,93 @@
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.view.drawing import PALETTE, drawn_picture, percent
+from clustermcl.view.picture import SLOTS
+from clustermcl.view.saved_page import static_files
+
+WHITE, GREY, DARK = (255, 255, 255), (227, 230, 234), (42, 50, 59)
+CELL_M, MARGIN = 0.5, 24
+
+
+def room(*, turned: float = 0.0) -> GridMap:
+    """20 m wide, 10 m high; the low right quarter is a wall."""
+    cells = np.zeros((20, 40), np.int8)
+    cells[:10, 20:] = 1
+    return GridMap(cells, CELL_M, (-4.0, 2.0, turned))
+
+
+def step(**changed: Any) -> dict[str, Any]:
+    place = {"cluster": 1, "slot": 1, "p": 0.5, "pose": (0.0, 8.0, 0.0),
+             "cov": (0.01, 0.0, 0.01, 0.01), "age": 1}  # fmt: skip
+    return {"step": 1, "places": [place], "scan": [], "truth": None, **changed}
+
+
+def pixel(image: Any, x_m: float, y_m: float) -> tuple[int, int, int]:
+    """Of a picture of `room()`, not turned: 1,400 pixels are 20 m."""
+    found: tuple[int, int, int] = image.getpixel(
+        (round(MARGIN + (x_m + 4.0) * 70), round(MARGIN + (12.0 - y_m) * 70))
+    )
+    return found
+
+
+def test_free_cells_walls_and_unknown_ground_have_different_colours() -> None:
+    image = drawn_picture(room(), step(places=[]))
+    assert image.size == (1448, 748)
+    assert pixel(image, 0.0, 8.0) == WHITE
+    assert pixel(image, 12.0, 8.0) == WHITE
+    assert pixel(image, 12.0, 3.0) == DARK
+    assert pixel(image, 0.0, 3.0) == WHITE
+    assert image.getpixel((5, 5)) == GREY
+
+
+def test_a_rotated_map_is_drawn_rotated() -> None:
+    image = drawn_picture(
+        room(turned=np.pi / 2), step(places=[])
+    )  # now 10 m wide, and to the left of x = -4
+    assert image.size == (748, 1448)
+    right_low, right_high = (700, 1400), (700, 48)
+    assert image.getpixel(right_low) == WHITE
+    assert image.getpixel(right_high) == DARK  # what was right is up, what was low is right
+
+
+def test_a_cluster_is_drawn_in_its_colour_where_it_is() -> None:
+    image = drawn_picture(room(), step())
+    assert "#{:02X}{:02X}{:02X}".format(*pixel(image, 0.0, 8.0)) == PALETTE[1]
+
+
+def test_the_scan_is_drawn_from_the_best_place() -> None:
+    image = drawn_picture(room(), step(scan=[300, 100]))
+    red, green, _ = pixel(image, 3.0, 9.0)
+    assert red > green + 80
+
+
+def test_the_true_pose_is_a_ring() -> None:
+    image = drawn_picture(room(), step(truth=(2.0, 5.0, 0.0)))
+    assert pixel(image, 2.0, 5.0) == WHITE
+    assert max(pixel(image, 2.0 - 18 / 70, 5.0)) < 120
+
+
+def test_the_palette_equals_that_of_the_page() -> None:
+    script = static_files()["palette.js"].decode()
+    assert tuple(re.findall(r'"(#[0-9A-F]{6})"', script)) == PALETTE
+    assert len(PALETTE) == SLOTS
+
+
+FLAT = {**step()["places"][0], "cov": (0.0, 0.0, 0.0, 0.0)}
+
+
+@pytest.mark.parametrize("places", [[], [{**FLAT, "p": 1.0}], [{**FLAT, "p": 1e-9}]])
+def test_no_place_or_one_of_any_probability_can_be_drawn(places: list[dict[str, Any]]) -> None:
+    assert drawn_picture(room(), step(places=places)).size == (1448, 748)
+
+
+@pytest.mark.parametrize(
+    ("probability", "written"),
+    [(1.0, "100 %"), (0.994, "99 %"), (0.0312, "3.1 %"), (0.004, "0.4 %"), (2e-5, "< 0.1 %")],
+)
+def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
+    assert percent(probability) == written

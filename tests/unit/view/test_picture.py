@@ -1,0 +1,201 @@
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from clustermcl.protocol.steps import TruePose
+from clustermcl.view.picture import NEWEST_ROWS, Picture
+from tests.unit.view.messages import (
+    belief,
+    events,
+    map_message,
+    pose,
+    report,
+    scan,
+    simulator,
+    status,
+)
+
+
+@pytest.fixture
+def picture() -> Picture:
+    made = Picture({"robot": "r", "router": "tcp/x:1", "commands": True})
+    made.changes()
+    return made
+
+
+def rows(encoded: list[Any]) -> list[Any]:
+    """As the page reads them."""
+    return [json.loads(bytes(row)) for row in encoded]
+
+
+def test_a_new_page_gets_everything_there_is(picture: Picture) -> None:
+    picture.on_status(status())
+    picture.on_map(map_message())
+    picture.on_belief(belief(5, 1, 2))
+    picture.on_pose(pose(5))
+    picture.on_events(events(0))
+    shown = picture.everything()
+    assert set(shown) == {"system", "history", "status", "map", "step", "pose", "events"}
+    assert shown["system"] == {
+        "robot": "r", "router": "tcp/x:1", "commands": True, "link": "running",
+    }  # fmt: skip
+    assert [row[0] for row in rows(shown["history"]["rows"])] == [5]
+
+
+def test_only_what_has_changed_is_sent_again(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    assert set(picture.changes()) == {"step"}
+    assert picture.changes() == {}
+
+
+def test_the_scan_of_a_step_is_drawn_with_its_belief(picture: Picture) -> None:
+    picture.on_scan(scan(5, [2.0, 3.0, 10.0, 0.0]))  # the last two did not return
+    picture.on_belief(belief(5, 1))
+    assert picture.changes()["step"]["scan"] == [300, 0, 100, 300]
+    picture.on_belief(belief(6, 1))
+    assert picture.changes()["step"]["scan"] == []
+
+
+def test_a_scan_that_its_belief_overtook_is_drawn_now_and_in_the_archive(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_scan(scan(5, [2.0, 3.0]))
+    assert picture.changes()["step"]["scan"] == [300, 0, 100, 300]
+    assert msgspec.json.decode(picture.past(5)["step"])["scan"] == [300, 0, 100, 300]
+    picture.on_scan(scan(4, [1.0]))
+    assert picture.changes() == {}
+
+
+def test_a_late_true_pose_is_drawn_at_its_step_and_added_to_the_trail(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_truth(TruePose(sender="s", step=5, pose=(1.0, 1.0, 0.0)))
+    assert picture.changes()["step"]["truth"] == (1.0, 1.0, 0.0)
+    assert rows(picture.everything()["history"]["rows"])[-1][2] == [1.0, 1.0, 0.0]
+
+
+def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1, 2, 3))
+    first = {p["cluster"]: p["slot"] for p in picture.changes()["step"]["places"]}
+    picture.on_belief(belief(6, 3, 1))
+    second = {p["cluster"]: p["slot"] for p in picture.changes()["step"]["places"]}
+    assert len(set(first.values())) == 3
+    assert second == {3: first[3], 1: first[1]}
+
+
+def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_belief(belief(5, 1, 2))
+    history = rows(picture.everything()["history"]["rows"])
+    assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
+
+
+def test_steps_that_restart_also_restart_the_history(picture: Picture) -> None:
+    picture.on_belief(belief(500, 1))
+    picture.changes()
+    picture.on_belief(belief(0, 1))
+    assert [row[0] for row in rows(picture.changes()["history"]["rows"])] == [0]
+
+
+def test_a_page_gets_the_newest_rows_and_requests_earlier_ones() -> None:
+    picture = Picture({})
+    for step in range(NEWEST_ROWS + 5):
+        picture.on_belief(belief(step, 1))
+    newest = rows(picture.everything()["history"]["rows"])
+    assert [newest[0][0], newest[-1][0], len(newest)] == [5, NEWEST_ROWS + 4, NEWEST_ROWS]
+    assert [row[0] for row in rows(picture.rows_before(5))] == [0, 1, 2, 3, 4]
+    assert picture.rows_before(0) == []
+
+
+def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
+    picture.on_events(events(3))
+    picture.on_scan(scan(5, [2.0]))
+    picture.on_report(report(5, 1))
+    picture.on_belief(belief(5, 1, 2))
+    picture.on_pose(pose(5))
+    picture.on_status(status())
+    picture.on_belief(belief(6, 1))
+    picture.on_events(events(6))
+    past = picture.past(5)
+    shown = {topic: json.loads(bytes(past[topic])) for topic in past if topic != "events"}
+    assert shown["step"]["step"] == 5
+    assert shown["step"]["scan"] == [300, 0]
+    assert [place["cluster"] for place in shown["step"]["places"]] == [1, 2]
+    assert shown["pose"]["pose"] == [1.0, 2.0, 0.5]
+    assert shown["status"]["steps_applied"] == 6
+    assert shown["cloud 1"]["cluster"] == 1
+    assert [event["number"] for event in past["events"]] == [3]
+
+
+def test_a_past_step_beyond_the_archive_has_no_frames(picture: Picture) -> None:
+    picture.on_belief(belief(50, 1))
+    assert picture.past(3) == {"events": []}
+
+
+def test_steps_that_restart_clear_the_past(picture: Picture) -> None:
+    picture.on_belief(belief(50, 1))
+    picture.on_belief(belief(2, 1))
+    assert json.loads(bytes(picture.past(50)["step"]))["step"] == 2
+
+
+def test_particles_are_removed_with_their_cluster(picture: Picture) -> None:
+    picture.on_report(report(5, 1, particles=20))
+    picture.on_belief(belief(5, 1))
+    cloud = picture.changes()["cloud 1"]
+    assert (cloud["step"], len(cloud["points"])) == (5, 60)
+    assert "cloud 1" in picture.everything()
+    picture.on_belief(belief(6, 2))
+    assert picture.changes()["cloud 1"] is None
+    assert "cloud 1" not in picture.everything()
+
+
+def test_a_coordinator_of_an_old_term_is_ignored(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1, term=2))
+    picture.changes()
+    picture.on_belief(belief(6, 1, term=1))
+    picture.on_pose(pose(6, term=1))
+    assert picture.changes() == {}
+
+
+def test_a_restarted_system_counts_its_terms_again(picture: Picture) -> None:
+    picture.on_status(status())
+    picture.on_belief(belief(50, 1, term=7))
+    picture.on_link("no router")
+    picture.on_belief(belief(0, 1, term=1))
+    assert picture.changes()["step"]["step"] == 0
+
+
+def test_events_are_shown_in_order_and_a_gap_is_noticed(picture: Picture) -> None:
+    assert picture.on_events(events(0, 1))
+    assert not picture.on_events(events(4))
+    assert picture.on_events(events(0, 1, 2, 3, 4))
+    assert [e["number"] for e in picture.changes()["events"]] == [0, 1, 2, 3, 4]
+
+
+def test_the_events_of_a_new_term_replace_the_old_ones(picture: Picture) -> None:
+    picture.on_events(events(0, 1))
+    assert picture.on_events(events(0, term=2))
+    assert [e["number"] for e in picture.changes()["events"]] == [0]
+
+
+def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Picture) -> None:
+    assert not picture.has_wanted_map
+    picture.on_map(map_message("d1"))
+    assert picture.has_wanted_map
+    picture.on_scan(scan(1, [1.0], digest="d2"))
+    assert not picture.has_wanted_map
+    picture.on_map(map_message("d2"))
+    assert picture.has_wanted_map
+
+
+def test_status_and_pose_are_shown_as_the_system_answers(picture: Picture) -> None:
+    picture.on_status(status(processes=(simulator(),)))
+    picture.on_pose(pose(5))
+    shown = picture.changes()
+    assert (shown["status"], shown["pose"]) == (status(processes=(simulator(),)), pose(5))
+
+
+def test_the_probability_of_being_elsewhere_is_shown(picture: Picture) -> None:
+    reported = msgspec.structs.replace(belief(6, 1), elsewhere_probability=0.25)
+    picture.on_belief(reported)
+    assert picture.changes()["step"]["elsewhere"] == 0.25

@@ -1,0 +1,103 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.picture import Picture
+from clustermcl.view.recorded_run import RecordedRun
+from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.recorder.recorded import Recordings
+from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
+from tests.unit.view.messages import belief, map_message
+
+
+def read(run: RecordedRun) -> RecordedRun:
+    while run.read_for(0.01):
+        pass
+    return run
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a robot with two lasers; odometry lies between a step and its belief."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    write_run(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
+    """Of 30 steps in a room with two places that look alike, in several files."""
+    folder = Path(tmp_path_factory.mktemp("recording"))
+    living = Living(symmetric_room(), made=Recordings(folder, 1_000_000).make)
+    for step in range(30):
+        living.drive(step)
+    assert len(list(folder.iterdir())) > 1
+    return read(RecordedRun(folder, map_message()))
+
+
+def live(step: int) -> Picture:
+    """What the page of the running system showed."""
+    picture = Picture({})
+    seen = step_scan(step)
+    picture.on_scan(seen)
+    at = {"stamp_ns": seen.stamp_ns, "odom_from_robot": seen.odom_from_robot}
+    picture.on_belief(msgspec.structs.replace(belief(step, 4, 7), **at))
+    return picture
+
+
+def past(run: RecordedRun, step: int) -> dict[str, Any]:
+    frames = run.picture.past(step)
+    return {topic: json.loads(bytes(frames[topic])) for topic in frames if topic != "events"}
+
+
+def test_all_steps_are_shown(file: Path) -> None:
+    shown = read(RecordedRun(file, None)).picture.everything()
+    assert shown["system"]["link"] == "finished"
+    assert shown["system"]["robot"] == "run"
+    assert not shown["system"]["commands"]
+    assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
+    assert shown["map"]["digest"] == world("cross").map.digest
+
+
+@pytest.mark.parametrize("step", [1, STEPS - 1])
+def test_a_recorded_step_shows_the_frames_of_the_live_page(file: Path, step: int) -> None:
+    was = json.loads(msgspec.json.encode(live(step).everything()["step"]))
+    shown = past(read(RecordedRun(file, None)), step)["step"]
+    assert len(shown["scan"]) == 8  # two of the first laser's four beams, both of the second's
+    assert shown == was
+
+
+def test_a_flight_recording_is_shown_from_file_to_file(flight: RecordedRun) -> None:
+    shown = flight.picture.everything()
+    assert shown["step"]["step"] == 29
+    assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(30))
+
+
+def test_each_recorded_step_has_its_places_pose_scan_and_events(flight: RecordedRun) -> None:
+    frames = past(flight, 20)
+    step, pose = frames["step"], frames["pose"]
+    assert (step["step"], pose["step"]) == (20, 20)
+    assert len(step["places"]) >= 2
+    assert len(step["scan"]) > 20
+    assert pose["pose"] == step["places"][0]["pose"]
+    assert any(event["kind"] == "began" for event in flight.picture.past(20)["events"])
+
+
+def test_a_given_map_is_drawn_in_place_of_that_in_the_log(file: Path) -> None:
+    run = read(RecordedRun(file, map_message()))
+    assert run.picture.everything()["map"]["rows"] == 2
+    assert run.room.map[0] == "d1"
+
+
+def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
+    file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    shown = read(RecordedRun(cut, None)).picture.everything()
+    assert 0 < shown["step"]["step"] < STEPS - 1
+    assert "is cut off or damaged" in caplog.text
