@@ -25,6 +25,7 @@ from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.terms import check_term
 from clustermcl.protocol.work import Checkpoint
+from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.threads import ended, started
 
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
@@ -142,7 +143,7 @@ class StateKeeper:
         self._rank = kept.rank if kept else None
         self._changed = threading.Condition()
         self._newest: Checkpoint | None = None
-        self._closed = self._failed = False
+        self._closed, self._causes = False, CauseCounter()
         self._term: int | None = None
 
     def offer(self, checkpoint: Checkpoint) -> None:
@@ -196,11 +197,9 @@ class StateKeeper:
                     sync_at_s = time.monotonic() + SYNC_EVERY_S
 
     def _write(self, folder: Path, checkpoint: Checkpoint, *, sync: bool) -> None:
-        """Write a state; log the first of several consecutive failures."""
+        """Write a state. On a full disk one with `sync` fails, and one written over another not."""
         try:
             write(folder, self._robot, checkpoint, sync=sync)
-            self._failed = False
         except OSError as error:
-            if not self._failed:
-                _log.warning("the state cannot be kept in %s: %s", folder, error)
-            self._failed = True
+            cause = f"the state cannot be kept in {folder}"
+            self._causes.warn(_log, cause, error, time.monotonic())

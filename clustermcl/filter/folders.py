@@ -33,7 +33,7 @@ def user_folder(kind: Kind) -> Path:
         if base and is_usable(Path(base, name), origin):
             return Path(base, name)
     folder = _temporary_folder() / kind
-    remarks[f"{kind} are kept in {folder}, until the machine restarts; set {variable}"] = None
+    remarks[f"{kind}: kept in {folder} until the machine restarts; set {variable}"] = None
     return folder
 
 

@@ -21,6 +21,7 @@ from clustermcl.coordinator.recorder.ring import EVENTS, Ring
 from clustermcl.recordings.foxglove import Json, grid, log_line
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
+from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.output_files import OutputError
 from clustermcl.runtime.threads import ended, started
 
@@ -35,6 +36,7 @@ RETRY_S = 10.0
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 LOST = "event not recorded"
+_CANNOT_WRITE = "the flight recorder cannot write, and will try again"
 
 _Entry: TypeAlias = (
     records.Head | records.RecordedEvent | Json | list[PublishBelief | PublishEvents]
@@ -60,7 +62,7 @@ class FlightRecorder:
         self._closed = threading.Event()
         # Used only in the thread:
         self._unflushed, self._unwritten, self._retry_s = 0, 0, 0.0
-        self._asked, self._failed = True, False
+        self._asked, self._causes = True, CauseCounter()
         self._wall_from_now_ns, self._at_ns = 0, 0
         self._map: Json | None = None
         self._batch: list[records.RecordedEvent] = []
@@ -154,11 +156,11 @@ class FlightRecorder:
             write(ring, *entry)
         except (OSError, OutputError) as error:
             ring.abandon()
-            if not self._failed:
-                _log.warning("the flight recorder cannot write, and will try again: %s", error)
+            now_s = time.monotonic()
+            self._causes.warn(_log, _CANNOT_WRITE, error, now_s)
             was_removed = isinstance(error, FileNotFoundError)
             wait_s = 0.0 if was_removed else RETRY_S
-            self._failed, self._retry_s = True, time.monotonic() + wait_s
+            self._retry_s = now_s + wait_s
 
     def _flush(self, ring: Ring) -> None:
         """Write to the disk; count the events that are lost if this fails."""
@@ -192,7 +194,6 @@ class FlightRecorder:
     def _begin(self, ring: Ring, head: records.Head) -> None:
         self._asked = False
         log = ring.begin(head)
-        self._failed = False
         self._wall_from_now_ns, self._at_ns = head.wall_ns - head.now_ns, head.wall_ns
         if self._map is not None:
             log.write(GRID, self._map, self._at_ns)

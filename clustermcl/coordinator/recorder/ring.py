@@ -1,8 +1,9 @@
 """The folder of a recording: files of bounded size, of which the oldest are removed.
 
-A file name consists of the start time of its coordinator [us], which identifies the series, and
-the file's number in the series. So files sorted by name are sorted by time. Files only grow, so the
-folder can be copied at any time.
+A file name consists of a number of its coordinator, the series, and the file's number in the
+series. A series is the start time [us], but higher than all in the folder, even after the clock was
+set back. So files sorted by name are in the order of writing. Files only grow, so the folder can be
+copied at any time.
 """
 
 import re
@@ -26,7 +27,7 @@ class Ring:
 
     Args:
         folder: folder of one robot.
-        series: start of the coordinator [us].
+        series: least number of the series: start of the coordinator [us].
         max_bytes: size of all files together; the newest may exceed it by one chunk and its index.
 
     Attributes:
@@ -34,7 +35,8 @@ class Ring:
     """
 
     def __init__(self, folder: Path, series: int, max_bytes: int) -> None:
-        self._folder, self._series, self._max_bytes = folder, series, max_bytes
+        newest = max((int(series_of(file)) for file in files_in(folder)), default=0)
+        self._folder, self._series, self._max_bytes = folder, max(series, newest + 1), max_bytes
         self._file_bytes = min(max_bytes // FILES, MAX_FILE_BYTES)
         self._number = 0
         self.log: RunLog | None = None

@@ -66,7 +66,7 @@ def test_the_library_localizes(folder: Path, home: str | None) -> None:
     own = folder / f"clustermcl-{ACCOUNT}"
     assert list(own.glob("maps/field-*"))
     assert own.stat().st_mode & 0o077 == 0
-    assert f"maps are kept in {own}/maps, until the machine restarts" in ran.stderr
+    assert f"maps: kept in {own}/maps until the machine restarts" in ran.stderr
 
 
 def test_a_system_starts_and_keeps_its_state(

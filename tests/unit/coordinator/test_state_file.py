@@ -167,6 +167,18 @@ def test_the_state_before_is_read_if_a_process_died_while_it_wrote_the_newest(
     assert read(tmp_path, "robot") is None
 
 
+def test_a_full_disk_is_logged_once_though_states_may_still_be_written_over(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "state-robot.part").mkdir()  # no new file can be written
+    keeper = StateKeeper(tmp_path, "robot", None)
+    for _ in range(3):
+        keeper._write(tmp_path, STATE, sync=True)
+        keeper._write(tmp_path, STATE, sync=False)
+    assert caplog.text.count("cannot be kept") == 1
+    assert read(tmp_path, "robot") == STATE
+
+
 def test_a_shorter_state_leaves_nothing_of_a_longer_one_before(tmp_path: Path) -> None:
     longer = replace(STATE, term=STATE.term + 1, state=bytes(100_000))
     write(tmp_path, "robot", longer, sync=False)

@@ -7,11 +7,13 @@ import time
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from clustermcl.coordinator.recorder import flight_recorder
 from clustermcl.coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
 from clustermcl.coordinator.recorder.records import Happened, without_bulk
+from clustermcl.coordinator.recorder.replay import CoordinatorActs
 from clustermcl.coordinator.recorder.ring import FILES, Ring, files_in
 from clustermcl.protocol.work import TrackReport
 from clustermcl.recordings import run_log
@@ -43,6 +45,21 @@ def test_files_of_an_older_coordinator_are_removed_first(tmp_path: Path) -> None
     RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
     assert [file.name for file in files_in(tmp_path)] == [f"{7:017d}-000000.mcap"]
     assert (tmp_path / "notes.txt").exists()
+
+
+def test_after_the_clock_was_set_back_the_old_files_are_removed_first(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path, 60_000)
+    for term in (2_000, 70, 900):  # a boot in 1970, then another
+        recordings.make(replace(STARTED, term=term))
+        recordings.made[-1].handle(TimePassed(), term)
+    names = [f"{series:017d}-000000.mcap" for series in (2_000, 2_001, 2_002)]
+    assert [file.name for file in files_in(tmp_path)] == names
+    begun = [one.term for one in recordings.replay() if isinstance(one, CoordinatorActs)]
+    assert begun == [2_000, 70, 900]
+    files_in(tmp_path)[0].write_bytes(bytes(58_000))
+    recordings.make(replace(STARTED, term=80))
+    recordings.made[-1].handle(TimePassed(), 1)
+    assert files_in(tmp_path)[0].name == names[1]
 
 
 def test_a_slow_disk_causes_a_gap_whose_events_are_counted(tmp_path: Path) -> None:
