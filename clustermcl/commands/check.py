@@ -7,10 +7,9 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import typer
 
-from clustermcl.commands.as_json import dumped
 from clustermcl.commands.as_text import pose_text
+from clustermcl.commands.options import print_answer
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
@@ -74,8 +73,7 @@ def run_check(
         drawn_report(report, grid_map, landmarks).save(report_file)
     if problem := _off_the_map(landmarks, grid_map):
         report = msgspec.structs.replace(report, remarks=(*report.remarks, problem))
-    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
-    typer.echo(text)
+    print_answer(msgspec.to_builtins(report) if as_json else lines_of(report))
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)
 

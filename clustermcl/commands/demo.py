@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import assert_never
 
 import msgspec
-import typer
 import zenoh
 
-from clustermcl.commands.as_json import dumped
 from clustermcl.commands.demo_output import DemoOutput, DemoSummary
+from clustermcl.commands.options import print_answer
 from clustermcl.commands.record import recorded
 from clustermcl.commands.stack import Stack, meeting_in, temporary_folder
 from clustermcl.commands.verbosity import is_verbose
@@ -149,10 +148,9 @@ def _run_to_end(
                 stack.check()  # raises the error of a process that has ended, which is the cause
                 raise
             wall_s = time.monotonic() - started_s
-            if is_shown and run.options.as_json:
-                typer.echo(dumped(summary.as_object(status, wall_s, wandering)))
-            elif is_shown:
-                typer.echo("\n".join(summary.lines(status, wall_s, wandering)))
+            if is_shown:
+                told = summary.as_object if run.options.as_json else summary.lines
+                print_answer(told(status, wall_s, wandering))
             while run.page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
     return summary

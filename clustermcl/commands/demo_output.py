@@ -18,6 +18,7 @@ from clustermcl.commands.as_text import (
 )
 from clustermcl.evaluation.pose_error import PoseError, pose_error
 from clustermcl.protocol.answers import Belief, Status
+from clustermcl.protocol.errors import escaped
 from clustermcl.protocol.job_events import (
     Ended,
     EndedCause,
@@ -73,7 +74,7 @@ class DemoOutput:
 
     def on_events(self, events: Iterable[NumberedEvent]) -> None:
         """Show events of clusters; ignore those of searches."""
-        for line in event_texts(each for each in events if not is_of_search(each.event)):
+        for line in map(escaped, event_texts(e for e in events if not is_of_search(e.event))):
             self._events.append(line)
             self._print(line)
 

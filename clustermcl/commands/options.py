@@ -10,7 +10,7 @@ import typer
 
 from clustermcl.commands.as_json import JsonObject, dumped
 from clustermcl.commands.verbosity import log_settings
-from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.errors import SettingsError, escaped
 from clustermcl.runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from clustermcl.runtime.settings_file import load_settings
 
@@ -134,8 +134,8 @@ def connected(settings: Settings) -> "Client":
 
 
 def print_answer(answer: JsonObject | Iterable[str]) -> None:
-    text = dumped(answer) if isinstance(answer, dict) else "\n".join(answer)
-    print(text, flush=True)  # noqa: T201 - the command's answer
+    lines = [dumped(answer)] if isinstance(answer, dict) else answer
+    print("\n".join(map(escaped, lines)), flush=True)  # noqa: T201 - the command's answer
 
 
 def refuse_without(needed: str, is_there: object, **options: object) -> None:

@@ -11,7 +11,7 @@ import typer
 from clustermcl.commands.as_text import belief_line
 from clustermcl.coordinator.recorder.records import Happened
 from clustermcl.coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
-from clustermcl.protocol.errors import SettingsError, printable
+from clustermcl.protocol.errors import SettingsError, escaped, printable
 from clustermcl.runtime.version import VERSION
 
 AROUND = 5
@@ -104,9 +104,8 @@ def print_replay(folder: Path, shown: Shown) -> bool:
                 step = belief.step
         clock = datetime.fromtimestamp(wall_ns / 1e9)  # local, like the log
         if shown.includes(happening, step, clock):
-            typer.echo(
-                f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {_as_text(happening)}"
-            )
+            text = escaped(_as_text(happening))
+            typer.echo(f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}")
     typer.echo(_result(same, coordinators))
     return not same[False]
 

@@ -3,6 +3,7 @@
 import logging
 import sys
 
+from clustermcl.protocol.errors import escaped
 from clustermcl.runtime.logs import configure_logging, is_quiet
 
 _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
@@ -21,7 +22,7 @@ def is_verbose() -> bool:
 def say(text: str) -> None:
     """Print a line to standard error, unless `quiet`."""
     if not is_quiet():
-        sys.stderr.write(f"clustermcl: {text}\n")
+        sys.stderr.write(f"clustermcl: {escaped(text)}\n")
         sys.stderr.flush()
 
 

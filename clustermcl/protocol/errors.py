@@ -4,6 +4,7 @@ All are a `ClusterMclError`, whose text is one sentence; programs print it and e
 A wrong argument inside the code raises `ValueError`.
 """
 
+import json
 from pathlib import Path
 
 
@@ -142,4 +143,11 @@ class AlreadyRunningError(ClusterMclError):
 def printable(text: str, at_most: int = 200) -> str:
     """Make untrusted text safe to log: one line, no control characters, at most this long."""
     cut = text if len(text) <= at_most else f"{text[:at_most]}..."
-    return "".join(c if c.isprintable() else "?" for c in cut)
+    return escaped(cut)
+
+
+def escaped(text: str) -> str:
+    """Escape control characters as JSON does; a terminal would obey those in a peer's text."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in text)

@@ -3,6 +3,9 @@
 import logging
 import sys
 from collections import Counter
+from typing import Any
+
+from clustermcl.protocol.errors import escaped
 
 _FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s {process}: %(message)s"
 
@@ -11,7 +14,10 @@ class _OneLine(logging.Formatter):
     """Joins a message's lines into one; only the traceback of a bug has several."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
-        return " | ".join(super().formatMessage(record).splitlines())
+        return " | ".join(map(escaped, super().formatMessage(record).splitlines()))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - logging's name
+        return "\n".join(map(escaped, super().formatException(ei).split("\n")))
 
 
 def configure_logging(process: str, level: str) -> None:

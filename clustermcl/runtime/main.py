@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.errors import ClusterMclError, escaped
 from clustermcl.protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 from clustermcl.runtime.logs import configure_logging
 from clustermcl.runtime.memory import share_arenas
@@ -113,7 +113,7 @@ def outermost(process: str, action: Callable[[], None]) -> int:
     except StoppedError:
         return EXIT_OK
     except ClusterMclError as error:
-        line = " ".join(str(error).split())
+        line = escaped(" ".join(str(error).split()))
         print(f"{process}: {line}", file=sys.stderr)  # noqa: T201 - without time stamp
         return EXIT_ERROR
     except Exception:  # noqa: BLE001 - the outermost handler

@@ -1,8 +1,11 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from clustermcl.commands.options import print_answer
 
 FULL = Path("/dev/full")
 pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs Linux's full disk")
@@ -27,3 +30,16 @@ def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
 def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
     message = "secure_router: standard output: cannot be written: No space left on device\n"
     assert typed("clustermcl.link.secure_router") == (2, message)
+
+
+def test_control_characters_of_a_peer_never_reach_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    name = "tag\x1b[2J\x9b1m\r\n\u202e\U000e0001"
+    print_answer([f"landmark {name}", "next"])
+    line, following = capsys.readouterr().out.splitlines()
+    assert (line, following) == (f"landmark {json.dumps(name)[1:-1]}", "next")
+    print_answer({"landmark": name})
+    printed = capsys.readouterr().out
+    assert printed.rstrip("\n").isprintable()
+    assert json.loads(printed) == {"landmark": name}

@@ -35,9 +35,11 @@ def test_a_message_is_one_line_on_standard_error_with_the_process_in_front() -> 
     program = (
         "import logging; from clustermcl.runtime.logs import configure_logging as c;"
         "c('early', 'debug'); c('50% worker-3', 'info'); log = logging.getLogger('x');"
-        "log.debug('hidden'); log.info('two\\nlines %s', 1)"
+        "log.debug('hidden'); log.info('two\\nlines %s \\x1b]0;title\\x07\\u202e', 1)"
     )
     ended = ran(program)
     assert ended.stdout == ""
     assert len(ended.stderr.splitlines()) == 1
-    assert ended.stderr.endswith("INFO    50% worker-3: two | lines 1\n")
+    assert ended.stderr.endswith(
+        "INFO    50% worker-3: two | lines 1 \\u001b]0;title\\u0007\\u202e\n"
+    )
