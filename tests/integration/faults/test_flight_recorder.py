@@ -87,7 +87,7 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     assert acts[0].after_step is None
     assert all(abs(late) <= most_lost() for late in repeated(computed)), "each carries on"
     kinds = {each.kind for each in happenings if isinstance(each, Happened)}
-    assert {"worker joined", "worker left", "command"} <= kinds
+    assert {"worker joined", "worker left", "pose given"} <= kinds
 
     while_it_ran = replay(copy)
     assert while_it_ran.returncode == 0
