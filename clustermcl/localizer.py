@@ -12,18 +12,17 @@ from numpy.typing import ArrayLike
 
 from clustermcl.belief.commands import Commands
 from clustermcl.belief.free_ground import FreeGround
-from clustermcl.belief.outcome import Outcome, advice_question, belief_after
+from clustermcl.belief.outcome import Outcome, belief_after
 from clustermcl.belief.pose_tracker import recent_odometry
-from clustermcl.coordinator.state_file import with_checksum, without_checksum
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.advising import advice
 from clustermcl.jobs.in_process import InProcess, InProcessState
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.warm_up import compile_kernels
 from clustermcl.protocol import answers
-from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice
+from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, advice_question
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.errors import CommandRefusedError, StateFileError
@@ -39,8 +38,6 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.settings_table import TABLE, value_of
 from clustermcl.sensor_bridge.step_maker import StepMaker
-from clustermcl.view.drawing import drawn_picture, extent_m
-from clustermcl.view.frames import step_frame
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -73,6 +70,9 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
 
     def picture(self) -> "Image":
         """Return a picture of the map, all places, and the scan at the most probable place."""
+        from clustermcl.view.drawing import drawn_picture  # noqa: PLC0415 - loads pillow
+        from clustermcl.view.frames import step_frame  # noqa: PLC0415
+
         slots = {place.cluster: place.cluster for place in self.hypotheses}
         frame = step_frame(self, slots, self.scan, None)
         return drawn_picture(self.map, frame)
@@ -93,6 +93,8 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
             from matplotlib import pyplot  # noqa: PLC0415 - an extra
 
             ax = pyplot.figure().gca()
+        from clustermcl.view.drawing import extent_m  # noqa: PLC0415 - loads pillow
+
         ax.imshow(self.picture(), extent=extent_m(self.map))
         ax.set(xlabel="x [m]", ylabel="y [m]", title=f"step {self.step}: {self.state}")
         return ax
@@ -316,12 +318,20 @@ class ClusterMCL(RobotCommands):
         Args:
             radius_m: radius of the robot [m].
         """
+        from clustermcl.jobs.advising import advice  # noqa: PLC0415 - loads scipy
+
         belief = self.belief
         if belief is None:
             return Advice(sender=_SENDER, note="there is no belief yet")
-        views, gate = self._filter.ensemble.seen.views, self._settings.bridge
+        views, bridge = self._filter.ensemble.seen.views, self._settings.bridge
         question = advice_question(
-            belief, belief.scan, views, gate, radius_m=radius_m, sender=_SENDER
+            belief.hypotheses,
+            belief.elsewhere_probability,
+            belief.scan,
+            views,
+            (bridge.gate_distance_m, bridge.gate_turn_rad),
+            radius_m=radius_m,
+            sender=_SENDER,
         )
         model, marks = self._model, self.map.landmarks
         return advice(question, belief.scan, model, self._settings, _SENDER, marks)

@@ -12,7 +12,6 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, OdometryReading
 from clustermcl.runtime.settings import Settings
-from clustermcl.sensor_bridge.recorded import opened
 
 _SENDER = "library"
 
@@ -132,6 +131,8 @@ def read_recording(
     Raises:
         RecordingError: the recording cannot be used.
     """
+    from clustermcl.sensor_bridge.recorded import opened  # noqa: PLC0415 - loads all readers
+
     x_m, y_m, heading_rad = robot_from_laser
     settings = msgspec.structs.replace(
         Settings().bridge,

@@ -1,16 +1,12 @@
 """The result of a step, and the messages that publish it."""
 
-from itertools import islice
-
 import msgspec
 
 from clustermcl.belief.cluster_set import Cluster
-from clustermcl.protocol.advice import LEAST_PROBABILITY, MAX_PLACES, AdviceQuestion
 from clustermcl.protocol.answers import Belief, Hypothesis, State
 from clustermcl.protocol.job_events import Began, Ended, JobEvent
 from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import Job
-from clustermcl.runtime.settings import BridgeSettings
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -72,39 +68,6 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
         elsewhere_probability=outcome.elsewhere_probability,
         off_map_probability=outcome.off_map_probability,
         search_progress=outcome.search_progress,
-    )
-
-
-def advice_question(
-    belief: Outcome | Belief,
-    scan: Scan,
-    views: bytes,
-    gate: BridgeSettings,
-    *,
-    radius_m: float,
-    sender: str,
-) -> AdviceQuestion:
-    """Return the question for ways that distinguish the places of a belief.
-
-    Args:
-        belief: the belief after the scan.
-        scan: the newest scan.
-        views: the robot's earlier views, as in `clustermcl.filter.cluster.view_memory`.
-        gate: distance and turn between two steps.
-        radius_m: radius of the robot [m].
-        sender: name of the process.
-    """
-    places = (place for place in belief.hypotheses if place.probability >= LEAST_PROBABILITY)
-    return AdviceQuestion(
-        sender=sender,
-        step=scan.step,
-        map_digest=scan.map_digest,
-        hypotheses=tuple(islice(places, MAX_PLACES)),
-        elsewhere_probability=belief.elsewhere_probability,
-        radius_m=radius_m,
-        views=views,
-        gate_distance_m=gate.gate_distance_m,
-        gate_turn_rad=gate.gate_turn_rad,
     )
 
 

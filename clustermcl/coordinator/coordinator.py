@@ -11,7 +11,7 @@ import msgspec
 from msgspec import field
 
 from clustermcl.belief.given_places import PriorPose
-from clustermcl.belief.outcome import advice_question, belief_after
+from clustermcl.belief.outcome import belief_after
 from clustermcl.belief.part import Part
 from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import state_in, to_bytes
@@ -30,7 +30,7 @@ from clustermcl.coordinator.recovery import ORDERS_AFTER_NS, LastPlace, StateRec
 from clustermcl.coordinator.state import NO_ROOM, CoordinatorState
 from clustermcl.coordinator.step_collector import is_bulky, without_snapshot
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.protocol.advice import Advice, AdviceQuestion
+from clustermcl.protocol.advice import Advice, AdviceQuestion, advice_question
 from clustermcl.protocol.answers import (
     CommandDone,
     Hypotheses,
@@ -455,9 +455,15 @@ class Coordinator(Part):
         if scan is None or not jobs:
             problem = "there is no belief yet" if jobs else "no worker has a job"
             return Advice(sender=self.sender, note=problem)
-        views, gate = self.state.ensemble.seen.views, self.state.bridge
+        views, bridge = self.state.ensemble.seen.views, self.state.bridge
         question = advice_question(
-            outcome, scan, views, gate, radius_m=radius_m, sender=self.sender
+            outcome.hypotheses,
+            outcome.elsewhere_probability,
+            scan,
+            views,
+            (bridge.gate_distance_m, bridge.gate_turn_rad),
+            radius_m=radius_m,
+            sender=self.sender,
         )
         reports = self.state.placement.stragglers.waits_for
         return sorted(jobs, key=lambda name: (not reports(name), len(jobs[name]))), question

@@ -39,12 +39,9 @@ from clustermcl.coordinator.instructions import (
 )
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.replica import Replica
+from clustermcl.coordinator.report_checks import check_places, has_too_large_snapshot
 from clustermcl.coordinator.state_file import StateKeeper
-from clustermcl.coordinator.step_collector import (
-    check_places,
-    has_too_large_snapshot,
-    without_snapshot,
-)
+from clustermcl.coordinator.step_collector import without_snapshot
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Link, Received, Token, alive
 from clustermcl.protocol import keys

@@ -5,7 +5,6 @@ in turn over two others without waiting for the disk: if a process dies while it
 other is whole. The newest counts. A checksum detects a damaged file, which is logged and not used.
 """
 
-import hashlib
 import logging
 import os
 import threading
@@ -17,11 +16,9 @@ from io import BufferedWriter
 from pathlib import Path
 from urllib.parse import quote
 
-import msgspec
-
 from clustermcl.coordinator.checkpoint import state_in
+from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode, max_bytes
-from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.terms import check_term
 from clustermcl.protocol.work import Checkpoint
@@ -35,28 +32,6 @@ LAST_WRITE_S = 0.4
 """Longest wait for the disk at the end [s]."""
 
 _log = logging.getLogger(__name__)
-
-
-class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    sha256: bytes
-    content: bytes = msgspec.field(name="checkpoint")
-
-
-def with_checksum(content: bytes) -> bytes:
-    """Return the content of a file that `without_checksum` reads."""
-    return msgspec.msgpack.encode(_File(sha256=hashlib.sha256(content).digest(), content=content))
-
-
-def without_checksum(data: bytes) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
-    kept = decoded(data, _File)  # its errors are ValueErrors
-    if hashlib.sha256(kept.content).digest() != kept.sha256:
-        raise ValueError("its checksum is wrong")
-    return kept.content
 
 
 @cache

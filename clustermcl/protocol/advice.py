@@ -1,5 +1,7 @@
 """Advice where to drive: the question to a worker, and the answer that clients get."""
 
+from collections.abc import Iterable
+from itertools import islice
 from typing import Annotated, ClassVar
 
 import msgspec
@@ -15,6 +17,7 @@ from clustermcl.protocol.message import (
     Probability,
     ScanStep,
 )
+from clustermcl.protocol.steps import Scan
 
 LEAST_PROBABILITY = 0.01
 """Ways keep clear of obstacles at all places with at least this probability."""
@@ -46,6 +49,41 @@ class AdviceQuestion(Message, frozen=True, kw_only=True, tag="advice_question/1"
     """Distance between two steps."""
     gate_turn_rad: NotNegative
     """Turn between two steps."""
+
+
+def advice_question(
+    places: Iterable[Hypothesis],
+    elsewhere_probability: float,
+    scan: Scan,
+    views: bytes,
+    gate: tuple[float, float],
+    *,
+    radius_m: float,
+    sender: str,
+) -> AdviceQuestion:
+    """Return the question for ways that distinguish the places of a belief.
+
+    Args:
+        places: the places of the belief after the scan, the most probable first.
+        elsewhere_probability: probability that the robot is at none of them.
+        scan: the newest scan.
+        views: the robot's earlier views, as in `clustermcl.filter.cluster.view_memory`.
+        gate: distance [m] and turn [rad] between two steps.
+        radius_m: radius of the robot [m].
+        sender: name of the process.
+    """
+    probable = (place for place in places if place.probability >= LEAST_PROBABILITY)
+    return AdviceQuestion(
+        sender=sender,
+        step=scan.step,
+        map_digest=scan.map_digest,
+        hypotheses=tuple(islice(probable, MAX_PLACES)),
+        elsewhere_probability=elsewhere_probability,
+        radius_m=radius_m,
+        views=views,
+        gate_distance_m=gate[0],
+        gate_turn_rad=gate[1],
+    )
 
 
 class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

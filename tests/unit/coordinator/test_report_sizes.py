@@ -1,7 +1,7 @@
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.coordinator.step_collector import check_places, has_too_large_snapshot
+from clustermcl.coordinator.report_checks import check_places, has_too_large_snapshot
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Report

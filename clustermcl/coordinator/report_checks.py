@@ -1,0 +1,40 @@
+"""Checks that a report holds no more places and particles than its job's settings allow."""
+
+from clustermcl.filter.settings import FilterSettings
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.work import Report, SearchReport, TrackReport
+
+TOO_LARGE = "more than its job allows"
+
+
+def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
+    """Return whether a snapshot holds more particles than a cluster may have."""
+    snapshot = report.snapshot if isinstance(report, TrackReport) else None
+    return snapshot is not None and snapshot.log_weights.shape[0] > settings.cluster.particles
+
+
+def check_places(report: Report, settings: FilterSettings) -> None:
+    """Check the number of places in a report, and of their particles.
+
+    Raises:
+        MalformedMessageError: the report has more than the settings allow.
+    """
+    rules = settings.search
+    match report:
+        case SearchReport(places=found):
+            places, particles = len(found), found.particles.shape[0]
+            most = rules.places
+            most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
+        case TrackReport(parts=parts):
+            places, particles = len(parts), sum(p.sample.log_weights.shape[0] for p in parts)
+            most = int(1.0 / settings.cluster.split_min_share) + 1
+            most_particles = most * rules.hand_over_particles
+        case _:
+            return
+    if places > most or particles > most_particles:
+        raise MalformedMessageError(
+            expected=type(report).__name__,
+            problem=f"{places} places and {particles} particles of them, "
+            f"at most {most} and {most_particles} by the settings",
+            kind=TOO_LARGE,
+        )
