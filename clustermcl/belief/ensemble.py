@@ -457,8 +457,8 @@ class Ensemble(Part, kw_only=True):
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
         if not len(self.clusters):
             return "searching"
-        if self._is_elsewhere and (self._is_founding or not self.found):
-            return "searching"  # among more look-alikes than can be tracked, nothing was lost
+        if self._lost and (self._is_founding or (self._is_elsewhere and not self.found)):
+            return "searching"  # nothing was lost: it was nowhere before this search
         if self._lost:
             return "lost"
         if not self.clusters.by_probability()[0].confirmed:
