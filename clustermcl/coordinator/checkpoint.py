@@ -14,13 +14,14 @@ from msgspec import Meta
 from clustermcl.belief.commands import Commands
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.part import FEW, Count, Text, handed_on
+from clustermcl.coordinator.event_log import EventLog
 from clustermcl.coordinator.jobs import Jobs
 from clustermcl.coordinator.step_collector import StepCollector
 from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.work import Checkpoint
 
 MAX_AGE_S = 1e9
-STATE_VERSION = 7
+STATE_VERSION = 8
 
 
 class CheckpointState(msgspec.Struct, frozen=True):
@@ -32,6 +33,7 @@ class CheckpointState(msgspec.Struct, frozen=True):
     jobs: Jobs
     collector: StepCollector
     commands: Commands
+    event_log: EventLog
     missing: Annotated[tuple[Text, ...], FEW]
     """Jobs that did not report the last applied step in time."""
     age_s: Annotated[float, Meta(ge=-1.0, le=MAX_AGE_S)]

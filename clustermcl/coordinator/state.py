@@ -3,7 +3,6 @@
 A coordinator transfers what its successor needs as a `CheckpointState`.
 """
 
-from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -21,6 +20,7 @@ from clustermcl.belief.part import Part
 from clustermcl.belief.pose_tracker import PoseTracker
 from clustermcl.coordinator.change_detectors import MapChangeDetector, OverloadDetector
 from clustermcl.coordinator.checkpoint import MAX_AGE_S, STATE_VERSION, CheckpointState, state_in
+from clustermcl.coordinator.event_log import EventLog
 from clustermcl.coordinator.placement import Placement
 from clustermcl.coordinator.step_collector import ReadyStep, StepCollector
 from clustermcl.filter.arrays import Pose
@@ -28,36 +28,11 @@ from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, filter_with, section_with
 from clustermcl.protocol.answers import Relocalize, SetPose
-from clustermcl.protocol.job_events import EndedCause, JobEvent, NumberedEvent
+from clustermcl.protocol.job_events import EndedCause
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import Scan, mirrored
 from clustermcl.protocol.work import Checkpoint, Place, Report, TrackJob
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
-
-KEPT_EVENTS = 200
-
-
-class EventLog(Part):
-    """The last events of one coordinator; its successor begins with none."""
-
-    kept: list[NumberedEvent] = []
-    count: int = 0
-    unpublished: list[NumberedEvent] = []
-
-    def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
-        """Number and keep the events of a step or a command."""
-        for event in events:
-            numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
-            self.count += 1
-            self.kept.append(numbered)
-            self.unpublished.append(numbered)
-        del self.kept[:-KEPT_EVENTS], self.unpublished[:-KEPT_EVENTS]
-
-    def news(self) -> tuple[NumberedEvent, ...]:
-        """Return the events since the last call."""
-        news, self.unpublished = tuple(self.unpublished), []
-        return news
-
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
 NO_ROOM = "report far ahead, or too many wait"
@@ -342,6 +317,7 @@ class CoordinatorState(Part):
             jobs=self.placement.jobs_to_hand_on(),
             collector=self.collector,
             commands=self.commands,
+            event_log=self.event_log.recent(),
             missing=pose.outcome.missing,
             age_s=age_s,
             age_known=pose.age_known,
@@ -389,6 +365,7 @@ class CoordinatorState(Part):
         self._begin_standing_jobs(state.collector.applied)
         self.collector.resume(state.collector)
         self.commands.resume(state.commands)
+        self.event_log = state.event_log
         self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
         for cause, times in state.counters.items():
             self.count(cause, times)

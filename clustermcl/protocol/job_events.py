@@ -1,6 +1,6 @@
 """Events of a run: what began or ended, and why; commands; faults of sensors."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
@@ -95,7 +95,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     """A job event with its number, step and time."""
 
     number: Number
-    """Increases by one with each event of a coordinator's term."""
+    """Increases by one with each event, also from a coordinator to the next."""
     step: int
     """Step of the event."""
     stamp_ns: int
@@ -108,69 +108,83 @@ class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
     """Events of clusters and searches, commands, and faults of the robot's sensors.
 
     The coordinator publishes new events on ``events``, before the belief that they lead to. It
-    answers queries there with the last 200 of its term: query after a gap in the numbers.
+    answers queries there with the last 200: query after a gap in the numbers.
     """
 
     max_bytes: ClassVar[int] = LIST_BYTES
     events: tuple[NumberedEvent, ...]
     """Oldest first."""
     term: Number = 0
-    """The coordinator's term; each term numbers its events from 0."""
+    """The coordinator's term. The events of a higher one replace those with the same numbers."""
 
 
 def event_text(event: JobEvent) -> str:
-    """Return an event as text: ``c3 merged into c1 (0.02)``."""
+    """Return an event as text: ``place 3 merged into place 1 (2.1 %)``."""
     match event:
         case Began(job_id, cause, probability):
-            return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
+            return f"{_name(job_id)} {_BEGAN[cause]} ({_percent(probability)})"
+        case Ended(job_id, cause, by, probability):
+            what = f"{_name(job_id)} {_ENDED[cause]} {' and '.join(map(_name, by))}".rstrip()
+            return what if is_of_search(event) else f"{what} ({_percent(probability)})"
         case Remark(cause=cause, detail=detail):
             return ": ".join(filter(None, (cause, detail)))
-        case Ended(job_id, cause, by, probability):
-            what = f"{job_id} {_ENDED[cause]} {' and '.join(by)}".rstrip()
-            return what if is_of_search(event) else f"{what} ({probability:.2g})"
+
+
+def event_groups(
+    events: Iterable[NumberedEvent],
+) -> Iterator[tuple[Sequence[NumberedEvent], str]]:
+    """Yield events with their text; three or more of one step and cause share a text.
+
+    Such as ``19 places found by the first search (24 % to < 0.1 %)``.
+    """
+    for (_, _, cause), group in groupby(events, lambda n: (n.step, type(n.event), n.event.cause)):
+        alike = list(group)
+        match [numbered.event for numbered in alike]:
+            case [Ended(), *_] as ended if is_of_search(ended[0]):  # one event for each shard
+                names = (_name(one.job_id) for one in ended if not isinstance(one, Remark))
+                yield from ((alike, f"{name} {_ENDED[cause]}") for name in dict.fromkeys(names))
+            case [Began() | Ended() as first, _, _, *_] as many:
+                others = " others" if isinstance(first, Ended) and first.by else ""
+                shares = [one.probability for one in many if not isinstance(one, Remark)]
+                most, least = _percent(max(shares)), _percent(min(shares))
+                span = most if most == least else f"{most} to {least}"
+                yield alike, f"{len(alike)} places {(_BEGAN | _ENDED)[cause]}{others} ({span})"
+            case _:
+                yield from (([numbered], event_text(numbered.event)) for numbered in alike)
 
 
 def event_texts(events: Iterable[NumberedEvent]) -> Iterator[str]:
-    """Yield events as text with their steps; three or more of one step and cause share a text.
-
-    Such as ``step 1: 19 places were found by the first search (0.24 to 0.00013)``.
-    """
-    for (step, _, cause), group in groupby(
-        events, lambda n: (n.step, type(n.event), n.event.cause)
-    ):
-        alike = [numbered.event for numbered in group]
-        of_jobs = [event for event in alike if not isinstance(event, Remark)]
-        if is_of_search(alike[0]):  # one event for each shard
-            searches = dict.fromkeys(event.job_id.partition(".")[0] for event in of_jobs)
-            yield from (f"step {step}: search {search} {_TEXTS[cause]}" for search in searches)
-            continue
-        if len(of_jobs) < _ALIKE:
-            yield from (f"step {step}: {event_text(event)}" for event in alike)
-            continue
-        what = _TEXTS[cause].replace("was ", "were ", 1)
-        others = " others" if isinstance(alike[0], Ended) and alike[0].by else ""
-        most, least = (pick(event.probability for event in of_jobs) for pick in (max, min))
-        yield f"step {step}: {len(alike)} places {what}{others} ({most:.2g} to {least:.2g})"
+    """Yield the texts of `event_groups` with their steps: ``step 9: search 2 is over``."""
+    return (f"step {alike[0].step}: {text}" for alike, text in event_groups(events))
 
 
-_ALIKE = 3
+def _name(job_id: str) -> str:
+    """Return ``place 3`` for the job ``c3``, and ``search 2`` for its shard ``s2.0``."""
+    number = job_id[1:].partition(".")[0]
+    return f"{_KINDS[job_id[0]]} {number}" if job_id[0] in _KINDS else job_id
+
+
+def _percent(probability: float) -> str:
+    return f"{100.0 * probability:.2g} %" if probability >= 0.001 else "< 0.1 %"
+
+
+_KINDS = {"c": "place", "s": "search", "m": "search of the mirrored scan", "d": "mirrored place"}
 _BEGAN: dict[BeganCause, str] = {
-    "first search": "was found by the first search",
-    "restart": "was found by a later search",
-    "observed": "was found by an observation",
-    "prior pose": "was restored from the last pose",
-    "given": "was given by a command",
-    "split": "was split off",
+    "first search": "found by the first search",
+    "restart": "found by a later search",
+    "observed": "found by an observation",
+    "prior pose": "restored from the last pose",
+    "given": "given by a command",
+    "split": "split off",
 }
 _ENDED: dict[EndedCause, str] = {
     "merged": "merged into",
-    "improbable": "became too improbable",
-    "pushed out": "was replaced by",
+    "improbable": "dropped: improbable",
+    "pushed out": "replaced by",
     "split": "split into",
-    "forgotten": "was forgotten by a command",
-    "new map": "was forgotten: the bridge has another map",
-    "steps restarted": "was forgotten: the bridge restarted its count of steps",
+    "forgotten": "dropped by a command",
+    "new map": "dropped: the bridge has another map",
+    "steps restarted": "dropped: the bridge restarted its count of steps",
     "search over": "is over",
     "search stopped": "was stopped",
 }
-_TEXTS: dict[str, str] = {str(cause): text for cause, text in (_BEGAN | _ENDED).items()}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.protocol.answers import Belief, Hypothesis
-from clustermcl.protocol.job_events import NumberedEvent, event_text
+from clustermcl.protocol.job_events import JobEvent, NumberedEvent, Remark, event_groups
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan, Seen
 from clustermcl.protocol.work import Particles
@@ -145,15 +145,20 @@ def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np
 def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
     return [
         {
-            "number": numbered.number,
-            "step": numbered.step,
-            "job": getattr(numbered.event, "job_id", ""),
-            "cause": numbered.event.cause,
-            "kind": type(numbered.event).__name__.lower(),
-            "text": event_text(numbered.event),
+            "step": first.step,
+            "stamp_s": first.stamp_ns / 1e9,
+            "cluster": _cluster_of(first.event) if len(others) == 0 else None,
+            "kind": type(first.event).__name__.lower(),
+            "text": text,
         }
-        for numbered in events
+        for (first, *others), text in event_groups(events)
     ]
+
+
+def _cluster_of(event: JobEvent) -> int | None:
+    if isinstance(event, Remark) or event.job_id[0] != "c":
+        return None
+    return int(event.job_id[1:])
 
 
 def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:

@@ -145,14 +145,12 @@ class Picture:
         """Add events; return False if earlier events are missing and have to be queried."""
         if published.term < self._events_term:
             return True
-        if published.term > self._events_term:
-            self._events_term = published.term
-            self._events.clear()
+        new = {event.number: event for event in published.events}
+        if published.term > self._events_term:  # it has those before from its predecessor
+            self._events_term, first = published.term, min(new, default=0)
+            self._events = {n: event for n, event in self._events.items() if n < first}
         expected = max(self._events, default=-1) + 1
-        new = {
-            event.number: event for event in published.events if event.number not in self._events
-        }
-        if new:
+        if new.keys() - self._events.keys():
             self._events = dict(sorted((self._events | new).items())[-MAX_EVENTS:])
             self._set("events", frames.events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
         return min(new, default=expected) <= expected

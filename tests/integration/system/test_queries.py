@@ -176,14 +176,14 @@ def test_events_show_how_every_place_began_and_why_others_ended(system: Settings
     assert began - ended == {f"c{place['cluster']}" for place in places}
     lines = typed(system, "events").stdout.splitlines()
     assert len(lines) == len(events)
-    assert "was found by the first search" in lines[0]
+    assert "found by the first search" in lines[0]
 
 
 def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Path) -> None:
     endpoint = f"zenoh.router={system.zenoh.router}"
     words = ("events", "--follow", "--set", endpoint)
     with started(*words, folder=tmp_path) as following:
-        wait_until(lambda: "was found by the first search" in following.out)
+        wait_until(lambda: "found by the first search" in following.out)
         before = following.out.count("\n")
         with Client(system) as client:
             events = client.follow_events()
@@ -192,7 +192,7 @@ def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Pa
             given = next(event for event in events if event.event.cause == "given")
         assert [event.number for event in reported] == list(range(before))
         assert given.number >= before
-        wait_until(lambda: "was given by a command" in following.out)
+        wait_until(lambda: "given by a command" in following.out)
         assert following.out.splitlines()[:before] == [event_line(event) for event in reported]
         assert following.end(signal.SIGINT) == 0
 

@@ -75,7 +75,7 @@ def test_replay_prints_what_happened_as_text(recording: Path) -> None:
     taken_over = r"coordinator coordinator, term \d+: takes over after step 9"
     assert any(re.fullmatch(taken_over, line) for line in lines)
     assert any(line.startswith("step 14: ") for line in lines)
-    assert any(" was found by the first search " in line for line in lines)
+    assert any(" found by the first search " in line for line in lines)
     given = "pose given: x 2.00 m  y 2.00 m  heading 28.6 deg  +-0.50 m, by set-pose of anna@laptop"
     assert given in lines
     assert last == "17 beliefs, 2 coordinators: all as recorded, bit for bit"
@@ -111,7 +111,7 @@ def test_replay_refuses_a_time_that_is_none(recording: Path) -> None:
 
 def test_replay_leaves_out_improbable_places(recording: Path) -> None:
     lines, fewer = (run(recording, "--above", p).stdout.splitlines() for p in (0, 1))
-    places = [line for line in lines if re.search(r": c\d+ .* \(", line)]
+    places = [line for line in lines if re.search(r": place \d+ .* \(", line)]
     assert [line for line in lines if line not in places] == fewer
     assert places
 

@@ -4,6 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
+from clustermcl.coordinator.event_log import KEPT_EVENTS
 from clustermcl.coordinator.events import (
     CommandArrived,
     Event,
@@ -30,7 +31,6 @@ from clustermcl.coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from clustermcl.coordinator.state import KEPT_EVENTS
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
 from clustermcl.protocol.codec import decode, encode
@@ -208,7 +208,13 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
         Ended("c0", "forgotten", (), pytest.approx(0.75)),
         Ended("c1", "forgotten", (), pytest.approx(0.25)),
     ]
-    assert story.coordinator.events().events == (*events.events, *forgotten.events)
+    story.command(given("1", 1.0, 2.0, 0.5), 3.0)
+    everything = (*events.events, *forgotten.events, *story.reported[5].events)
+    assert story.coordinator.events().events == everything
+    heir = Story("a", known=story.checkpoints[-1])
+    assert heir.coordinator.events().events == everything
+    heir.command(given("2", 5.0, 2.0, 0.5), 4.0)
+    assert heir.reported[1].events[0].number == len(everything)
 
 
 def test_commands_and_faults_of_sensors_are_events() -> None:

@@ -1,4 +1,4 @@
-from clustermcl.coordinator.state import KEPT_EVENTS, EventLog
+from clustermcl.coordinator.event_log import HANDED_ON_EVENTS, KEPT_EVENTS, EventLog
 from clustermcl.protocol.job_events import Ended
 
 
@@ -8,4 +8,7 @@ def test_the_last_events_are_kept_and_their_numbers_go_on() -> None:
         log.add([Ended(f"c{step}", "merged", ("c0",), 0.1)], step, step * 10)
     kept = tuple(log.kept)
     assert [event.number for event in kept] == list(range(5, KEPT_EVENTS + 5))
-    assert (kept[0].event.job_id, kept[0].step, kept[0].stamp_ns) == ("c5", 5, 50)
+    assert kept[0].event == Ended("c5", "merged", ("c0",), 0.1)
+    assert (kept[0].step, kept[0].stamp_ns) == (5, 50)
+    heir = log.recent()
+    assert (heir.kept, heir.count, heir.news()) == (log.kept[-HANDED_ON_EVENTS:], log.count, ())

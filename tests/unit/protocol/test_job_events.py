@@ -13,6 +13,7 @@ from clustermcl.protocol.job_events import (
     JobEvent,
     JobEvents,
     NumberedEvent,
+    Remark,
     event_text,
     event_texts,
 )
@@ -28,12 +29,13 @@ def message_of(*events: JobEvent) -> JobEvents:
 @pytest.mark.parametrize(
     ("event", "text"),
     [
-        (Ended("c3", "merged", ("c1",), 0.0213), "c3 merged into c1 (0.021)"),
-        (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was replaced by c7 (1e-05)"),
-        (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 split into c4 and c5 (0.5)"),
-        (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by a command (0.5)"),
-        (Ended("s1.0", "search over"), "s1.0 is over"),
-        (Began("c9", "restart", 0.02), "c9 was found by a later search (0.02)"),
+        (Ended("c3", "merged", ("c1",), 0.0213), "place 3 merged into place 1 (2.1 %)"),
+        (Ended("c3", "pushed out", ("c7",), 1e-5), "place 3 replaced by place 7 (< 0.1 %)"),
+        (Ended("c3", "split", ("c4", "c5"), 0.5), "place 3 split into place 4 and place 5 (50 %)"),
+        (Ended("c3", "forgotten", (), 0.5), "place 3 dropped by a command (50 %)"),
+        (Ended("s1.0", "search over"), "search 1 is over"),
+        (Began("c9", "restart", 0.02), "place 9 found by a later search (2 %)"),
+        (Remark(cause="laser silent", detail="for 3.1 s"), "laser silent: for 3.1 s"),
     ],
 )
 def test_an_event_is_printed_as_a_short_text(event: JobEvent, text: str) -> None:
@@ -46,17 +48,17 @@ def test_many_events_of_one_cause_share_a_line() -> None:
     few = [Ended("c3", "improbable", (), 1e-5)] * 2
     shards = [Ended(f"s2.{number}", "search over") for number in range(4)]
     assert list(event_texts(message_of(*found, *replaced, *few, *shards).events)) == [
-        "step 3: 5 places were found by the first search (0.5 to 0.031)",
-        "step 3: 4 places were replaced by others (0.01 to 0.01)",
-        *["step 3: c3 became too improbable (1e-05)"] * 2,
-        "step 3: search s2 is over",
+        "step 3: 5 places found by the first search (50 % to 3.1 %)",
+        "step 3: 4 places replaced by others (1 %)",
+        *["step 3: place 3 dropped: improbable (< 0.1 %)"] * 2,
+        "step 3: search 2 is over",
     ]
 
 
 def test_every_cause_survives_encoding_and_has_a_text() -> None:
     began = [Began("c1", cause, 0.5) for cause in get_args(BeganCause)]
     ended = [Ended("c1", cause, ("c2",), 0.5) for cause in get_args(EndedCause)]
-    message = message_of(*began, *ended)
+    message = message_of(*began, *ended, Remark(cause="laser silent"))
     assert decode(encode(message), JobEvents) == message
     assert len({event_text(event) for event in (*began, *ended)}) == len(began) + len(ended)
 

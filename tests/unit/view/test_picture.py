@@ -124,7 +124,7 @@ def test_a_past_step_has_the_frames_of_its_time(picture: Picture) -> None:
     assert shown["pose"]["pose"] == [1.0, 2.0, 0.5]
     assert shown["status"]["steps_applied"] == 6
     assert shown["cloud 1"]["cluster"] == 1
-    assert [event["number"] for event in past["events"]] == [3]
+    assert [event["step"] for event in past["events"]] == [3]
 
 
 def test_a_past_step_beyond_the_archive_has_no_frames(picture: Picture) -> None:
@@ -169,13 +169,16 @@ def test_events_are_shown_in_order_and_a_gap_is_noticed(picture: Picture) -> Non
     assert picture.on_events(events(0, 1))
     assert not picture.on_events(events(4))
     assert picture.on_events(events(0, 1, 2, 3, 4))
-    assert [e["number"] for e in picture.changes()["events"]] == [0, 1, 2, 3, 4]
+    assert [e["step"] for e in picture.changes()["events"]] == [0, 1, 2, 3, 4]
 
 
-def test_the_events_of_a_new_term_replace_the_old_ones(picture: Picture) -> None:
-    picture.on_events(events(0, 1))
-    assert picture.on_events(events(0, term=2))
-    assert [e["number"] for e in picture.changes()["events"]] == [0]
+@pytest.mark.parametrize("first", [0, 2, 4])
+def test_the_events_of_a_new_term_follow_those_before_its_first(
+    picture: Picture, first: int
+) -> None:
+    picture.on_events(events(0, 1, 2, 3))
+    assert picture.on_events(events(first, term=2))
+    assert [e["step"] for e in picture.changes()["events"]] == list(range(first + 1))
 
 
 def test_the_map_is_queried_until_its_digest_is_that_of_the_system(picture: Picture) -> None:
