@@ -20,7 +20,7 @@ from clustermcl.protocol import answers, health, job_events, steps, work
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
 from tests.integration.view.conftest import started_browser
-from tests.integration.view.page import Page, serious_problems
+from tests.integration.view.page import Page, problems
 
 pytestmark = pytest.mark.timeout(300)  # the site and the browser take 10 s of a core each
 
@@ -146,5 +146,5 @@ def test_axe_finds_nothing_serious_on_the_site(site: Path, scheme: str, screen: 
                 assert page.run("return document.body.dataset.mdColorScheme") == (
                     "slate" if scheme else "default"
                 )
-                assert serious_problems(page) == [], name
+                assert problems(page, serious=True) == [], name
                 assert not page.run("return document.documentElement.scrollWidth > innerWidth")

@@ -3,7 +3,7 @@ import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { hint, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
+import { clock, hint, isOld, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
 import { OtherRobots } from "./other_robots.js";
 import { drawPlot, rowText, SHOWN_STEPS, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
@@ -168,6 +168,7 @@ function learnSlots(places) {
 // --- what is shown: the newest step, or a past one ----------------------------------------------
 
 function showNow() {
+  steering.onTravel();
   showMap(now);
   if (now.status) showWorkers(now.status);
   now.eventsDue = true;
@@ -181,6 +182,7 @@ function again() {
 }
 
 function showPast(frames) {
+  steering.onTravel();
   if (system.story) showCaption(null);
   if (!frames.step) {
     hint("That step is no longer kept.", true, CONFIRMED_MS);
@@ -213,6 +215,7 @@ function plotAgain() {
 function showMap({ step, clouds }) {
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
+  $("clock").textContent = step ? clock(step.stamp_s) : "";
 }
 
 function showRows() {
@@ -248,8 +251,14 @@ function showLink() {
   $("link").className = isLive() || isPast ? "dot up" : "dot";
   $("link").title = text || (isPast ? "not live" : `connected to ${system.router}`);
   document.documentElement.dataset.link = connection.isOpen ? (system.link ?? "") : "no server";
-  view.faded = !isLive() && !isPast;
   steering.onLink();
+  fade();
+}
+
+/** Fade what is drawn while it may have changed since. */
+function fade() {
+  const isShown = isLive() || (connection.isOpen && RECORDED.includes(system.link));
+  view.faded = !isShown || isOld();
   view.redraw();
 }
 
@@ -290,12 +299,15 @@ $("again").onclick = again;
 
 view.onDrawn = () => {
   showBeams(view.selected, view.beams);
-  const length = view.roundLength(110);
+  const length = view.roundLength(80);
   $("scale").firstElementChild.style.width = `${length * view.view.scale}px`;
   $("scale").lastElementChild.textContent = `${length} m`;
 };
 
-setInterval(showAge, 200);
+setInterval(() => {
+  showAge();
+  if (isOld() !== view.faded) fade();
+}, 200);
 new ResizeObserver(plotAgain).observe($("plot"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plotAgain);
 showClusters([], view);
@@ -303,4 +315,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests and for the console. */
-window.liveView = { view, take, travel, history: () => known.rows };
+window.liveView = { view, take, travel, history: () => known.rows, get system() { return system; } };

@@ -1,10 +1,10 @@
 // Draws the map and everything on it when something has changed, at most once in a frame.
 import { BEAM_COLOURS, classifiedBeams } from "./beams.js";
-import { drawLandmarks, drawSeen } from "./landmarks.js";
+import { drawLandmarks, drawNames, drawSeen } from "./landmarks.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
+import { boxOf, drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
 import { drawAdvice, drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters with a percentage, where there is room
@@ -34,8 +34,7 @@ export class MapView {
     this.drawMs = 0; // duration of the last drawing
     this.onDrawn = () => {};
     const resized = new ResizeObserver(() => (this.isFitted ? this.fit() : this.redraw()));
-    resized.observe(canvas);
-    resized.observe(document.getElementById("caption"));
+    for (const one of [canvas, ...["above", "tools", "timeline"].map((id) => document.getElementById(id))]) resized.observe(one);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       if (this.map) this.map.picture = pictureOf(this.map);
       this.redraw();
@@ -78,9 +77,9 @@ export class MapView {
     const xs = corners.map((corner) => corner[0]), ys = corners.map((corner) => corner[1]);
     const [west, east, south, north] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    const over = ["actions", "caption"].map((id) => document.getElementById(id));
-    const above = MARGIN + Math.max(...over.map((one) => one.offsetTop + one.offsetHeight));
-    const below = Math.max(height - document.getElementById("below").offsetTop, 0) + MARGIN;
+    const [over, under, tools] = ["above", "below", "tools"].map((id) => document.getElementById(id));
+    const above = MARGIN + over.offsetTop + over.offsetHeight;
+    const below = MARGIN + height - under.offsetTop - tools.offsetTop;
     const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), (height - above - below) / (north - south)));
     this.view = { x: (west + east) / 2, y: (south + north - (below - above) / scale) / 2, scale };
     this.setFollow(false);
@@ -194,7 +193,7 @@ export class MapView {
     if (this.map) drawLandmarks(this);
     drawWays(this, this.rows, places);
     drawAdvice(this);
-    for (const robot of this.others) drawOther(this, robot);
+    const taken = this.others.map((robot) => drawOther(this, robot)); // boxes that no name may cover
     if (this.step) {
       if (layers.has("particles")) drawParticles(this, this.clouds, this.step);
       const selected = places.find((place) => place.cluster === this.selected);
@@ -207,8 +206,9 @@ export class MapView {
       if (this.step.truth && layers.has("truth")) drawTruth(this, this.step.truth);
       for (let i = places.length - 1; i >= 0; i--) drawPlace(this, places[i]); // the best on top
       const pointed = places.filter((place) => place.cluster === this.pointed);
-      drawLabels(this, new Set([...pointed, ...places.slice(0, LABELLED)]));
+      taken.push(...places.map((place) => boxOf(this, place)), ...drawLabels(this, new Set([...pointed, ...places.slice(0, LABELLED)])));
     }
+    if (this.map) drawNames(this, taken);
     context.globalAlpha = 1;
     if (this.placing) drawPlacing(this, this.placing);
     if (this.ruler) drawRuler(this, this.ruler);

@@ -5,17 +5,19 @@ import { colourOf, isDashed, percent } from "./palette.js";
 const $ = (id) => document.getElementById(id);
 
 const STALE_AFTER_S = 3;
+export const OLD = { stale: "stale", dead_reckoning: "dead reckoning" }; // kinds of freshness
 const PROBABLY = 0.5; // as `clustermcl pose` says it
 
 let pose = null, poseAt = null; // time of arrival [ms]; null: a past or recorded pose
 let before = ""; // age of a past step, in words
-let hasEnded = false; // the shown step is the last of the run
+let step = null; // the shown one
 
 /** Links to the pages of all robots behind the router, with the states of the others. */
 export function showRobots(names, own, others) {
   $("robots").hidden = !names.length;
   $("robots").replaceChildren(...names.map((name) => {
-    const link = element("a", [name, others.get(name)?.state].filter(Boolean).join(": "));
+    const state = others.get(name)?.state, link = element("a", state ? `${name}: ${state}` : name);
+    if (state) link.dataset.state = state;
     link.href = `/robot/${name}/`;
     if (name === own) link.setAttribute("aria-current", "page");
     return link;
@@ -23,13 +25,9 @@ export function showRobots(names, own, others) {
 }
 
 export function showStep(frame) {
+  step = frame;
   $("now").dataset.state = frame.state;
-  hasEnded = frame.last;
-  const count = frame.places.length, isOne = frame.state === "localized";
-  $("state").textContent = isOne || !count ? frame.state : `${frame.state}, ${count} place${count > 1 ? "s" : ""}`;
-  const isOff = frame.off_map > PROBABLY;
-  $("of").hidden = !isOff && (isOne || count < 2);
-  $("of").textContent = isOff ? "probably not on this map" : "most probable of them:";
+  showHeadline();
   $("searching").hidden = !frame.searching || (frame.state === "searching" && !frame.search_progress);
   $("searching").textContent = frame.search_progress > 0
     ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
@@ -38,6 +36,18 @@ export function showStep(frame) {
   $("off-box").hidden = document.querySelector("[data-layer=truth]").hidden = !frame.truth;
   $("off").textContent = frame.truth && best
     ? `${Math.hypot(best.pose[0] - frame.truth[0], best.pose[1] - frame.truth[1]).toFixed(2)} m` : "–";
+}
+
+/** The state; of a pose that cannot be relied on, why it cannot, as `clustermcl pose` ends then. */
+function showHeadline() {
+  if (!step) return;
+  const count = step.places.length, isKnown = ["localized", "searching"].includes(step.state);
+  const state = isKnown || !count ? step.state : `${step.state}, ${count} place${count > 1 ? "s" : ""}`;
+  const old = OLD[$("now").dataset.freshness], isOff = step.off_map > PROBABLY;
+  $("state").textContent = old ?? state;
+  $("of").textContent = old ? `last known: ${state}` : isOff ? "probably not on this map"
+    : step.state !== "localized" && count > 1 ? `most probable of ${count}:` : "";
+  $("of").hidden = !$("of").textContent;
 }
 
 /**
@@ -49,9 +59,9 @@ export function showPose(frame, at, ago = "") {
   const [x, y, heading] = pose.pose ?? [];
   const sigma = pose.covariance ? [0, 4, 8].map((at) => Math.sqrt(Math.max(pose.covariance[at], 0))) : [];
   const shown = (value, error, unit) => value === undefined ? ["–"]
-    : [value, element("small", error === undefined ? ` ${unit}` : ` ± ${error} ${unit}`)];
-  $("x").replaceChildren(...shown(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
-  $("y").replaceChildren(...shown(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
+    : [`${value}${unit}`, ...(error === undefined ? [] : [element("small", `± ${error}${unit}`)])];
+  $("x").replaceChildren(...shown(x?.toFixed(2), sigma[0]?.toFixed(2), " m"));
+  $("y").replaceChildren(...shown(y?.toFixed(2), sigma[1]?.toFixed(2), " m"));
   const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
   $("heading").replaceChildren(...shown(degrees(heading), degrees(sigma[2]), "°"));
   $("probability").textContent = pose.pose ? percent(pose.probability) : "–";
@@ -64,24 +74,34 @@ export function showAge() {
   const since = poseAt === null ? 0 : (performance.now() - poseAt) / 1000, age = pose.age_s + since;
   const isLate = pose.freshness === "fresh" && age > STALE_AFTER_S;
   const isRecorded = ["replaying", "finished"].includes(document.documentElement.dataset.link);
-  const freshness = hasEnded ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
+  const freshness = step?.last ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
   $("now").dataset.freshness = freshness;
-  const announced = { fresh: "", dead_reckoning: "dead reckoning" }[freshness] ?? freshness;
-  announce([$("now").dataset.state, announced, before].filter(Boolean).join(", "));
+  showHeadline();
+  const old = OLD[freshness], { state } = $("now").dataset;
+  announce([old ? `${old}, last known: ${state}` : state, before].filter(Boolean).join(", "));
   $("freshness").textContent = before || {
     ended: "the run has ended",
     recorded: "recorded",
     none: "no scan yet",
     fresh: `${seconds(age)} old`,
-    stale: `stale, ${seconds(age)} old`,
-    dead_reckoning: !pose.workers ? "dead reckoning: no worker is alive"
-      : pose.scan_age_s < 0 ? "dead reckoning: no scan was used yet" : `dead reckoning: last scan ${seconds(pose.scan_age_s + since)} ago`,
+    stale: `${seconds(age)} old`,
+    dead_reckoning: !pose.workers ? "no worker is alive"
+      : pose.scan_age_s < 0 ? "no scan was used yet" : `last scan ${seconds(pose.scan_age_s + since)} ago`,
   }[freshness];
 }
+
+/** Whether the pose is stale or by dead reckoning. */
+export const isOld = () => $("now").dataset.freshness in OLD;
 
 /** Announce a change of the state to screen readers. */
 function announce(text) {
   if ($("announced").textContent !== text) $("announced").textContent = text;
+}
+
+/** The time of day by a robot's clock; of a simulated one, the time since its start. */
+export function clock(stamp_s) {
+  if (stamp_s > 1e9) return new Date(1000 * stamp_s).toLocaleTimeString("en-GB");
+  return `${Math.floor(stamp_s / 60)}:${String(Math.floor(stamp_s % 60)).padStart(2, "0")}`;
 }
 
 export const seconds = (s) => `${s < 10 ? s.toFixed(1) : s.toFixed(0)} s`;
@@ -95,7 +115,7 @@ export function showClusters(places, view, elsewhere, offMap) {
     row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to show it and its beams`;
     row.dataset.cluster = place.cluster;
     row.append(button);
-    button.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
+    button.append(chip(place.slot), `place ${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
     return row;
   });
   if (!places.length) rows.push(element("li", "no places yet", "more"));
@@ -129,34 +149,17 @@ export function showBeams(cluster, counts) {
     shown.style.color = `var(${BEAM_COLOURS[kind]})`;
     return shown;
   });
-  $("beams").replaceChildren(`beams of c${cluster}:`, ...words);
+  $("beams").replaceChildren(`beams of place ${cluster}:`, ...words);
 }
 
 export function showEvents(events, slots, nothing = "no events yet") {
-  const rows = grouped(events).reverse().map((event) => {
-    const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
-    const row = element("li", "", event.kind);
-    row.append(slot == null ? element("span") : chip(slot), element("span", event.step, "step"), element("span", event.text));
-    if (event.jobs.length > 1) row.title = event.jobs.join(", ");
+  const rows = events.toReversed().map(({ cluster, kind, stamp_s, step, text }) => {
+    const slot = slots.get(cluster), row = element("li", "", kind);
+    row.append(slot === undefined ? element("span") : chip(slot), element("time", clock(stamp_s)), element("span", text));
+    row.title = `step ${step}`;
     return row;
   });
   $("events").replaceChildren(...(rows.length ? rows : [element("li", nothing, "empty")]));
-}
-
-/** Join events of one step and one cause into one line. */
-function grouped(events) {
-  const lines = [];
-  for (const event of events) {
-    const line = lines[lines.length - 1], what = event.text.slice(event.job.length + 1).replace(/ \([^)]*\)$/, "");
-    if (line?.step !== event.step || line.what !== what) {
-      lines.push({ ...event, what, jobs: [event.job] });
-      continue;
-    }
-    line.jobs.push(event.job);
-    const isSearch = event.cause.startsWith("search "), many = what.replace(/^was /, "were ");
-    line.text = isSearch ? `a search by ${line.jobs.length} jobs ${what}` : `${line.jobs[0]} and ${line.jobs.length - 1} more ${many}`;
-  }
-  return lines;
 }
 
 export function showWorkers(status) {

@@ -84,7 +84,7 @@ const NAMED_PLACES = 3;
 
 /** A step and its most probable places in words. */
 export function rowText([step, places]) {
-  const named = places.slice(0, NAMED_PLACES).map(([cluster, , p]) => `c${cluster} ${percent(p)}`);
+  const named = places.slice(0, NAMED_PLACES).map(([cluster, , p]) => `place ${cluster} ${percent(p)}`);
   return `step ${step}: ${named.join(", ")}${places.length > NAMED_PLACES ? ", …" : ""}`;
 }
 

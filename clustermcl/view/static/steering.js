@@ -19,8 +19,9 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   let drivesAtFirst = null; // whether driving has yet to be switched on; null: it was not requested
 
   const setPlacing = (what) => {
-    placing = what === "ruler" || mayCommand() ? what : null;
-    if (placing && placing !== "ruler") travel.toNow();
+    const mayPlace = what === "ruler" || mayCommand() ? what : null;
+    if (mayPlace && mayPlace !== "ruler") travel.toNow();
+    placing = mayPlace;
     view.placing = view.ruler = null;
     canvas.classList.toggle("placing", placing !== null);
     for (const [one, [button]] of Object.entries(PLACING)) $(button).setAttribute("aria-pressed", String(one === placing));
@@ -190,11 +191,16 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     /** Disable the commands while no system is running. */
     onLink() {
       for (const button of $("actions").children) button.disabled = !mayCommand();
+      $("actions").tabIndex = mayCommand() ? -1 : 0; // a narrow one scrolls, also with disabled buttons
       if (mayCommand()) return;
       if (placing !== "ruler" && placing) setPlacing(null);
       if (!driving.isOn) return;
       drive(false);
       hint("Driving has ended: the robot drives by itself again.", true);
+    },
+    /** Another step is shown: what was said of the last one is over. */
+    onTravel() {
+      if (placing !== "ruler") setPlacing(null);
     },
     onStatus() {
       $("kidnap").hidden = $("drive").hidden = !isSimulated();

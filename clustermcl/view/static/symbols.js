@@ -42,24 +42,30 @@ function drawFootprint({ context, radius, view }, x, y, colour) {
 
 const radiusOf = (place) => 6 + 8 * Math.sqrt(place.p);
 
-/** Percentages in order of importance; labels that would hide earlier ones are left out. */
+/** Percentages in order of importance, but for labels that would hide earlier ones; the boxes of those drawn. */
 export function drawLabels(view, places) {
   const drawn = [];
   view.context.font = "600 12px system-ui, sans-serif";
   for (const place of places) {
     const text = percent(place.p), [x, y] = view.screenOf(place.pose);
     const width = view.context.measureText(text).width + 12;
-    const box = { x, y: y - radiusOf(place) - 11, width };
+    const box = { x, y: y - radiusOf(place) - 11, width, height: LABEL_HEIGHT };
     if (drawn.some((other) => overlap(box, other))) continue;
     drawn.push(box);
     drawLabel(view, text, box, colourOf(place.slot));
   }
-  return drawn.length;
+  return drawn;
 }
 
 const LABEL_HEIGHT = 18;
-const overlap = (one, other) =>
-  Math.abs(one.x - other.x) < (one.width + other.width) / 2 && Math.abs(one.y - other.y) < LABEL_HEIGHT;
+export const overlap = (one, other) =>
+  Math.abs(one.x - other.x) < (one.width + other.width) / 2 && Math.abs(one.y - other.y) < (one.height + other.height) / 2;
+
+/** The square around a place's disc, as its middle and its size. */
+export function boxOf(view, place) {
+  const [x, y] = view.screenOf(place.pose), side = 2 * radiusOf(place);
+  return { x, y, width: side, height: side };
+}
 
 function drawEllipse(view, place, x, y, colour, usual) {
   const { context } = view;
@@ -113,7 +119,7 @@ export function drawTruth(view, pose) {
   context.restore();
 }
 
-/** The most probable pose of another robot: a square with a stroke and its name. */
+/** The most probable pose of another robot: a square with a stroke and its name; the box around both. */
 export function drawOther(view, { name, pose }) {
   const { context } = view;
   const [x, y] = view.screenOf(pose);
@@ -129,7 +135,9 @@ export function drawOther(view, { name, pose }) {
   context.stroke();
   context.restore();
   context.font = "600 12px system-ui, sans-serif";
-  drawLabel(view, name, { x, y: y - 22, width: context.measureText(name).width + 12 }, themed("--soft"));
+  const width = context.measureText(name).width + 12;
+  drawLabel(view, name, { x, y: y - 22, width }, themed("--soft"));
+  return { x, y: y - 12, width, height: 40 };
 }
 
 /** The ruler: distance, and direction [degrees, counter-clockwise from x]. */

@@ -110,7 +110,8 @@ class Page:
         return visible
 
     def is_visible(self, element: str) -> bool:
-        shown: bool = self.run(f"return document.getElementById('{element}').checkVisibility()")
+        seen = "checkVisibility({checkVisibilityCSS: true})"
+        shown: bool = self.run(f"return document.getElementById('{element}').{seen}")
         return shown
 
     def click(self, element: str) -> None:
@@ -188,17 +189,16 @@ def press(page: Page, keys: str) -> None:
     page.actions().send_keys(keys).perform()
 
 
-def serious_problems(page: Page) -> list[str]:
-    """What axe-core finds on the page, the serious and the critical."""
+def problems(page: Page, *, serious: bool = False) -> list[str]:
+    """What axe-core finds on the page by all its rules; or what breaks WCAG 2.1 AA seriously."""
     package = importlib.util.find_spec("axe_core_python")
     if package is None or package.origin is None:
         pytest.skip("axe-core-python is not installed: pip install 'clustermcl[browser]'")
     page.run((Path(package.origin).parent / "axe.min.js").read_text())
-    found = page.run_async(
-        "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}).then(done)"
-    )
+    rules = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}" if serious else "{}"
+    found = page.run_async(f"axe.run({rules}).then(done)")
     return [
         f"{violation['id']}: {[(n['html'][:90], n['any'][:1]) for n in violation['nodes'][:3]]}"
         for violation in found["violations"]
-        if violation["impact"] in ("serious", "critical")
+        if not serious or violation["impact"] in ("serious", "critical")
     ]

@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from msgspec.structs import replace
 
 from clustermcl.protocol.steps import Landmark, MapMessage
 from clustermcl.view.admission import parsed_address
@@ -34,7 +35,7 @@ class Actor:
         while not self._events.empty():
             event = self._events.get()
             if isinstance(event.request, Command):
-                self.commands.append(event.request)
+                self.commands.append(replace(event.request, sender="view"))
             answer_browser(self.room, self.picture, event)
         if changes := self.picture.changes():
             self.room.publish(changes)

@@ -1,10 +1,12 @@
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from PIL import Image
 
 from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
@@ -13,7 +15,7 @@ from clustermcl.protocol.job_events import Ended, JobEvents, NumberedEvent
 from clustermcl.protocol.steps import Landmark, Seen, TruePose
 from clustermcl.protocol.work import TrackReport
 from clustermcl.view.saved_page import saved_run
-from tests.integration.view.page import Page, press, serious_problems
+from tests.integration.view.page import Page, press, problems
 from tests.integration.view.stage import Stage
 from tests.integration.waiting import wait_until
 from tests.unit.view.messages import (
@@ -68,7 +70,7 @@ def play(stage: Stage, steps: range) -> None:
     for step in steps:
         stage.picture.on_truth(TruePose(sender="s", step=step, pose=(1.0 + step / 100, 2.0, 0.0)))
         stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
-        stage.picture.on_belief(belief(step, 1, 2))
+        stage.picture.on_belief(replace(belief(step, 1, 2), stamp_ns=step * 10**9))
         stage.picture.on_pose(pose(step))
 
 
@@ -142,11 +144,33 @@ def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
                 share=1.0)  # fmt: skip
     stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
     believe(stage, drawn, belief(5, 1))
-    half_way = (1.0 + 0.8776, 2.0 + 0.4794)
-    assert is_scan(drawn, half_way)
+    half_way = [(1.0 + 0.8776, 2.0 + 0.4794 + off) for off in (-0.01, 0.0, 0.01)]  # a thin line
+    assert any(is_scan(drawn, where) for where in half_way)
     assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
     red, green, _ = drawn.snapshot().pixel_at(7.0, 2.0)
     assert red == green or red < 60, "a landmark that was not seen is dark"
+
+
+def test_a_landmarks_name_is_drawn_where_no_place_is(stage: Stage, drawn: Page) -> None:
+    tags = tuple(
+        Landmark(name=name, x=x, y=1.85, sigma=0.1) for name, x in (("tag", 1.0), ("b", 8))
+    )
+    stage.show_map(121, 200, landmarks=tags)
+    believe(stage, drawn, belief(5, 1))  # at (1, 2), just above the first
+    shows(stage, lambda: len(names := named(drawn)) == 2 and names[0]["name"] == "tag")
+    (tag, other), snapshot = named(drawn), drawn.snapshot()
+    assert tag["y"] > snapshot.screen_of(1.0, 1.85)[1], "below it"
+    assert other["y"] < snapshot.screen_of(8.0, 1.85)[1], "above it"
+
+
+def named(page: Page) -> list[dict[str, Any]]:
+    """Names of landmarks as they are drawn, with their middles on the screen."""
+    drawn: list[dict[str, Any]] = page.run_async(
+        "const {view} = liveView; Promise.all([import('./landmarks.js'), import('./symbols.js')])"
+        ".then(([{drawNames}, {boxOf}]) => {"
+        "  view.draw(); done(drawNames(view, view.step.places.map((one) => boxOf(view, one)))); });"
+    )
+    return drawn
 
 
 def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> None:
@@ -161,9 +185,10 @@ def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> No
     shows(stage, lambda: shown_step(drawn) == 7)
     assert drawn.run("return location.hash") == "#step=7"
     assert drawn.text("slider-step") == "step 7"
+    assert drawn.text("clock") == "0:07"
     assert drawn.run("return liveView.view.rows.length") == 8
-    assert "c3" in drawn.text("events")
-    assert "c15" not in drawn.text("events")
+    assert "0:00 place 3 found" in " ".join(drawn.text("events").split())
+    assert "place 15" not in drawn.text("events")
     assert drawn.run("return liveView.view.step.scan.length") == 8
     play(stage, range(20, 23))
     shows(stage, lambda: drawn.history()[-1][0] == 22)
@@ -171,7 +196,7 @@ def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> No
     drawn.click("to-now")
     shows(stage, lambda: shown_step(drawn) == 22)
     assert drawn.run("return location.hash") == ""
-    shows(stage, lambda: "c15" in drawn.text("events"))
+    shows(stage, lambda: "place 15" in drawn.text("events"))
 
 
 def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
@@ -316,7 +341,7 @@ def labels(page: Page) -> int:
     """Percentages on the map that hide no other."""
     count: int = page.run_async(
         "const {view} = liveView; import('./symbols.js').then(({drawLabels}) => {"
-        "  view.draw(); done(drawLabels(view, view.step.places.slice(0, 8))); });"
+        "  view.draw(); done(drawLabels(view, view.step.places.slice(0, 8)).length); });"
     )
     return count
 
@@ -364,18 +389,63 @@ def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
     assert "25 %" in drawn.text("clusters")
 
 
-@pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
-def test_no_element_of_the_page_covers_a_button(
-    stage: Stage, drawn: Page, pictures: Path, width: int
+@pytest.mark.parametrize(
+    "screen",
+    [
+        "320x800",
+        "390x800",
+        "667x375",
+        "844x390",
+        "844x800",
+        "900x800",
+        "1010x800",
+        "1360x800",
+        "2560x800",
+    ],
+)
+def test_no_element_of_the_page_covers_another(
+    stage: Stage, drawn: Page, pictures: Path, screen: str
 ) -> None:
+    """The commands, a caption, the whole map, a refusal, the legend; and the map is no stripe."""
     play(stage, range(5))
     stage.picture.on_status(status(processes=(simulator(),)))
-    with drawn.on_screen(f"{width}x800"):
+    with drawn.on_screen(screen):
         shows(stage, lambda: drawn.is_visible("kidnap") and drawn.is_visible("timeline"))
         assert drawn.run(COVERED_BUTTONS) == []
         assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
-        drawn.save(pictures / f"width-{width}.png")
+        drawn.run("liveView.take({system: {...liveView.system, story: 'sim'}})")
+        stage.picture.on_belief(belief(5, 1, 2))
+        shows(stage, lambda: drawn.is_visible("caption"))
+        drawn.click("fit")
+        wait_until(lambda: drawn.run(STACKED)["order"] == ["actions", "caption", "map", "tools"])
+        assert drawn.run(STACKED)["share"] >= 0.28
+        drawn.run("liveView.take({done: {problem: 'Refused: ' + 'no free space. '.repeat(9)}})")
+        assert not drawn.run(OVERLAPS)
+        drawn.save(pictures / f"screen-{screen}.png")
 
+
+STACKED = """
+const {view} = liveView, [top, bottom] = [[0, 6], [0, 0]].map((corner) => view.screenOf(corner)[1]);
+const edge = document.getElementById("stage").getBoundingClientRect().top;
+const boxes = ["actions", "caption", "tools"].map((id) => {
+  const {top, bottom} = document.getElementById(id).getBoundingClientRect();
+  return {id, top: top - edge, bottom: bottom - edge};
+});
+boxes.push({id: "map", top, bottom});
+boxes.sort((one, other) => one.top - other.top);
+const isApart = boxes.every((box, i) => !i || boxes[i - 1].bottom <= box.top);
+const share = (bottom - top) / document.getElementById("stage").clientHeight;
+return {order: isApart ? boxes.map((box) => box.id) : [], share};
+"""
+
+OVERLAPS = """
+const ids = ["actions", "caption", "hint", "toolbar", "legend", "timeline"];
+const boxes = ids.map((id) => [id, document.getElementById(id).getBoundingClientRect()]);
+return boxes.flatMap(([id, box], i) => boxes.slice(i + 1).filter(([, other]) =>
+  box.left < other.right && other.left < box.right
+  && box.top < other.bottom && other.top < box.bottom
+).map(([other]) => `${id} and ${other}`));
+"""
 
 COVERED_BUTTONS = """
 return [...document.querySelectorAll("#stage button, #stage input")].filter((button) => {
@@ -460,7 +530,7 @@ def test_the_footprint_is_drawn_in_its_true_size(stage: Stage, drawn: Page) -> N
     believe(stage, drawn, belief(1, 4))  # at (4, 2)
     drawn.run("liveView.view.toggle('ellipses')")
     assert drawn.snapshot().pixel_at(4.0, 2.8) == (255, 255, 255)
-    drawn.run("liveView.take({system: {robot: 'r', link: 'running', radius_m: 0.8}})")
+    drawn.run("liveView.take({system: {...liveView.system, radius_m: 0.8}})")
     for x, y in ((4.0, 2.8), (4.0, 1.2), (3.2, 2.0)):
         red, _, blue = drawn.snapshot().pixel_at(x, y)
         assert red > blue + 60, "an orange line"
@@ -513,22 +583,23 @@ def test_hovering_over_the_plot_shows_the_probabilities_of_a_step(
     plot = drawn.driver.find_element("id", "plot")
     drawn.actions().move_to_element(plot).perform()
     assert drawn.text("plot-at").startswith("step ")
-    assert drawn.text("plot-at").endswith("c1 45 %, c2 45 %")
+    assert drawn.text("plot-at").endswith("place 1 45 %, place 2 45 %")
 
 
 def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: Page) -> None:
     ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
-    searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
+    stamp_ns = round(datetime(2026, 1, 2, 3, 4, 5).timestamp() * 1e9)
+    searches = [Ended(f"s0.{n}", "search over", (), None) for n in range(3)]
     reported = [
-        NumberedEvent(number=n, step=9, stamp_ns=9, event=event)
+        NumberedEvent(number=n, step=9, stamp_ns=stamp_ns, event=event)
         for n, event in enumerate([*ended, *searches])
     ]
     stage.picture.on_events(JobEvents(sender="c", events=tuple(reported), term=1))
     listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
     shows(stage, lambda: len(drawn.run(listed)) == 2)
     searches_line, clusters_line = drawn.run(listed)
-    assert "a search by 3 jobs is over" in searches_line
-    assert "c0 and 3 more became too improbable" in clusters_line
+    assert searches_line.split("\n") == ["03:04:05", "search 0 is over"]
+    assert clusters_line.split("\n") == ["03:04:05", "4 places dropped: improbable (< 0.1 %)"]
 
 
 def test_manual_driving_ends_when_the_page_is_closed(stage: Stage, drawn: Page) -> None:
@@ -558,19 +629,19 @@ def test_every_state_is_announced(stage: Stage, drawn: Page) -> None:
     shows(stage, lambda: drawn.text("announced") == "ambiguous")
     stage.picture.on_belief(msgspec.structs.replace(belief(2, 4), state="lost"))
     stage.picture.on_pose(pose(2, freshness="dead_reckoning", workers=0))
-    shows(stage, lambda: drawn.text("announced") == "lost, dead reckoning")
+    shows(stage, lambda: drawn.text("announced") == "dead reckoning, last known: lost")
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
 @pytest.mark.parametrize("shown", ["now", "past", "dead_reckoning", "waiting", "keys"])
-def test_axe_finds_nothing_serious(
+def test_axe_finds_nothing(
     stage: Stage, drawn: Page, pictures: Path, screen: str, shown: str
 ) -> None:
-    """Contrast, names and roles, by axe-core's rules for WCAG 2.1 AA."""
+    """Contrast, names and roles, with so many places and events that their lists scroll."""
     for step in range(20):
         stage.picture.on_belief(many_places(step))
         stage.picture.on_pose(pose(step))
-    stage.picture.on_events(events(3, 15))
+    stage.picture.on_events(events(*range(20)))
     stage.picture.on_status(status(processes=(simulator(),)))
     has_steps(stage, drawn, 20)
     with drawn.on_screen(screen):
@@ -581,22 +652,20 @@ def test_axe_finds_nothing_serious(
             case "dead_reckoning":
                 stage.picture.on_pose(pose(19, freshness="dead_reckoning", workers=0))
                 stage.picture.on_status(status(workers={}))
-                shows(stage, lambda: drawn.text("freshness").startswith("dead reckoning"))
+                shows(stage, lambda: drawn.text("state") == "dead reckoning")
             case "waiting":
                 stage.picture.on_link("no system")
                 shows(stage, lambda: drawn.is_visible("banner"))
             case "keys":
                 press(drawn, "?")
         drawn.save(pictures / f"{shown}-{screen}.png")
-        assert serious_problems(drawn) == []
+        assert problems(drawn) == []
 
 
 def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) -> None:
     believe(stage, drawn, belief(1, 1, 2))
     assert not drawn.is_visible("caption")  # only of a demo
-    drawn.run(
-        "liveView.take({system: {robot: 'r', link: 'running', commands: true, story: 'sim'}})"
-    )
+    drawn.run("liveView.take({system: {...liveView.system, story: 'sim'}})")
 
     def shows_text(step: int, text: str, **changed: Any) -> None:
         stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))

@@ -65,7 +65,8 @@ def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictu
 
     def stand_in_four_arms() -> bool:
         taken.append(running.snapshot())
-        return in_four_arms(taken[-1])
+        is_late = running.run("return liveView.view.faded")  # on a busy machine
+        return not is_late and in_four_arms(taken[-1])
 
     wait_until(stand_in_four_arms)
     running.save(pictures / "four.png")
@@ -137,7 +138,7 @@ def test_an_arrow_dragged_on_the_map_sets_the_pose(running: Page, system: System
     nose = (x + 60 * math.cos(dropped[2]), y - 60 * math.sin(dropped[2]))
     running.drag_on_map((x, y), nose)
     wait_until(lambda: "given" in system.causes())
-    wait_until(lambda: "was given by a command" in running.text("events"))
+    wait_until(lambda: "given by a command" in running.text("events"))
     wait_until(lambda: probability_near(running, dropped) > 0.5)
     assert running.text("hint") in ("", "done")
 
@@ -167,7 +168,7 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("relocalize")
     running.click("confirm-yes")
     wait_until(lambda: "forgotten" in system.causes())
-    wait_until(lambda: "forgotten by a command" in running.text("events"))
+    wait_until(lambda: "search requested: by live_view" in running.text("events"))
 
 
 def truth(page: Page) -> list[float]:

@@ -99,6 +99,15 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
 """
 
 
+WEIGHT = "return getComputedStyle(document.getElementById('probability')).fontWeight"
+
+COLLISIONS = """
+return [...document.querySelectorAll("#now dd, #clusters .more")].filter((one) =>
+  one.checkVisibility() && (one.scrollWidth > one.clientWidth || one.clientHeight > 45)
+).map((one) => one.innerText);
+"""
+
+
 @pytest.mark.parametrize(("state", "last", "believed", "answered", "facts"), [
     ("waiting", None, {}, {}, {"banner": "no coordinator localizes"}),
     ("searching", 0, SEARCHING, {},
@@ -112,9 +121,9 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
     ("lost", LOCALIZED_AT, LOST, {},
      {"state": "lost", "of": "probably not on this map", "freshness": "0."}),
     ("stale", LOCALIZED_AT, {}, {"freshness": "stale", "age_s": 42.0},
-     {"state": "localized", "freshness": "stale, 4"}),
+     {"state": "stale", "of": "last known: localized", "freshness": "42 s old"}),
     ("dead_reckoning", LOCALIZED_AT, {}, {"freshness": "dead_reckoning", "workers": 0},
-     {"state": "localized", "freshness": "dead reckoning", "banner": "No worker is alive"}),
+     {"state": "dead reckoning", "of": "last known: localized", "banner": "No worker is alive"}),
     ("past", LOCALIZED_AT, {}, {},
      {"state": "ambiguous, 4 places", "freshness": "before now"}),
     ("ended", LOCALIZED_AT, {"last": True}, {},
@@ -148,6 +157,9 @@ def test_state_places_probability_and_freshness_are_visible_without_scrolling(
 
                 shows(stage, is_shown)
                 assert "link" in page.run(GLANCE), "the dot that shows whether it is alive"
+                assert page.run(COLLISIONS) == []
+                is_sure = state not in ("searching", "lost", "stale", "dead_reckoning")
+                assert int(page.run(WEIGHT)) == (600 if is_sure else 400)
                 assert not page.run("return document.documentElement.scrollWidth > innerWidth")
                 page.save(pictures / f"ten-{state}-{window}-{scheme}.png")
     driver.get("about:blank")
