@@ -157,7 +157,7 @@ def is_unweighed(belief: Belief) -> bool:
 
 
 def event_line(numbered: NumberedEvent) -> str:
-    """Return an event as text, such as ``11:45:51 step 200: place 3 merged into place 1 (2 %)``.
+    """Return an event as text, such as ``11:45:51 step 200: place 3 merged into place 1 (2.0 %)``.
 
     The time is that of the robot's clock, in local time, if it is a date and no count from 0.
     """

@@ -165,7 +165,8 @@ def _name(job_id: str) -> str:
 
 
 def _percent(probability: float) -> str:
-    return f"{100.0 * probability:.2g} %" if probability >= 0.001 else "< 0.1 %"
+    percent = 100.0 * probability
+    return "< 0.1 %" if percent < 0.1 else f"{percent:.{0 if percent >= 9.95 else 1}f} %"
 
 
 _KINDS = {"c": "place", "s": "search", "m": "search of the mirrored scan", "d": "mirrored place"}

@@ -155,7 +155,7 @@ export function showBeams(cluster, counts) {
 export function showEvents(events, slots, nothing = "no events yet") {
   const rows = events.toReversed().map(({ cluster, kind, stamp_s, step, text }) => {
     const slot = slots.get(cluster), row = element("li", "", kind);
-    row.append(slot === undefined ? element("span") : chip(slot), element("time", clock(stamp_s)), element("span", text));
+    row.append(slot === undefined ? element("span") : chip(slot), element("time", clock(stamp_s)), element("span", text.replace(/\(.*\)$/, (p) => p.replaceAll(" ", "\u00a0"))));
     row.title = `step ${step}`;
     return row;
   });

@@ -599,7 +599,10 @@ def test_events_with_the_same_cause_and_step_are_one_line(stage: Stage, drawn: P
     shows(stage, lambda: len(drawn.run(listed)) == 2)
     searches_line, clusters_line = drawn.run(listed)
     assert searches_line.split("\n") == ["03:04:05", "search 0 is over"]
-    assert clusters_line.split("\n") == ["03:04:05", "4 places dropped: improbable (< 0.1 %)"]
+    assert clusters_line.split("\n") == [
+        "03:04:05",
+        "4 places dropped: improbable (<\u00a00.1\u00a0%)",
+    ]
 
 
 def test_manual_driving_ends_when_the_page_is_closed(stage: Stage, drawn: Page) -> None:

@@ -34,7 +34,8 @@ def message_of(*events: JobEvent) -> JobEvents:
         (Ended("c3", "split", ("c4", "c5"), 0.5), "place 3 split into place 4 and place 5 (50 %)"),
         (Ended("c3", "forgotten", (), 0.5), "place 3 dropped by a command (50 %)"),
         (Ended("s1.0", "search over"), "search 1 is over"),
-        (Began("c9", "restart", 0.02), "place 9 found by a later search (2 %)"),
+        (Began("c9", "restart", 0.02), "place 9 found by a later search (2.0 %)"),
+        (Began("c9", "given", 1.0), "place 9 given by a command (100 %)"),
         (Remark(cause="laser silent", detail="for 3.1 s"), "laser silent: for 3.1 s"),
     ],
 )
@@ -49,7 +50,7 @@ def test_many_events_of_one_cause_share_a_line() -> None:
     shards = [Ended(f"s2.{number}", "search over") for number in range(4)]
     assert list(event_texts(message_of(*found, *replaced, *few, *shards).events)) == [
         "step 3: 5 places found by the first search (50 % to 3.1 %)",
-        "step 3: 4 places replaced by others (1 %)",
+        "step 3: 4 places replaced by others (1.0 %)",
         *["step 3: place 3 dropped: improbable (< 0.1 %)"] * 2,
         "step 3: search 2 is over",
     ]
