@@ -7,6 +7,8 @@ Names are imported when they are first used, so that ``import clustermcl`` is fa
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from clustermcl.runtime.version import VERSION
+
 if TYPE_CHECKING:
     from clustermcl.client import Client as Client
     from clustermcl.client import NotLocalizedError as NotLocalizedError
@@ -25,9 +27,11 @@ if TYPE_CHECKING:
     from clustermcl.protocol.errors import UnreachableError as UnreachableError
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
+    from clustermcl.recordings.maps.grid_map import GridMap as GridMap
     from clustermcl.recordings.maps.landmarks import load_landmarks as load_landmarks
     from clustermcl.recordings.maps.map_file import load_map_with_obstacles
     from clustermcl.runtime.output_files import OutputError as OutputError
+    from clustermcl.simulated_robot import SimulatedRobot as SimulatedRobot
 
     load_map = load_map_with_obstacles
 
@@ -35,6 +39,8 @@ _NAMES = {
     "clustermcl.client": ("Client", "NotLocalizedError"),
     "clustermcl.localizer": ("Belief", "ClusterMCL"),
     "clustermcl.readings": ("Reading", "read_recording"),
+    "clustermcl.simulated_robot": ("SimulatedRobot",),
+    "clustermcl.recordings.maps.grid_map": ("GridMap",),
     "clustermcl.recordings.maps.landmarks": ("load_landmarks",),
     "clustermcl.filter.extensions": ("register",),
     "clustermcl.runtime.output_files": ("OutputError",),
@@ -45,6 +51,7 @@ _NAMES = {
     ),
     "clustermcl.recordings.maps.map_file": ("load_map",),
 }  # fmt: skip
+__version__ = VERSION
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = sorted(_MODULES)  # noqa: PLE0605 - names
 

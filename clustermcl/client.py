@@ -1,5 +1,7 @@
 """The Python client of a running system: queries and commands."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
 import asyncio
 import os
 import time

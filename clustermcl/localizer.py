@@ -1,6 +1,10 @@
 """The library: Cluster-MCL in the caller's process, with the classes that the service uses."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
 import io
+import math
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +31,9 @@ from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.errors import CommandRefusedError, StateFileError
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import Landmark, Observation, PositionField, Scan
+from clustermcl.protocol.pose_arrays import checked_pose
+from clustermcl.protocol.reading_checks import NO_RETURNS
+from clustermcl.protocol.steps import Landmark, LaserReading, Observation, PositionField, Scan
 from clustermcl.readings import Reading
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.robot_commands import RobotCommands
@@ -37,6 +43,9 @@ from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.settings_table import TABLE, value_of
+from clustermcl.sensor_bridge.pending_observations import UNKNOWN_LANDMARK
+from clustermcl.sensor_bridge.refused import CLOCK_RESTARTED, ODOMETRY_JUMPED
+from clustermcl.sensor_bridge.stages import NO_ODOMETRY, OUTLIER, STAMP_STEPS_BACK
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
 if TYPE_CHECKING:
@@ -45,6 +54,19 @@ if TYPE_CHECKING:
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _STATE_VERSION = 4
+_WARNINGS = {
+    NO_RETURNS: "a scan has no range between range_min and range_max (both in metres)",
+    STAMP_STEPS_BACK: "a reading is over 1 s older than one before: give readings in their order",
+    CLOCK_RESTARTED: "the clock was set back",
+    OUTLIER: "time or odometry jumped, and the next readings do not confirm it",
+    ODOMETRY_JUMPED: "odometry jumped (faster than 10 m/s or 10 rad/s), taken as no motion",
+    NO_ODOMETRY: "there is no odometry of the time of a scan or an observation",
+    UNKNOWN_LANDMARK: "a landmark is not on the map",
+}
+"""What each cause of `ClusterMCL.dropped` means."""
+_FULL_TURN = "heading beyond a full turn"
+_FARTHEST_M = 100.0
+"""Walls are nearer, or inside of the map."""
 MAX_STATE_BYTES = 2**28
 """Limit for the file of a saved state; 64 places of 100,000 particles each fit into it."""
 
@@ -68,7 +90,9 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
     scan: Scan
     """The scan of the step."""
 
-    def picture(self) -> "Image":
+    __repr__ = answers.Belief.__repr__
+
+    def picture(self) -> Image:
         """Return a picture of the map, all places, and the scan at the most probable place."""
         from clustermcl.view.drawing import drawn_picture  # noqa: PLC0415 - loads pillow
         from clustermcl.view.frames import step_frame  # noqa: PLC0415
@@ -90,8 +114,11 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
             ImportError: matplotlib, the extra ``plots``, is not installed.
         """
         if ax is None:
-            from matplotlib import pyplot  # noqa: PLC0415 - an extra
-
+            try:
+                from matplotlib import pyplot  # noqa: PLC0415 - an extra
+            except ImportError as error:
+                problem = "plot needs matplotlib: pip install 'clustermcl[plots]'"
+                raise ImportError(f"{problem} ({error})") from error
             ax = pyplot.figure().gca()
         from clustermcl.view.drawing import extent_m  # noqa: PLC0415 - loads pillow
 
@@ -132,6 +159,10 @@ class ClusterMCL(RobotCommands):
         belief: the belief after the last step or command; None before the first step, and after
             `change_map`.
 
+    A reading that a robot may send, but that cannot be used, is counted in `dropped`; the first
+    one of each cause gives a warning (`warnings`). A number that can never be right is a
+    ValueError.
+
     Raises:
         ValueError: the map has no obstacle.
         SettingsError: a setting is unknown, of the wrong type or out of its range.
@@ -152,7 +183,9 @@ class ClusterMCL(RobotCommands):
         for name, value in named.items():
             chosen = with_setting(chosen, name, value, "ClusterMCL")
         self._settings = chosen
-        self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
+        self._robot_from_laser = checked_pose("robot_from_laser", robot_from_laser)
+        self._stamp_ns, self._warned = 0, set[str]()
+        _check_map(grid_map)
         compile_kernels(chosen.sensor)
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         self._commands, self._odometry = Commands(), recent_odometry()
@@ -162,6 +195,9 @@ class ClusterMCL(RobotCommands):
     def dropped(self) -> Counter[str]:
         """Number of readings that could not be used, by cause."""
         return self._maker.dropped
+
+    def __repr__(self) -> str:
+        return f"<ClusterMCL in {self.map}: {self.belief or 'no step yet'}>"
 
     def update(self, reading: Reading, *, force: bool = False) -> Belief | None:
         """Process the next reading.
@@ -175,12 +211,22 @@ class ClusterMCL(RobotCommands):
             odometry. None if it made no step: the robot has not moved enough since the last one,
             there is no new scan, a scan waits for odometry, or the reading could not be used (see
             `dropped`).
+
+        Raises:
+            ValueError: every range is longer than the map.
         """
+        if not isinstance(reading, Reading):
+            raise TypeError(f"update takes a Reading, not {type(reading).__name__}: {reading!r}")
         if force:
             self._maker.gate.open_next()
         message = reading.as_message(self._stamp_ns, self._robot_from_laser)
+        if isinstance(message, LaserReading) and message.range_max_m > self._farthest_m:
+            self._check_ranges(message)
         self._stamp_ns = message.stamp_ns + _BETWEEN_READINGS_NS
         scan = self._maker.on_reading(message)
+        if message.odom_from_robot is not None and abs(message.odom_from_robot[2]) > math.tau:
+            self._warn(_FULL_TURN, f"right only if odometry counts turns in radians: {reading}")
+        self._warn_of_dropped(reading)
         if self._maker.odometry is not None:
             self._odometry.add(*self._maker.odometry)
         return None if scan is None else self._advanced(scan)
@@ -218,9 +264,12 @@ class ClusterMCL(RobotCommands):
             correlation_s: time after which 63 % of the sensor's error is new [s].
 
         Raises:
+            ValueError: the heading of `mean` is beyond a full turn.
             MalformedMessageError: a number is not finite or out of range, the covariance is not
                 positive definite, or the field is too large.
         """
+        if not landmark and np.size(mean) == 3:
+            mean = checked_pose("mean", mean)
         cells = None
         if field is not None:
             values = ArrayBlob.of(np.asarray(field), "float32")
@@ -237,6 +286,24 @@ class ClusterMCL(RobotCommands):
             field=cells,
         )
         self._maker.observe(decode(encode(message), Observation))
+        self._warn_of_dropped(f"observation of {landmark or 'the pose'!r} by {source!r}")
+
+    def _warn_of_dropped(self, of: object) -> None:
+        for cause in self._maker.dropped.keys() - self._warned:
+            told = _WARNINGS.get(cause), self._maker.dropped.details.get(cause), str(of)
+            self._warn(cause, ": ".join(filter(None, told)))
+
+    def _warn(self, cause: str, text: str) -> None:
+        if cause not in self._warned:
+            self._warned.add(cause)
+            warnings.warn(f"{cause.replace('_', ' ')}, shown once: {text}", stacklevel=4)
+
+    def _check_ranges(self, scan: LaserReading) -> None:
+        ranges = scan.ranges.array()
+        returned = ranges[(ranges > scan.range_min_m) & (ranges < scan.range_max_m)]
+        if returned.size and (nearest := float(returned.min())) > self._farthest_m:
+            across = f"but the map measures {math.hypot(*self.map.size_m):.0f} m across"
+            raise ValueError(f"the nearest range is {nearest:.0f} m, {across}: give metres")
 
     def finish(self) -> Iterator[Belief]:
         """Make the steps of scans that still wait for odometry, and yield their beliefs.
@@ -252,6 +319,8 @@ class ClusterMCL(RobotCommands):
         Raises:
             ValueError: the map has no obstacle.
         """
+        _check_map(grid_map)
+        self._farthest_m = max(_FARTHEST_M, math.hypot(*grid_map.size_m))
         self._model = sensor_model(grid_map, self._settings.sensor, kept_folder("maps"))
         self.map = grid_map.with_landmarks(landmarks)
         self._ground = FreeGround.of(self.map)
@@ -360,6 +429,12 @@ class ClusterMCL(RobotCommands):
         self.belief = Belief(**plain, map=self.map, scan=scan)
         self._maker.sources.on_belief(self.belief)
         return self.belief
+
+
+def _check_map(grid_map: object) -> None:
+    if not isinstance(grid_map, GridMap):
+        problem = f"the map is {grid_map!r}, a {type(grid_map).__name__}"
+        raise TypeError(f"{problem}: give a GridMap, such as load_map('map.yaml')")
 
 
 def _filter_settings(settings: Settings) -> dict[str, bool | int | float | str]:

@@ -1,5 +1,7 @@
 """Readings of a robot as numpy arrays, and an iterator over the readings of a recording."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserReading, OdometryReading
+from clustermcl.protocol.pose_arrays import check_angle, checked_pose
+from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading
 from clustermcl.runtime.settings import Settings
 
 _SENDER = "library"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reading:
     """A scan, an odometry pose, or both with the same stamp.
 
@@ -38,7 +41,8 @@ class Reading:
         upside_down: whether the laser is mounted upside down, so that its beams run clockwise.
 
     Raises:
-        ValueError: there is neither a scan nor odometry, or an array has the wrong shape.
+        ValueError: there is neither a scan nor odometry, an array is empty or has the wrong
+            shape, a number is not finite, `range_max` is missing, or an angle is in degrees.
     """
 
     odom_from_robot: Sequence[float] | NDArray[np.floating] | None = None
@@ -55,10 +59,41 @@ class Reading:
     def __post_init__(self) -> None:
         if self.ranges is None and self.odom_from_robot is None:
             raise ValueError("a reading has a scan, odometry, or both: both are None")
-        if self.ranges is not None and np.ndim(self.ranges) != 1:
-            raise ValueError(f"ranges have shape {np.shape(self.ranges)}, expected (B,)")
-        if self.odom_from_robot is not None and len(self.odom_from_robot) != 3:
-            raise ValueError(f"odom_from_robot is x, y, heading, not {self.odom_from_robot}")
+        if self.odom_from_robot is not None:
+            checked_pose("odom_from_robot", self.odom_from_robot, in_one_turn=False)
+        if self.stamp_ns is not None and not isinstance(self.stamp_ns, int | np.integer):
+            raise ValueError(f"stamp_ns is {self.stamp_ns!r}: give whole nanoseconds")
+        if self.robot_from_laser is not None:
+            checked_pose("robot_from_laser", self.robot_from_laser)
+        if self.ranges is not None:
+            self._check_scan(np.shape(self.ranges))
+
+    def _check_scan(self, shape: tuple[int, ...]) -> None:
+        beams = shape[0] if len(shape) == 1 else 0
+        if not 0 < beams <= MAX_BEAMS:
+            raise ValueError(f"ranges have shape {shape}, expected (B,) with 1 to {MAX_BEAMS}")
+        if not self.range_max > 0.0:
+            raise ValueError(f"range_max is {self.range_max}: give the laser's maximum range [m]")
+        if not self.range_min < self.range_max:
+            problem = f"range_min is {self.range_min}, range_max {self.range_max}"
+            raise ValueError(f"{problem}: a range lies between them")
+        check_angle("angle_min", self.angle_min)
+        check_angle(f"angle_step times {beams - 1}", self.angle_step * (beams - 1) / 1.01)
+        if beams > 1 and self.angle_step == 0.0:
+            raise ValueError(f"angle_step is 0, but there are {beams} ranges")
+
+    def __repr__(self) -> str:
+        parts = [f"stamp_ns {self.stamp_ns}"] if self.stamp_ns is not None else []
+        if self.odom_from_robot is not None:
+            x, y, heading = self.odom_from_robot
+            parts.append(f"odometry ({x:.2f} m, {y:.2f} m, {heading:.2f} rad)")
+        if self.ranges is not None:
+            values = np.asarray(self.ranges, np.float64)
+            finite = values[np.isfinite(values)]
+            between = f" of {finite.min():.2f} to {finite.max():.2f} m" if finite.size else ""
+            parts.append(f"{len(values)} ranges{between}")
+            parts.append(f"range_max {self.range_max:g} m")
+        return f"<Reading: {', '.join(parts)}>"
 
     def as_message(
         self, stamp_ns: int, robot_from_laser: PoseTuple
@@ -68,7 +103,7 @@ class Reading:
         if self.odom_from_robot is not None:
             x, y, heading = map(float, self.odom_from_robot)
             odometry = (x, y, heading)
-        stamp_ns = stamp_ns if self.stamp_ns is None else self.stamp_ns
+        stamp_ns = stamp_ns if self.stamp_ns is None else int(self.stamp_ns)
         if self.ranges is None:
             assert odometry is not None  # ensured by __post_init__
             return OdometryReading(sender=_SENDER, stamp_ns=stamp_ns, odom_from_robot=odometry)
@@ -86,11 +121,12 @@ class Reading:
             upside_down=self.upside_down,
         )
 
-    @classmethod
-    def of(cls, message: LaserReading | OdometryReading) -> "Reading":
+    @staticmethod
+    def of(message: LaserReading | OdometryReading) -> Reading:
+        """Return the reading of a message; a recorded one may hold anything."""
         if isinstance(message, OdometryReading):
-            return cls(message.odom_from_robot, stamp_ns=message.stamp_ns)
-        return cls(
+            return _Recorded(message.odom_from_robot, stamp_ns=message.stamp_ns)
+        return _Recorded(
             message.odom_from_robot,
             message.ranges.array(),
             angle_min=message.angle_min_rad,
@@ -102,6 +138,13 @@ class Reading:
             laser=message.laser,
             upside_down=message.upside_down,
         )
+
+
+class _Recorded(Reading):
+    """A reading of a recording: unusable ones are counted, so that the others are used."""
+
+    def __post_init__(self) -> None:
+        pass
 
 
 def read_recording(

@@ -1,11 +1,17 @@
 """The commands that `ClusterMCL` and `Client` share: `set_pose` and `relocalize`."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
 import math
 import uuid
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.codec import refusal_of
-from clustermcl.protocol.message import Circle, Covariance, PoseTuple
+from clustermcl.protocol.message import Circle
+from clustermcl.protocol.pose_arrays import checked_pose, covariance_tuple
 from clustermcl.runtime.caller import caller
 
 
@@ -14,11 +20,11 @@ class RobotCommands:
 
     def set_pose(
         self,
-        pose: PoseTuple,
+        pose: ArrayLike,
         *,
         position_sigma_m: float = 0.5,
         heading_sigma_rad: float = 0.26,
-        covariance: Covariance | None = None,
+        covariance: ArrayLike | None = None,
         stamp_ns: int | None = None,
     ) -> None:
         """Replace the belief by a pose, whose probability is `belief.set_pose_probability`.
@@ -27,31 +33,35 @@ class RobotCommands:
         the first scan and the map have arrived, the pose is stored and set later.
 
         Args:
-            pose: pose in the map: x [m], y [m], heading [rad].
+            pose: (3,) pose in the map: x [m], y [m], heading [rad].
             position_sigma_m: standard deviation of x and of y.
             heading_sigma_rad: standard deviation of the heading.
-            covariance: covariance of x, y, heading, nine numbers row by row [m², m rad, rad²];
-                replaces both standard deviations.
+            covariance: (3, 3) covariance of x, y, heading [m², m rad, rad²], or its nine numbers
+                row by row; replaces both standard deviations.
             stamp_ns: time of the pose by the robot's clock [ns]; the motion since then is added.
                 None: now.
 
         Raises:
             CommandRefusedError: the map has no free space within three standard deviations, or
                 odometry of that time is no longer stored.
-            ValueError: a number is not finite, a standard deviation is not positive, or the
-                covariance is not positive semi-definite.
+            ValueError: a number is not finite, the heading is beyond a full turn, a standard
+                deviation is not positive, or the covariance is not positive semi-definite.
         """
+        named = checked_pose("pose", pose)
+        numbers = None if covariance is None else np.asarray(covariance, np.float64)
+        if numbers is not None and numbers.size != 9:
+            raise ValueError(f"covariance has shape {numbers.shape}, expected (3, 3)")
         command = SetPose(
             sender=caller(),
             command_id=new_id(),
-            pose=pose,
+            pose=named,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
-            covariance=covariance,
+            covariance=None if numbers is None else covariance_tuple(numbers),
             stamp_ns=stamp_ns,
         )
         if problem := refusal_of(command):
-            raise ValueError(f"pose {pose} is invalid: {problem}")
+            raise ValueError(f"pose {named} is invalid: {problem}")
         self._carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:
@@ -66,8 +76,11 @@ class RobotCommands:
             CommandRefusedError: there is no region of this name.
             ValueError: a number of `near` is not finite, or the radius is not positive.
         """
-        if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
-            raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
+        if near is not None:
+            x, y, radius_m = map(float, near)
+            near = (x, y, radius_m)
+            if not (math.isfinite(x + y + radius_m) and radius_m > 0.0):
+                raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
         self._carry_out(Relocalize(sender=caller(), command_id=new_id(), near=near, region=region))
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:

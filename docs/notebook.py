@@ -16,6 +16,11 @@ NOTEBOOK = Path(__file__).parent / "tutorials" / "notebook.ipynb"
 PAGE = "tutorials/notebook.md"
 
 
+def kept() -> Any:
+    """The notebook with the outputs in the file."""
+    return nbformat.read(NOTEBOOK, as_version=4)
+
+
 def executed() -> Any:
     """The notebook after all its cells have run, in a folder of its own.
 
@@ -24,7 +29,7 @@ def executed() -> Any:
     """
     from nbclient import NotebookClient  # noqa: PLC0415 - the site needs the page alone
 
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    notebook = kept()
     with tempfile.TemporaryDirectory() as folder:
         context = {"metadata": {"path": folder}}
         NotebookClient(notebook, timeout=300, record_timing=False, resources=context).execute()
@@ -35,7 +40,7 @@ def page() -> tuple[str, dict[str, bytes]]:
     """The notebook as Markdown, and its pictures by their paths in the site."""
     lines: list[str] = []
     pictures: dict[str, bytes] = {}
-    for number, cell in enumerate(nbformat.read(NOTEBOOK, as_version=4).cells):
+    for number, cell in enumerate(kept().cells):
         if cell.cell_type == "markdown":
             lines += [cell.source, ""]
             continue

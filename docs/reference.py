@@ -71,8 +71,9 @@ def command_names() -> list[str]:
 def library_page() -> str:
     """The library, for mkdocstrings to fill in."""
     about = "What `clustermcl` exports, but for the [client](client.md)."
-    names = sorted(clustermcl.__all__, key=lambda name: (name.endswith("Error"), name.lower()))
-    return _members("The library", about, [name for name in names if name != "Client"])
+    names = {*clustermcl.__all__} - {"Client", "ClusterMCL"}
+    others = sorted(names, key=lambda name: (name.endswith("Error"), name.lower()))
+    return _members("The library", about, ["ClusterMCL", *others])
 
 
 def client_page() -> str:

@@ -98,13 +98,17 @@ class Ensemble(Part, kw_only=True):
     @property
     def expected(self) -> tuple[str, ...]:
         """The jobs that have to report on the next step."""
-        searches = (*self.search.job_ids, *self.decoy.search.job_ids)
-        return (*self.clusters.job_ids, *self.decoy.track_ids, *searches, *self._elsewhere)
+        tracks = (*self.clusters.job_ids, *self.decoy.track_ids)
+        return (*tracks, *self.search_ids, *self._elsewhere)
+
+    @property
+    def search_ids(self) -> tuple[str, ...]:
+        return (*self.search.job_ids, *self.decoy.search.job_ids)
 
     @property
     def deferrable(self) -> tuple[str, ...]:
         """The expected jobs that may report later: searches, while clusters are tracked."""
-        return (*self.search.job_ids, *self.decoy.search.job_ids) if len(self.clusters) else ()
+        return self.search_ids if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """Start the first search, before the first step; return the jobs that process its scan."""

@@ -23,10 +23,11 @@ def json_object(answer: Answer | Hypothesis) -> JsonObject:
     found: JsonObject
     match answer:
         case Belief():
+            best = answer.best
             found = {
                 "step": answer.step,
                 "state": answer.state,
-                "pose": _pose(answer.pose, answer.covariance),
+                "pose": _pose(best.pose, best.covariance) if best else None,
                 "probability": answer.probability,
                 **_fields(answer, "sender", "term", "odom_from_robot"),
                 "hypotheses": list(map(json_object, answer.hypotheses)),

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 
 from clustermcl.protocol.advice import Advice, Way
-from clustermcl.protocol.answers import Belief, Hypotheses, PoseAnswer, Status
+from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import NumberedEvent, event_text
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
@@ -18,6 +18,10 @@ SAME_RANGE_M = 0.5
 """Ranges at two places that are nearer to each other are listed as one [m]."""
 CLOCK_SET_NS = 1_000_000_000_000_000_000
 """A later stamp is a date after 2001 [ns]."""
+NEARLY_OVER = 0.95
+"""Progress of a search that waits for scans rather than for computing."""
+LEAST_SHOWN = 0.01
+"""Probability below which a place is counted, but not shown."""
 DOUBT = 0.01
 """Probability of elsewhere above which the text mentions it."""
 
@@ -130,6 +134,7 @@ def _last_scan(scan_age_s: float) -> str:
 def search_text(progress: float, *, runs: bool) -> str:
     """Return such as ``, a search runs 50 %``; the progress from 0 to 1 alone, or nothing."""
     reached = f" {100.0 * progress:.0f} %" if progress > 0.0 else ""
+    reached += ", the next scans decide" if progress > NEARLY_OVER else ""
     return f"{', a search runs' if runs else ''}{reached}"
 
 
@@ -142,12 +147,19 @@ def belief_line(belief: Belief) -> str:
     if not belief.hypotheses:
         return head
     best = belief.hypotheses[0]
-    shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
-    more = ", ..." if len(belief.hypotheses) > 6 else ""
+    shown = shown_places(belief)[:6]
+    probabilities = ", ".join(f"{place.probability:.2f}" for place in shown)
+    more = f", {count} more" if (count := len(belief.hypotheses) - len(shown)) else ""
     elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
     if belief.off_map_probability > OFF_MAP:
         elsewhere += ", probably not on this map"
-    return f"{head}; best {pose_text(best.pose)}; probabilities {shown}{more}{elsewhere}"
+    return f"{head}; best {pose_text(best.pose)}; probabilities {probabilities}{more}{elsewhere}"
+
+
+def shown_places(belief: Belief) -> tuple[Hypothesis, ...]:
+    """Return the places above `LEAST_SHOWN`, and the most probable one."""
+    places = belief.hypotheses
+    return (*places[:1], *(place for place in places[1:] if place.probability >= LEAST_SHOWN))
 
 
 def is_unweighed(belief: Belief) -> bool:

@@ -22,6 +22,15 @@ EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
 class _Commands(TyperGroup):
     """The command's group, whose help has a section for each group of commands."""
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        early = _BEFORE_THE_COMMAND.intersection(
+            args[1 : args.index("--") if "--" in args else None]
+        )
+        for option in early:
+            line = f"clustermcl {option} {args[0]}"
+            ctx.fail(f"{option} stands before the command: {line} ...")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, self.commands))
         for group, names in COMMANDS.items():
@@ -40,6 +49,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_BEFORE_THE_COMMAND = {"--quiet", "-q", "--verbose", "-v", "--version"}
 _NUMBERS_MAY_BE_NEGATIVE = {"ignore_unknown_options": True}
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Start here": {

@@ -33,7 +33,7 @@ from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_fil
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
-from clustermcl.runtime.stop import StopFlag, stop_on_signals
+from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import recorded_source
 from clustermcl.simulator.free_space import FreeSpace
 from clustermcl.simulator.robot import RADIUS_M
@@ -151,6 +151,7 @@ def _run_to_end(
             if is_shown:
                 told = summary.as_object if run.options.as_json else summary.lines
                 print_answer(told(status, wall_s, wandering))
+            stop.check()
             while run.page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)
     return summary
@@ -174,7 +175,11 @@ def _followed(
                 # Only then, so that the browser shows the first search.
                 _wait_for_page(run.page, 1, stop, stack)
             stack.start_coordinator()
-            audience.follow()
+            try:
+                audience.follow()
+            except StoppedError:  # Ctrl-C ends a demo with a page: summarize what was seen
+                if audience.summary.belief is None:
+                    raise
             status = ask(session, keys.STATUS, Status, timeout_s=timeout_s)
     return audience.summary, status
 

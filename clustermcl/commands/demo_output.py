@@ -10,11 +10,13 @@ from rich.text import Text
 
 from clustermcl.commands.as_json import JsonObject, json_object
 from clustermcl.commands.as_text import (
+    LEAST_SHOWN,
     belief_line,
     is_unweighed,
     place_text,
     pose_text,
     search_text,
+    shown_places,
 )
 from clustermcl.evaluation.pose_error import PoseError, pose_error
 from clustermcl.protocol.answers import Belief, Status
@@ -23,6 +25,7 @@ from clustermcl.protocol.job_events import (
     Ended,
     EndedCause,
     NumberedEvent,
+    Remark,
     event_texts,
     is_of_search,
 )
@@ -69,12 +72,18 @@ class DemoOutput:
     def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
         """Show a belief, and the true pose if it is known; lines show only changes."""
         self._shown = "\n".join([self._title, *_table(belief, truth), *self._events])
-        change = belief.state, is_unweighed(belief), len(belief.hypotheses)
+        change = belief.state, is_unweighed(belief), len(shown_places(belief))
         self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
 
     def on_events(self, events: Iterable[NumberedEvent]) -> None:
-        """Show events of clusters; ignore those of searches."""
-        for line in map(escaped, event_texts(e for e in events if not is_of_search(e.event))):
+        """Show events of places above `LEAST_SHOWN`; ignore those of searches."""
+        shown = (
+            each
+            for each in events
+            if isinstance(each.event, Remark)
+            or not (is_of_search(each.event) or each.event.probability < LEAST_SHOWN)
+        )
+        for line in map(escaped, event_texts(shown)):
             self._events.append(line)
             self._print(line)
 
@@ -93,10 +102,11 @@ def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     search = search_text(belief.search_progress, runs=True) if belief.searching else ""
     note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
     yield f"step {belief.step}: {belief.state}{search}{note}"
-    for place in belief.hypotheses[:_SHOWN_PLACES]:
+    shown = shown_places(belief)[:_SHOWN_PLACES]
+    for place in shown:
         where = place_text(place.pose, place.covariance)
         yield _row(f"c{place.cluster}", place.probability, where)
-    if others := belief.hypotheses[_SHOWN_PLACES:]:
+    if others := belief.hypotheses[len(shown) :]:
         yield _row(f"{len(others)} more", sum(place.probability for place in others))
     yield _row("elsewhere", belief.elsewhere_probability - belief.off_map_probability)
     yield _row("off the map", belief.off_map_probability)
@@ -145,9 +155,8 @@ class DemoSummary:
 
     def _error(self) -> PoseError | None:
         """Return the error of the newest belief's pose; None: unknown."""
-        if self.belief is None or self.belief.pose is None or self.truth is None:
-            return None
-        return pose_error(self.belief.pose, self.truth)
+        best = self.belief and self.belief.best
+        return pose_error(best.pose, self.truth) if best and self.truth is not None else None
 
     def as_object(
         self, status: Status, wall_s: float, wandering: "DemoSummary | None"

@@ -91,7 +91,14 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
                 refuse_without("a ROS bag", _may_be_bag(own["recording"]), **bag)
             values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
             given = [*log_settings(), *values, *(assignments or ())]
-            command(Given(settings_file, given), **own)
+            try:
+                command(Given(settings_file, given), **own)
+            except SettingsError as error:  # name the option that was typed
+                typed = [f"--{o.replace('_', '-')}" for o in named if _SHARED[o][0] == error.key]
+                set_too = any(word.startswith(f"{error.key}=") for word in assignments or ())
+                if not typed or set_too or error.where is None:
+                    raise
+                raise SettingsError(key=typed[0], problem=f"{typed[0]}: {error.problem}") from error
 
         kinds: dict[str, Any] = {}
         for name in shared:

@@ -1,6 +1,8 @@
 """`clustermcl record-landmarks`: add unknown landmarks that a localized robot sees to a file."""
 
 import logging
+import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -34,12 +36,17 @@ LEAST_RIGHT = 0.7
 """
 LEAST_SIGMA_M = 0.02
 """Least standard deviation: errors of map and mount do not average out [m]."""
+FIRST_WITHIN_S = 10.0
+"""Time without any observation after which a warning is logged [s]."""
+NOTHING_OBSERVED = (
+    f"no observation has arrived on {keys.OBSERVATION_READING}: does a sensor publish there?"
+)
 _MOST_WAITING = 64
 
 _log = logging.getLogger(__name__)
 
 
-def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
+def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list[str]:
     """Measure unknown landmarks until the stop flag is set, then add them to the file.
 
     Args:
@@ -48,7 +55,7 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
         stop: flag that ends the recording.
 
     Returns:
-        Number of landmarks added.
+        A line for each name that was observed, and one for the file.
 
     Raises:
         LandmarksFileError: the existing file is damaged.
@@ -63,12 +70,18 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> int:
         listen(node, keys.BELIEF, Belief, survey.on_belief, 64)
         listen(node, keys.OBSERVATION_READING, Observation, survey.on_observation, 256)
         node.open(settings.zenoh.connect_timeout_s)
-        handle_until_stopped(node)
+        due_s = time.monotonic() + FIRST_WITHIN_S
+
+        def warn_if_silent() -> None:
+            if not survey.observed and time.monotonic() > due_s:
+                node.causes.warn(_log, "waiting", NOTHING_OBSERVED, time.monotonic())
+
+        handle_until_stopped(node, warn_if_silent)
     entries = yaml.safe_load(path.read_bytes())["landmarks"] if path.exists() else []
     if added := list(survey.entries()):
         file = {"landmarks": [*entries, *added]}
         write_output_file(path, yaml.safe_dump(file, sort_keys=False, allow_unicode=True))
-    return len(added)
+    return [*survey.lines(), f"{path}: {len(added)} landmarks added"]
 
 
 class LandmarkSurvey:
@@ -76,6 +89,8 @@ class LandmarkSurvey:
 
     def __init__(self, known: set[str]) -> None:
         self._known = known
+        self.observed: Counter[str] = Counter()
+        """Number of observations that arrived, by name."""
         self._trajectory = Trajectory(most=400)
         self._waiting: list[Observation] = []
         self._belief: Belief | None = None
@@ -89,7 +104,11 @@ class LandmarkSurvey:
 
     def on_observation(self, seen: Observation) -> None:
         """Queue an observation until odometry of its time has arrived."""
-        if not seen.landmark or seen.landmark in self._known or observation_problem(seen):
+        if not seen.landmark or observation_problem(seen):
+            return
+        if seen.landmark in self.observed or len(self.observed) < MAX_LANDMARKS:
+            self.observed[seen.landmark] += 1
+        if seen.landmark in self._known:
             return
         self._waiting = [*self._waiting, seen][-_MOST_WAITING:]
 
@@ -123,6 +142,19 @@ class LandmarkSurvey:
         del positions[:-MAX_OBSERVATIONS]
         if len(positions) == MIN_OBSERVATIONS:
             _log.info("landmark %s was seen at %d steps, which is enough", name, MIN_OBSERVATIONS)
+
+    def lines(self) -> Iterator[str]:
+        """Yield how often each name was observed, as text."""
+        if not self.observed:
+            yield NOTHING_OBSERVED
+        for name, count in sorted(self.observed.items()):
+            steps = len(self._seen.get(name, ()))
+            used = f"at {steps} localized steps" if steps else "never while localized"
+            if 0 < steps < MIN_OBSERVATIONS:
+                used += f", left out: fewer than {MIN_OBSERVATIONS}"
+            yield f"{name}: {count} observations, " + (
+                "already in the file" if name in self._known else used
+            )
 
     def entries(self) -> Iterator[dict[str, Any]]:
         """Yield the found landmarks as entries of a landmarks file."""

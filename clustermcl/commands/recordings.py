@@ -58,6 +58,10 @@ def evaluate(
     ] = None,
     as_json: common.AsJson = False,
     output: common.Output = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option("--tum", metavar="FILE.tum", help="Write the estimates of one run for evo."),
+    ] = None,
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
@@ -76,6 +80,7 @@ def evaluate(
         jobs=jobs,
         as_json=as_json,
         output=output,
+        tum=tum,
     )
 
 
@@ -138,8 +143,7 @@ def record_landmarks(
     """Measure landmarks that the localized robot sees, until Ctrl-C."""
     from clustermcl.commands.record_landmarks import run_record_landmarks  # noqa: PLC0415 - see the package
 
-    added = run_record_landmarks(settings, file, stop_on_signals())
-    typer.echo(f"{file}: {added} landmarks added")
+    typer.echo("\n".join(run_record_landmarks(settings, file, stop_on_signals())))
 
 
 def replay(

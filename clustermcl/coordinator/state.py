@@ -4,6 +4,7 @@ A coordinator transfers what its successor needs as a `CheckpointState`.
 """
 
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from msgspec import field
@@ -39,8 +40,13 @@ NO_ROOM = "report far ahead, or too many wait"
 """Counter of reports that the coordinator refuses to keep."""
 
 
+MOST_UNREPORTED = 64
+
+
 class CoordinatorState(Part):
     """The belief, the jobs, the open steps and the commands of one robot."""
+
+    local: ClassVar = frozenset({"unreported"})
 
     filter_settings: FilterSettings
     settings: CoordinatorSettings
@@ -56,6 +62,9 @@ class CoordinatorState(Part):
     counters: dict[str, int] = {}
     steps_applied: int = 0
     reports_missing: int = 0
+    """Reports that a step has lacked; not those of searches, which a later step uses."""
+    unreported: list[tuple[int, tuple[str, ...]]] = []
+    """The last steps that lacked reports, with the jobs of these."""
     overload: OverloadDetector = field(default_factory=OverloadDetector)
     map_digest: str = ""
     """Digest of the map in which the robot is localized; empty before the first scan."""
@@ -167,7 +176,9 @@ class CoordinatorState(Part):
             return
         in_time = self.collector.on_report(report, now_ns)
         self.placement.on_report(report, in_time=in_time)
-        if not in_time:
+        # A new cluster's job reports on the scans since its search, which no step waits for.
+        late = (step == report.step and report.job_id in jobs for step, jobs in self.unreported)
+        if not in_time and any(late):
             self.count("report late")
 
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
@@ -208,7 +219,9 @@ class CoordinatorState(Part):
         self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.placement.jobs.step_applied(ready.scan.step)
         self.steps_applied += 1
-        self.reports_missing += len(outcome.missing)
+        if missing := tuple(job for job in outcome.missing if job not in self.ensemble.search_ids):
+            self.reports_missing += len(missing)
+            self.unreported = [*self.unreported, (ready.scan.step, missing)][-MOST_UNREPORTED:]
         if not outcome.missing or set(weighing) - set(outcome.missing):
             self.pose.weighed(ready.scan)
         self._follow(outcome, ready.scan)

@@ -4,10 +4,12 @@ It runs without Zenoh, as fast as possible.
 """
 
 import json
+import logging
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +18,10 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from clustermcl.belief.outcome import Outcome
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
 from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
+from clustermcl.evaluation.references import tum_line
 from clustermcl.evaluation.results import (
     MORE_TABLES,
     POSES,
@@ -28,27 +32,32 @@ from clustermcl.evaluation.results import (
 )
 from clustermcl.evaluation.run import Run, in_parallel
 from clustermcl.protocol.errors import SettingsError
+from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.map_file import map_file_of
 from clustermcl.runtime.logs import is_quiet
-from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import Simulated, parsed_source
-from clustermcl.runtime.stop import stop_on_signals
+from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
 
 DEFAULT_STEPS = 300
 """Default number of steps of a simulated robot, which drives until it is stopped."""
 DEFAULT_STEPS_OF_A_START = 60
 
+_log = logging.getLogger(__name__)
 
-def executed(run: Run, on_update: Callable[[], None] = lambda: None) -> RunMeasures:
+
+def executed(
+    run: Run, on_update: Callable[[Scan, Outcome], None] = lambda _scan, _outcome: None
+) -> RunMeasures:
     """Execute a run; `on_update` is called after each step."""
     _, steps = run.begun()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
     for number, (scan, outcome, truth) in enumerate(steps):
         facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
-        on_update()
+        on_update(scan, outcome)
     return measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
     )
@@ -66,6 +75,7 @@ def run_evaluate(
     jobs: int | None = None,
     as_json: bool = False,
     output: Path | None = None,
+    tum: Path | None = None,
 ) -> None:
     """Execute all runs, print tables or JSON, and write the results.
 
@@ -81,6 +91,8 @@ def run_evaluate(
         jobs: number of parallel runs; None: one per core.
         as_json: print JSON instead of tables.
         output: CSV file for the results; None: write no file.
+        tum: file for the most probable place after each step, in the TUM format; None: write
+            no file. Only of a single run.
 
     Raises:
         ClusterMclError: an input cannot be used, or a run failed.
@@ -88,11 +100,9 @@ def run_evaluate(
     """
     robot = robot_of(recording, map_file, reference)
     case, seeds = case_of(robot, seeds, starts, steps)
-    if output is not None:
-        if output.suffix.lower() != ".csv":
-            problem = f"--output {output}: must end in .csv; --json prints JSON"
-            raise SettingsError(key="--output", problem=problem)
-        check_output_file(output)
+    _check_files(output, tum, max(seeds, starts or 1))
+    if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
+        _log.warning("the robot drives in %s, and is given the map %s", robot.world, robot.map)
     if isinstance(robot, RecordedRobot):
         opened(recording, settings.bridge)  # reports the skipped lines, once
     runs = [
@@ -103,18 +113,40 @@ def run_evaluate(
     if starts is not None and isinstance(robot, RecordedRobot):
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
-    finished = _all_results(runs, jobs, min(known, case.updates or known))
+    stop, lines = stop_on_signals(exit_after_s=5.0), list[str]()
+    finished = _all_results(runs, jobs, min(known, case.updates or known), stop, lines)
     results = [
         {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
         for run, measures in zip(runs, finished, strict=True)
+        if measures is not None
     ]
+    if len(results) < len(runs) > 1:
+        _log.warning("interrupted: %d of %d runs are finished", len(results), len(runs))
+    if not results:
+        stop.check()
     common = {"recording": recording, "map": map_file}
     if output is not None:
         write_results(output, common, results)
+    if tum is not None:
+        write_output_file(tum, "".join(lines))
     if as_json:
         sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
     else:
         _print_tables({_title(recording, results): POSES, **MORE_TABLES}, results)
+    stop.check()
+
+
+def _check_files(output: Path | None, tum: Path | None, runs: int) -> None:
+    if output is not None:
+        if output.suffix.lower() != ".csv":
+            problem = f"--output {output}: must end in .csv; --json prints JSON"
+            raise SettingsError(key="--output", problem=problem)
+        check_output_file(output)
+    if tum is not None:
+        if runs > 1:
+            problem = f"--tum {tum}: a file has one run; leave out --seeds and --starts"
+            raise SettingsError(key="--tum", problem=problem)
+        check_output_file(tum)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -122,9 +154,11 @@ def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
     for heading, columns in tables.items():
         console.print(heading, soft_wrap=True)
         table = Table(*columns, box=None, padding=(0, 1, 0, 0), header_style="bold")
-        for column in table.columns:
-            column.justify, column.no_wrap = "right", True
-        for row in table_rows(runs, columns):
+        rows = table_rows(runs, columns)
+        for column, cells in zip(table.columns, zip(*rows, strict=True), strict=True):
+            words = [*str(column.header).split(), *cells]
+            column.justify, column.min_width = "right", max(map(len, words))  # headings fold
+        for row in rows:
             table.add_row(*row)
         console.print(table)
 
@@ -198,25 +232,33 @@ def _steps_count(run: Run) -> int:
     return sum(1 for _ in whole.begun()[0].steps)
 
 
-def _all_results(runs: Sequence[Run], jobs: int | None, steps: int) -> list[RunMeasures]:
-    """Execute the runs, in parallel if there are several; return their measures in order."""
-    stop = stop_on_signals(exit_after_s=5.0)
+def _all_results(
+    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, tum_lines: list[str]
+) -> list[RunMeasures | None]:
+    """Execute the runs, in parallel if there are several.
+
+    Returns:
+        The measures of each run; None for those that the stop flag ended.
+    """
     done: dict[int, RunMeasures] = {}
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(runs))
 
-        def on_update() -> None:
+        def on_update(scan: Scan, outcome: Outcome) -> None:
             stop.check()
             progress.advance(bar)
+            if outcome.hypotheses:
+                tum_lines.append(tum_line(scan.stamp_ns, outcome.hypotheses[0].pose))
 
         if len(runs) == 1:
-            done[0] = executed(runs[0], on_update)
+            with suppress(StoppedError):
+                done[0] = executed(runs[0], on_update)
         else:
             for index, finished in in_parallel(executed, runs, jobs or os.cpu_count() or 1, stop):
                 progress.advance(bar, finished.steps)
                 done[index] = finished
-    stop.check()
-    return [done[index] for index in range(len(runs))]
+                _log.info("%d of %d runs are finished", len(done), len(runs))
+    return [done.get(index) for index in range(len(runs))]
 
 
 def _progress() -> Progress:

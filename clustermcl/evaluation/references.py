@@ -1,4 +1,4 @@
-"""Reads ground truth in the TUM format.
+"""Reads ground truth in the TUM format, and writes estimates in it.
 
 One pose a line, `timestamp x y z qx qy qz qw`, in seconds and metres; `#` begins a comment. Only
 the heading is used of the orientation. evo and the TUM RGB-D benchmark's tools read the same.
@@ -44,6 +44,13 @@ def load_reference(path: Path | str) -> Trajectory:
     for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps may step back
         reference.add(stamp_ns, pose)
     return reference
+
+
+def tum_line(stamp_ns: int, pose: PoseTuple) -> str:
+    """Return a pose as a line of the TUM format."""
+    x, y, heading = pose
+    turn = f"{math.sin(heading / 2.0):.9f} {math.cos(heading / 2.0):.9f}"
+    return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {x:.6f} {y:.6f} 0 0 0 {turn}\n"
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:

@@ -88,7 +88,10 @@ _ROLES = {
         asks=(keys.POSE, keys.EVENTS),
     ),
     "bridge": Rights(
-        publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
+        publishes=(
+            *(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
+            keys.OBSERVATION_READING,  # of a simulated robot
+        ),
         reads=(*_READINGS, keys.BELIEF),
         serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
         asks=(keys.STATUS, keys.MAP_READING),

@@ -1,9 +1,14 @@
 """The coordinator's publications and answers, and the commands that clients send."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import msgspec
+import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from clustermcl.protocol import keys
 from clustermcl.protocol.health import Health
@@ -32,7 +37,34 @@ so there is no pose either."""
 Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e4)]
 
 
-class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class HasPose:
+    """The numbers of `pose` by name; each raises ValueError while there is no pose."""
+
+    __slots__ = ()
+
+    @property
+    def x_m(self) -> float:
+        """x in the map [m]."""
+        return self._number(0)
+
+    @property
+    def y_m(self) -> float:
+        """y in the map [m]."""
+        return self._number(1)
+
+    @property
+    def heading_rad(self) -> float:
+        """Heading in the map [rad]."""
+        return self._number(2)
+
+    def _number(self, index: int) -> float:
+        pose: Sequence[float] | None = getattr(self, "pose")  # noqa: B009 - a field or a property
+        if pose is None:
+            raise ValueError("there is no pose yet: `pose` is None")
+        return float(pose[index])
+
+
+class Hypothesis(HasPose, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One place where the robot may be."""
 
     cluster: int
@@ -51,7 +83,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Steps since the cluster entered the belief."""
 
 
-class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
+class Belief(HasPose, Message, frozen=True, kw_only=True, tag="belief/1"):
     """The belief after one step.
 
     Published by the coordinator on ``belief`` after each step; the next one repairs a loss.
@@ -84,22 +116,35 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     """The part of `elsewhere_probability` that the robot is not on this map at all."""
 
     @property
-    def pose(self) -> PoseTuple | None:
-        """The most probable place: x [m], y [m], heading [rad]; None: there is none yet."""
-        return self.hypotheses[0].pose if self.hypotheses else None
+    def best(self) -> Hypothesis | None:
+        """The most probable place; None: there is none yet."""
+        return self.hypotheses[0] if self.hypotheses else None
 
     @property
-    def covariance(self) -> Covariance | None:
-        """Covariance of `pose`, row by row."""
-        return self.hypotheses[0].covariance if self.hypotheses else None
+    def pose(self) -> NDArray[np.float64] | None:
+        """(3,) the most probable place: x [m], y [m], heading [rad]; None: there is none yet."""
+        return np.array(self.hypotheses[0].pose) if self.hypotheses else None
+
+    @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """(3, 3) covariance of `pose` [m², m rad, rad²]; None: there is no place yet."""
+        return np.reshape(self.hypotheses[0].covariance, (3, 3)) if self.hypotheses else None
 
     @property
     def probability(self) -> float:
         """Probability that the robot is at `pose`."""
         return self.hypotheses[0].probability if self.hypotheses else 0.0
 
+    def __repr__(self) -> str:
+        at = ""
+        if (best := self.best) is not None:
+            x, y, heading = best.pose
+            at = f", {best.probability:.1%} at ({x:.2f} m, {y:.2f} m, {heading:.2f} rad)"
+        places = len(self.hypotheses)
+        return f"<{type(self).__name__} of step {self.step}: {self.state}{at}, {places} places>"
 
-class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
+
+class PoseAnswer(HasPose, Message, frozen=True, kw_only=True, tag="pose/1"):
     """The robot's present pose. Published on ``pose`` each step; answers queries on ``pose``."""
 
     state: State

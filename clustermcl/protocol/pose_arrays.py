@@ -3,10 +3,12 @@
 `np.array(pose)` converts a tuple to a pose array.
 """
 
-import numpy as np
-from numpy.typing import NDArray
+import math
 
-from clustermcl.protocol.message import Covariance, PoseTuple
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
 
 
 def pose_tuple(pose: NDArray[np.float64]) -> PoseTuple:
@@ -24,3 +26,33 @@ def covariance_tuple(covariance: NDArray[np.float64]) -> Covariance:
 def covariance_matrix(covariance: Covariance) -> NDArray[np.float64]:
     """Convert a wire tuple to a (3, 3) covariance."""
     return np.reshape(covariance, (3, 3))
+
+
+def checked_pose(name: str, pose: ArrayLike, *, in_one_turn: bool = True) -> PoseTuple:
+    """Return a pose as a tuple.
+
+    Args:
+        name: name of the argument, for the error.
+        pose: (3,) x [m], y [m], heading [rad].
+        in_one_turn: refuse a heading beyond a full turn, which is probably in degrees.
+
+    Raises:
+        ValueError: it is not three finite numbers, is farther than 1e8 m, or the heading is
+            beyond a full turn.
+    """
+    values = np.asarray(pose, np.float64)
+    if values.shape != (3,):
+        raise ValueError(f"{name} is x, y, heading, not of shape {values.shape}: {pose!r}")
+    x, y, heading = values.tolist()
+    if not (max(abs(x), abs(y)) < MAX_POSE_M and math.isfinite(heading)):
+        raise ValueError(f"{name} ({x}, {y}, {heading}) is not finite or farther than 1e8 m")
+    if in_one_turn:
+        check_angle(f"the heading of {name}", heading)
+    return x, y, heading
+
+
+def check_angle(name: str, angle_rad: float) -> None:
+    """Raise ValueError if an angle is beyond a full turn."""
+    if not abs(angle_rad) <= math.tau:
+        problem = f"{name} is {angle_rad:g}, beyond a full turn (6.28): give radians"
+        raise ValueError(problem)

@@ -209,7 +209,7 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     all parts have the same size."""
     particles: Annotated[int, Meta(ge=1)]
     left_out_gap: Finite
-    """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
+    """Lower bound of the log ratio of the weight that the shard keeps to what it left out [nat]."""
     log_likelihood_per_beam: float
     places: FoundPlaces
 

@@ -16,8 +16,7 @@ from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp, ellipse_axes
 from clustermcl.protocol.steps import MAX_BEAMS, Landmark, LaserBeams, Scan
-from clustermcl.recordings.maps.grid_map import GridMap, coarse
-from clustermcl.recordings.maps.map_message import cells_of
+from clustermcl.recordings.maps.grid_map import GridMap, cells_of, coarse
 
 Json: TypeAlias = dict[str, Any]
 

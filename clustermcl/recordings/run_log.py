@@ -122,9 +122,9 @@ class RunLog:
         stamp_ns = belief.stamp_ns
         self.write(BELIEF, belief, at_ns)
         self.write(PLACES, foxglove.places(belief.hypotheses, stamp_ns), at_ns)
-        if belief.pose is not None:
-            self.write(POSE, foxglove.pose_in_frame(belief.pose, stamp_ns), at_ns)
-            there, odometry = np.array(belief.pose), np.array(belief.odom_from_robot)
+        if (best := belief.best) is not None:
+            self.write(POSE, foxglove.pose_in_frame(best.pose, stamp_ns), at_ns)
+            there, odometry = np.array(best.pose), np.array(belief.odom_from_robot)
             odom = pose_tuple(compose(there, inverse(odometry)))
             self.write(ODOMETRY, foxglove.frame_transform(stamp_ns, MAP, ODOM, odom), at_ns)
 

@@ -185,9 +185,10 @@ class Bridge:
         node.serve(keys.CONFIGURE, self._on_configure)
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
-        node.subscribe(
-            keys.OBSERVATION_READING, Observation, self._on_observation, kind="observation", kept=64
-        )
+        key, take_seen = keys.OBSERVATION_READING, self._on_observation
+        node.subscribe(key, Observation, take_seen, kind="observation", kept=64, own=False)
+        self._observations = node.publisher(key)
+        """Of a source, for other processes."""
         if source is None:
             take, follow = self._on_reading, self._on_map_reading
             node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
@@ -232,6 +233,7 @@ class Bridge:
             return min(wait_s, POLL_S)
         reading, self._next = self._next, None
         if isinstance(reading, Observation):
+            self._observations.put(reading)
             self._on_observation(reading)
         else:
             self._on_reading(reading)

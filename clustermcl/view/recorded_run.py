@@ -196,6 +196,7 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
 
 def best_pose(belief: Belief) -> PoseAnswer:
     """Return the most probable place in the form of the coordinator's answer."""
+    best = belief.best
     return PoseAnswer(
         sender=belief.sender,
         state=belief.state,
@@ -204,8 +205,8 @@ def best_pose(belief: Belief) -> PoseAnswer:
         age_s=0.0,
         step=belief.step,
         probability=belief.probability,
-        pose=belief.pose,
-        covariance=belief.covariance,
+        pose=best.pose if best else None,
+        covariance=best.covariance if best else None,
         workers=0,
         term=belief.term,
         elsewhere_probability=belief.elsewhere_probability,

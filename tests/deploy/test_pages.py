@@ -56,6 +56,12 @@ def test_the_causes_found_in_the_code_include_known_ones() -> None:
     assert {"report of an old epoch", "report far ahead, or too many wait"} <= causes()
 
 
+def test_all_pages_have_one_figure_for_the_cost_of_a_step() -> None:
+    for page in ("README.md", "docs/cost.md", "docs/limits.md", "docs/how-it-works.md"):
+        text = (REPOSITORY / page).read_text()
+        assert re.findall(r"(\d+ to \d+) ms\S* of CPU\b", text)[0] == "9 to 21", page
+
+
 @pytest.mark.parametrize("cause", sorted(causes()))
 def test_every_cause_is_explained(cause: str) -> None:
     first, _, rest = cause.partition(" ")  # `checkpoint that ...`, `of another map` in one row

@@ -1,5 +1,7 @@
 """The occupancy grid map: free, occupied and unknown cells, and the grid's pose."""
 
+from __future__ import annotations  # `help` shows names of types, not their definitions
+
 import hashlib
 import math
 import struct
@@ -7,12 +9,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
+from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from clustermcl.filter.arrays import OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.message import PoseTuple
@@ -29,7 +32,7 @@ RIM_M = 5.0
 _DIGEST_VERSION = b"clustermcl map 1\n"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class GridMap:
     """An immutable occupancy grid.
 
@@ -61,7 +64,36 @@ class GridMap:
             cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
 
-    def with_landmarks(self, landmarks: Iterable[Landmark]) -> "GridMap":
+    @classmethod
+    def from_array(
+        cls, occupancy: ArrayLike, cell_m: float, origin: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> GridMap:
+        """Return the map of an array.
+
+        Args:
+            occupancy: (rows, cols) of bool: whether a cell is occupied; or of numbers as in
+                `nav_msgs/OccupancyGrid`: 0 is free, 100 occupied, any other unknown. Row 0 has
+                the lowest y: flip an image with `numpy.flipud`.
+            cell_m: side of a cell [m].
+            origin: (3,) pose of the low corner of cell [0, 0] in the map: x [m], y [m],
+                heading [rad].
+
+        Raises:
+            ValueError: the array is not (rows, cols), no cell is free, or the geometry is not
+                finite.
+        """
+        values = np.asarray(occupancy)
+        values = np.where(values, 100, 0) if values.dtype == np.bool_ else values
+        x, y, heading = np.asarray(origin, np.float64).tolist()
+        return cls(cells_of(values), cell_m, (x, y, heading))
+
+    def __repr__(self) -> str:
+        rows, cols = self.cells.shape
+        width_m, height_m = self.size_m
+        size = f"{width_m:.1f} m x {height_m:.1f} m"
+        return f"<GridMap of {size}, {cols} x {rows} cells, {len(self.landmarks)} landmarks>"
+
+    def with_landmarks(self, landmarks: Iterable[Landmark]) -> GridMap:
         """Return the map with these landmarks in place of its own."""
         return replace(self, landmarks=tuple(landmarks))
 
@@ -95,6 +127,14 @@ class GridMap:
         """Width along the columns and height along the rows [m]."""
         rows, cols = self.cells.shape
         return cols * self.cell_m, rows * self.cell_m
+
+
+def cells_of(occupancy: NDArray[Any]) -> Cells:
+    """Convert ROS occupancy to cells as AMCL does: 0 is free, 100 occupied, the rest unknown."""
+    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
+    cells[occupancy == 0] = FREE
+    cells[occupancy == 100] = OCCUPIED
+    return cells
 
 
 def _check_cells(cells: Cells) -> None:

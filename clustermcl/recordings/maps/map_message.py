@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import MapMessage, MapReading
-from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, known_part
+from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:
@@ -81,14 +80,6 @@ def grid_map_of(message: Any) -> GridMap:
     # Take the shortest decimal, as in map files: 0.05, not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
     return known_part(cells.reshape(info.height, info.width), cell_m, origin)
-
-
-def cells_of(occupancy: Cells) -> Cells:
-    """Convert ROS occupancy to cells as AMCL does: 0 is free, 100 occupied, the rest unknown."""
-    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
-    cells[occupancy == 0] = FREE
-    cells[occupancy == 100] = OCCUPIED
-    return cells
 
 
 def _malformed(problem: str) -> MalformedMessageError:

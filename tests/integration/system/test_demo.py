@@ -1,5 +1,6 @@
 import json
 import math
+import re
 import signal
 import time
 import urllib.request
@@ -128,7 +129,9 @@ def test_a_demo_waits_for_the_first_browser(
     assert "step 0" not in demo.out
     with opened(link):
         demo.wait_for("step 0: ")
+    assert "At the end" not in demo.out
     assert demo.end(signal.SIGINT) == 130
+    assert re.search(r"At the end .*\n(That is .* off\.\n)?\d+ steps, 0 lost", demo.out)
     assert demo.err == f"clustermcl: look at {link}\n"
     demo.assert_nothing_runs()
 

@@ -1,12 +1,16 @@
 import json
+import re
 import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from clustermcl.evaluation.references import load_reference
+from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.commands import SMALL_FILTER, ran, typed
 from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.maps import write_map
 
 ROBOT = ["evaluate", "sim:cross_feature", *SMALL_FILTER]
 
@@ -62,8 +66,40 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         code = evaluation.end(number)
         assert code == (-signal.SIGKILL if number == signal.SIGKILL else 130)
         if number == signal.SIGINT:  # else a child that is just starting may say that it cannot
-            assert evaluation.err == ""
+            assert evaluation.err.endswith("interrupted: 0 of 4 runs are finished\n")
         evaluation.assert_nothing_runs()
+
+
+def test_an_interrupted_evaluation_keeps_the_finished_runs(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    file = tmp_path / "runs.csv"
+    words = ["-v", *ROBOT, "--steps", "5", "--seeds", "9999", "--output", str(file)]
+    with typed(*words, folder=tmp_path, environment=environment) as evaluation:
+        wait_until(lambda: "3 of 9999 runs are finished" in evaluation.err)
+        assert evaluation.end(signal.SIGINT) == 130
+        found = re.search(r"interrupted: (\d+) of 9999 runs are finished", evaluation.err)
+        assert found
+        assert f" of {found[1]}\n" in evaluation.out
+    assert len(file.read_text().splitlines()) == 1 + int(found[1]) >= 4
+
+
+def test_a_robot_in_another_map_is_announced_and_its_estimates_are_written_for_evo(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    other, file = write_map(world("cross").map, tmp_path, "cross"), tmp_path / "estimate.tum"
+    words = [*ROBOT, "--steps", "12", "--map", str(other), "--tum", str(file)]
+    with typed(*words, folder=tmp_path, environment=environment) as evaluation:
+        assert evaluation.wait(2 * PATIENCE_S) == 0, evaluation.err
+        assert f"drives in cross_feature, and is given the map {other}" in evaluation.err
+        headings = re.split(r"\s+", evaluation.out)
+        assert {"seed", "start", "right", "sure,", "wrong", "localized", "Brier"} <= {*headings}
+        assert "…" not in evaluation.out, "80 columns are enough"
+    lines = file.read_text().splitlines()
+    first_s, last_s = (float(line.split()[0]) for line in (lines[0], lines[-1]))
+    poses = [load_reference(file).pose_at(round(at * 1e9)) for at in (first_s, last_s)]
+    assert len(lines) == 12
+    assert all(pose is not None and max(map(abs, pose[:2])) < 10.0 for pose in poses)
 
 
 def test_the_name_of_a_world_is_printed_unchanged(

@@ -1,6 +1,7 @@
 import dataclasses
 import logging
 import math
+import re
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
@@ -11,6 +12,7 @@ import yaml
 from msgspec.structs import replace
 
 from clustermcl import ClusterMCL, Reading
+from clustermcl.commands import record_landmarks
 from clustermcl.commands.record_landmarks import LandmarkSurvey, run_record_landmarks
 from clustermcl.link.wire import Publisher
 from clustermcl.protocol import keys
@@ -22,6 +24,7 @@ from clustermcl.runtime.stop import StopFlag
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
+from tests.integration.faults.system import system
 from tests.integration.running import running
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
@@ -57,6 +60,40 @@ def test_seen_landmarks_are_added_to_the_file(
     assert (pillar.name, door.name) == ("pillar", "door")
     assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)
     assert "not a valid Observation" in caplog.text
+
+
+def test_a_recorder_that_receives_nothing_says_so(
+    router: ZenohSettings,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(record_landmarks, "FIRST_WITHIN_S", 0.0)
+    settings, said = replace(Settings(), zenoh=router), list[str]()
+    file = tmp_path / "landmarks.yaml"
+    with running(lambda stop: said.extend(run_record_landmarks(settings, file, stop))):
+        wait_until(lambda: record_landmarks.NOTHING_OBSERVED in caplog.text)
+    assert said == [record_landmarks.NOTHING_OBSERVED, f"{file}: 0 landmarks added"]
+
+
+def test_what_a_simulated_camera_sees_can_be_recorded(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    file, said = tmp_path / "landmarks.yaml", list[str]()
+    bridge = replace(SMALL.bridge, source="sim:cross_tags", rate=4.0)
+    with (
+        system(replace(SMALL, bridge=bridge)) as tested,
+        running(lambda stop: said.extend(run_record_landmarks(tested.settings, file, stop))),
+    ):
+        wait_until(lambda: re.search("landmark (east|north) was seen", caplog.text))
+    (found, *_) = load_landmarks(file)
+    true = {tag.name: (tag.x, tag.y) for tag in world("cross_tags").landmarks}
+    assert math.dist((found.x, found.y), true[found.name]) < 0.3
+    counted = [
+        line for line in said if re.match(r"(east|north): \d+ observations, at \d+ loc", line)
+    ]
+    assert counted, said
 
 
 def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:

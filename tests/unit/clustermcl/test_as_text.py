@@ -80,11 +80,18 @@ def test_before_the_first_scan_the_text_has_no_pose() -> None:
 
 
 def test_a_belief_is_one_line_however_many_places_there_are() -> None:
-    line = belief_line(
-        belief(7, "ambiguous", *[place(0.1)] * 9, searching=True, elsewhere_probability=0.1)
-    )
+    places = [place(0.1)] * 8 + [place(0.009)] * 3
+    line = belief_line(belief(7, "ambiguous", *places, searching=True, elsewhere_probability=0.1))
     assert line.startswith("step 7: ambiguous, a search runs; best x 0.00 m")
-    assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ..., elsewhere 0.10")
+    assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, 5 more, elsewhere 0.10")
+    two = belief_line(belief(8, "localized", place(0.99), place(0.009)))
+    assert "probabilities 0.99, 1 more, elsewhere" in two
+    unlikely = belief(9, "lost", place(0.001), place(0.0001))
+    assert "probabilities 0.00, 1 more" in belief_line(unlikely), "the best place is always shown"
+    nearly = msgspec.structs.replace(
+        belief(9, "localized", place(1.0), searching=True), search_progress=0.99
+    )
+    assert "localized, a search runs 99 %, the next scans decide; best" in belief_line(nearly)
     assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"
     halfway = belief(0, "searching", searching=True, search_progress=0.5)
     assert belief_line(halfway) == "step 0: searching 50 %"

@@ -101,6 +101,9 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["warm-up", "--set", "bridge.map=missing.yaml"], "missing.yaml: no such file"),
         (["warm-up", "--set", "sensor.hit_sigma_m=-1"], "sensor.hit_sigma_m = -1"),
         (["up", "--nav2-params", "missing.yaml"], "missing.yaml: no such file"),
+        (["pose", "--robot", "a b"], "--robot: robot.name = 'a b': expected letters"),
+        (["pose", "--robot", "r1", "--set", "robot.name=a b"], "--set: robot.name = 'a b'"),
+        (["evaluate", "sim:cross", "--seeds", "2", "--tum", "a.tum"], "leave out --seeds"),
     ],
     ids=" ".join,
 )
@@ -108,6 +111,16 @@ def test_a_mistake_of_the_command_line_is_refused_in_words(words: list[str], mes
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, ClusterMclError), result.output
     assert message in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    "words", [["demo", "--quiet"], ["pose", "-q"], ["evaluate", "-v", "x"], ["set-pose", "-v", "1"]]
+)
+def test_an_option_that_stands_before_the_command_is_named(words: list[str]) -> None:
+    result = CliRunner().invoke(app, words)
+    option = words[1]
+    assert result.exit_code == 2
+    assert f"{option} stands before the command: clustermcl {option} {words[0]}" in result.output
 
 
 def test_an_unreachable_system_has_another_exit_code_than_wrong_usage() -> None:

@@ -1,4 +1,6 @@
-from clustermcl.commands.demo_output import DemoSummary
+import pytest
+
+from clustermcl.commands.demo_output import DemoOutput, DemoSummary
 from clustermcl.protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import STATUS, belief, place
 
@@ -31,6 +33,17 @@ def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
         END,
     ]
     assert summary.localized_steps == 3
+
+
+def test_places_below_one_per_cent_change_no_line(capsys: pytest.CaptureFixture[str]) -> None:
+    output = DemoOutput("robot", as_json=False)
+    output.on_belief(belief(1, "ambiguous", place(0.5), place(0.49), place(0.009)), None)
+    dropped = Ended("c2", "improbable", (), 0.009), Ended("c1", "merged", ("c0",), 0.49)
+    output.on_events(NumberedEvent(number=0, step=2, stamp_ns=0, event=each) for each in dropped)
+    output.on_belief(belief(2, "ambiguous", place(0.5), place(0.49)), None)
+    first, merged = capsys.readouterr().out.splitlines()
+    assert "probabilities 0.50, 0.49, 1 more" in first
+    assert merged == "step 2: c1 merged into c0 (0.49)"
 
 
 def test_an_ambiguous_step_resets_the_count_of_localized_steps() -> None:

@@ -1,12 +1,16 @@
 """The library: the beliefs of `evaluate`, from plain numpy arrays."""
 
 import gzip
+import inspect
+import re
 import subprocess
 import sys
 import warnings
 from contextlib import suppress
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -15,10 +19,14 @@ import pytest
 import clustermcl
 from clustermcl import (
     Belief,
+    Client,
     ClusterMCL,
+    ClusterMclError,
     CommandRefusedError,
+    GridMap,
     Reading,
     SettingsError,
+    SimulatedRobot,
     StateFileError,
     load_map,
     read_recording,
@@ -62,7 +70,13 @@ def test_beliefs_equal_those_of_evaluate_bit_for_bit(readings: list[Reading]) ->
     for belief, outcome in zip(beliefs, expected, strict=True):
         assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
         assert belief.state == outcome.state
-        assert belief.pose == outcome.hypotheses[0].pose
+        best = outcome.hypotheses[0]
+        assert belief.pose is not None
+        assert belief.covariance is not None
+        assert tuple(belief.pose) == best.pose == (belief.x_m, belief.y_m, belief.heading_rad)
+        assert (best.x_m, best.y_m, best.heading_rad) == best.pose
+        assert belief.covariance.shape == (3, 3)
+        assert tuple(belief.covariance.ravel()) == best.covariance
 
 
 def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
@@ -136,16 +150,82 @@ def test_readings_of_arrays_give_beliefs_and_a_standing_robot_gives_none() -> No
     assert mcl.belief.scan.robot_from_laser == (0.1, 0.0, 0.0)
 
 
-def test_an_invalid_reading_is_refused_or_counted() -> None:
-    with pytest.raises(ValueError, match="a scan, odometry, or both"):
-        Reading()
-    with pytest.raises(ValueError, match=r"expected \(B,\)"):
-        Reading((0, 0, 0), np.ones((2, 2)))
-    with pytest.raises(ValueError, match="x, y, heading"):
-        Reading((0, 0))
+ZERO, ONES = (0.0, 0.0, 0.0), np.ones(181)
+SCAN: dict[str, Any] = {"ranges": ONES, "angle_min": -1.57, "angle_step": 0.0175, "range_max": 30.0}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({}, "a scan, odometry, or both"),
+        ({"odom_from_robot": (0, 0)}, r"is x, y, heading, not of shape \(2,\)"),
+        ({"odom_from_robot": (np.nan, 0.0, 0.0)}, r"odom_from_robot \(nan, 0.0, 0.0\)"),
+        ({**SCAN, "ranges": np.ones((2, 2))}, r"shape \(2, 2\), expected \(B,\)"),
+        ({**SCAN, "ranges": []}, r"shape \(0,\), expected \(B,\)"),
+        ({**SCAN, "angle_min": -90.0}, "angle_min is -90.* radians"),
+        ({**SCAN, "angle_step": 1.0}, "angle_step times 180 is 178.* radians"),
+        ({**SCAN, "angle_step": 0.0}, "angle_step is 0, but there are 181"),
+        ({**SCAN, "angle_min": np.nan}, "angle_min is nan"),
+        ({"ranges": ONES, "angle_step": 0.01}, "range_max is 0.0"),
+        ({**SCAN, "range_min": 40.0}, "range_min is 40.0, range_max 30.0"),
+        ({**SCAN, "stamp_ns": 12.5}, "stamp_ns is 12.5: give whole nanoseconds"),
+        ({**SCAN, "robot_from_laser": (0.2, 0.0, 90.0)}, "robot_from_laser is 90, .*radians"),
+    ],
+)
+def test_a_number_that_is_never_right_is_refused(wrong: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Reading(**wrong)
+
+
+def test_wrong_arguments_are_refused_in_a_sentence() -> None:
+    hall: Any = world("hall").map
+    mcl: Any = ClusterMCL(hall, settings=SMALL)
+    millimetres = {**SCAN, "ranges": 1000.0 * ONES, "range_max": 30_000.0}
+    with pytest.raises(ValueError, match=r"nearest range is 1000 m, but the map .* give metres"):
+        mcl.update(Reading(ZERO, **millimetres))
+    with pytest.raises(ValueError, match=r"the heading of pose is 90, .* give radians"):
+        mcl.set_pose((0.0, 0.0, 90.0))
+    with pytest.raises(ValueError, match=r"covariance has shape \(2, 2\)"):
+        mcl.set_pose(ZERO, covariance=np.eye(2))
+    with pytest.raises(ValueError, match="the heading of mean is -90"):
+        mcl.observe((0.0, 0.0, -90.0), np.eye(3))
+    with pytest.raises(ValueError, match="robot_from_laser"):
+        ClusterMCL(hall, robot_from_laser=(0.0, 0.0, 180.0))
+    with pytest.raises(TypeError, match=r"update takes a Reading, not dict: \{'ranges"):
+        mcl.update({"ranges": []})
+    for call in (ClusterMCL, mcl.change_map):
+        with pytest.raises(TypeError, match=r"'map.yaml', a str: give .* load_map\('map.yaml'\)"):
+            call("map.yaml")
+    assert (mcl.belief, mcl.dropped) == (None, {})
+
+
+def test_what_a_robot_may_send_once_is_counted_and_warned_of_once() -> None:
     mcl = ClusterMCL(world("hall").map, settings=SMALL)
-    assert mcl.update(Reading((np.nan, 0.0, 0.0))) is None
-    assert sum(mcl.dropped.values()) == 1
+    mcl.update(Reading(ZERO, stamp_ns=10_000_000_000))
+
+    def far(stamp_ns: int) -> None:
+        assert (
+            mcl.update(Reading(ZERO, **{**SCAN, "ranges": 400 * ONES}, stamp_ns=stamp_ns)) is None
+        )
+
+    def late(stamp_ns: int) -> None:
+        assert mcl.update(Reading(ZERO, stamp_ns=stamp_ns - 5_000_000_000)) is None
+
+    def unknown(_: int) -> None:
+        mcl.observe((1.0, 0.0), 0.01 * np.eye(2), landmark="exit")
+
+    for cause, send, said in (
+        ("no_returns", far, "no returns, shown once: .*181 ranges of 400.00 to 400.00 m"),
+        ("stamp_steps_back", late, "stamp steps back, shown once: .*stamp_ns 5"),
+        ("unknown_landmark", unknown, "unknown landmark, shown once: .*'exit' by 'sensor'"),
+    ):
+        with pytest.warns(UserWarning, match=said) as caught:
+            send(10_100_000_000)
+        assert caught[0].filename == __file__, "it points to the caller"
+        send(10_200_000_000)  # a second warning would be an error
+        assert mcl.dropped[cause] == 2
+    with pytest.warns(UserWarning, match="full turn, shown once: right only if"):
+        mcl.update(Reading((0.0, 0.0, 90.0), stamp_ns=10_300_000_000))
 
 
 def test_settings_are_set_by_name_and_invalid_ones_refused() -> None:
@@ -159,7 +239,8 @@ def test_settings_are_set_by_name_and_invalid_ones_refused() -> None:
 
 def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> None:
     mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
-    mcl.set_pose((0.0, 0.0, 0.0))  # before the first scan: remembered
+    # Before the first scan: remembered.
+    mcl.set_pose(np.zeros(3), covariance=np.diag([0.25, 0.25, 0.07]))
     first = believed(mcl, readings[:20])[0]
     assert first.pose is not None
     assert np.hypot(*first.pose[:2]) < 2.0
@@ -172,7 +253,9 @@ def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> N
     with pytest.raises(CommandRefusedError, match="map"):
         mcl.set_pose((700.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="is invalid"):
-        mcl.set_pose((np.inf, 0.0, 0.0))
+        mcl.set_pose(np.zeros(3), position_sigma_m=-1.0)
+    with pytest.raises(ValueError, match="there is no pose yet"):
+        mcl.belief.x_m  # noqa: B018 - to see it refused
 
 
 @pytest.mark.parametrize("after", [1, 4, 17])
@@ -301,9 +384,75 @@ def test_a_belief_draws_itself(readings: list[Reading]) -> None:
     pyplot.close("all")
 
 
+def test_plot_without_matplotlib_names_the_extra(
+    readings: list[Reading], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    belief = believed(ClusterMCL(world("cross_feature").map, settings=SMALL), readings[:10])[0]
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ImportError, match=r"pip install 'clustermcl\[plots\]'"):
+        belief.plot()
+
+
+def test_a_map_is_made_of_an_array() -> None:
+    occupied = np.zeros((20, 30), bool)
+    occupied[0] = True
+    grid_map = GridMap.from_array(occupied, 0.1, (1.0, 2.0, 0.0))
+    as_in_ros = np.where(occupied, 100, 0).astype(np.int16)
+    as_in_ros[5, 5:] = -1
+    with_unknown = GridMap.from_array(as_in_ros, 0.1)
+    assert (grid_map.cells == occupied).all()
+    assert (with_unknown.cells[5, 4], with_unknown.cells[5, 5]) == (0, -1)
+    assert repr(grid_map) == "<GridMap of 3.0 m x 2.0 m, 30 x 20 cells, 0 landmarks>"
+    with pytest.raises(ValueError, match="2-d"):
+        GridMap.from_array(np.zeros(4), 0.1)
+
+
+def test_what_users_hold_shows_itself_in_one_line(readings: list[Reading]) -> None:
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    assert "no step yet" in repr(mcl)
+    belief = believed(mcl, readings[:20])[-1]
+    for shown in (mcl, belief, belief.map, readings[0], readings[-1]):
+        assert len(repr(shown)) < 200, repr(shown)
+        assert repr(shown).isprintable()
+    assert f"step {belief.step}: {belief.state}, {belief.probability:.1%} at " in repr(mcl)
+
+
+def test_help_shows_names_of_types() -> None:
+    made = [
+        Client,
+        ClusterMCL,
+        GridMap,
+        Reading,
+        SimulatedRobot,
+        load_map,
+        read_recording,
+    ]  # nobody makes others
+    for public in made:
+        for _, found in [("", public), *inspect.getmembers(public, inspect.isfunction)]:
+            signature = str(inspect.signature(found))
+            assert not {"Annotated", "_Supports"} & {*re.split(r"\W", signature)}, found
+
+
+def test_a_simulated_robot_drives_the_same_way_again_and_is_found() -> None:
+    robot, again = (SimulatedRobot("hall", seed=4) for _ in range(2))
+    mcl, start = ClusterMCL(robot.map, settings=SMALL), robot.pose
+    for reading, same in islice(zip(robot, again, strict=True), 600):
+        assert reading.as_message(0, ZERO) == same.as_message(0, ZERO)
+        belief = mcl.update(reading)
+        if belief and belief.state == "localized" and belief.step > 5:
+            break
+    assert mcl.belief is not None
+    assert mcl.belief.pose is not None
+    assert np.hypot(*(mcl.belief.pose - robot.pose)[:2]) < 0.5
+    assert np.hypot(*(start - robot.pose)[:2]) > 0.2
+    with pytest.raises(ClusterMclError, match="'atlantis'; the worlds are"):
+        SimulatedRobot("atlantis")
+
+
 def test_every_public_name_is_there() -> None:
     for name in clustermcl.__all__:
         assert getattr(clustermcl, name) is not None
+    assert clustermcl.__version__ == version("clustermcl")
     with pytest.raises(AttributeError, match="no attribute 'Nonsense'"):
         clustermcl.Nonsense  # noqa: B018 - to see it refused
 

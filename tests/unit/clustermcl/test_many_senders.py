@@ -9,6 +9,8 @@ from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.unit.clustermcl.tags import is_right
 
+pytestmark = pytest.mark.filterwarnings("ignore:(too many|broken) source")
+
 OFFICE = world("office")
 FROM, FLOOD = 40, 60
 """First tick of the false poses, and number of ticks of a flood of names, 6 s."""

@@ -49,6 +49,7 @@ def drive(seed: int, moved_m: float) -> tuple[list[bool], list[float], list[int]
 
 
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.filterwarnings("ignore:broken source")
 def test_a_moved_tag_is_found_broken_and_the_belief_stays_right(seed: int) -> None:
     rights, news, left_out = drive(seed, 2.0)
     assert all(rights)
@@ -56,6 +57,7 @@ def test_a_moved_tag_is_found_broken_and_the_belief_stays_right(seed: int) -> No
     assert 1.0 < math.fsum(news[:first]) < 4.0
 
 
+@pytest.mark.filterwarnings("ignore:broken source")
 def test_a_tag_that_was_moved_back_counts_again() -> None:
     """This robot sees the tag again after it was moved back."""
     _, news, left_out = drive(4, 2.0)

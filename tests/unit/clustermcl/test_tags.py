@@ -41,5 +41,6 @@ def test_an_impossible_observation_is_refused() -> None:
     mcl = ClusterMCL(CROSS.map, landmarks=TAGS, settings=SMALL)
     with pytest.raises(MalformedMessageError, match="not positive definite"):
         mcl.observe((1.0, 0.0), np.zeros((2, 2)), landmark="east")
-    mcl.observe((1.0, 0.0), np.eye(2), landmark="south")
+    with pytest.warns(UserWarning, match="'south' by 'sensor'"):
+        mcl.observe((1.0, 0.0), np.eye(2), landmark="south")
     assert mcl.dropped == {"unknown_landmark": 1}

@@ -69,7 +69,7 @@ def literal_bayes(**more: object) -> BeliefSettings:
     rules: dict[str, object] = {
         "transition_probability": 0.0,
         "view_distance_m": 0.0,
-        "evidence_residual": math.inf,
+        "evidence_residual": 1e9,
         "evidence_noise": 0.0,
         "kidnapping_probability": 0.0,
         "off_map_probability": 0.0,

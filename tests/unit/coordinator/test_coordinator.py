@@ -487,6 +487,25 @@ def test_a_pose_older_than_the_known_odometry_is_refused_with_the_reason() -> No
     assert len(story.beliefs) == before
 
 
+def test_only_reports_that_a_step_has_lacked_are_counted_as_missing_and_late() -> None:
+    """A search may lag, and a new cluster reports on the scans since its search."""
+    story = Story("a")
+    story.scan(0)
+    story.tick(at_s=30.0)
+    assert story.beliefs[-1].missing == ("s0.0",)
+    story.scan(1, at_s=31.0)
+    story.report(searched("s0.0", 1, BOTH), at_s=31.1)
+    for name, place in (("c0", NORTH), ("c1", SOUTH)):
+        story.report(tracked(name, 1, 0.1, place), at_s=31.2)
+    status = story.status(32.0)
+    assert (status.clusters, status.reports_missing, status.counters) == (2, 0, {})
+    story.tracks(2, north=0.1, south=None, at_s=40.0)
+    story.tick(at_s=70.0)
+    story.report(tracked("c1", 2, 0.1, SOUTH), at_s=71.0)
+    status = story.status(72.0)
+    assert (status.step, status.reports_missing, status.counters) == (2, 1, {"report late": 1})
+
+
 def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     story = Story("a", "b").bootstrapped()
     for step in range(1, 4):

@@ -1,4 +1,6 @@
 import math
+import re
+from pathlib import Path
 
 import hypothesis
 import numpy as np
@@ -14,6 +16,8 @@ from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.work import TrackReport
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import with_setting
 from tests.unit.coordinator.reports import literal_bayes, place, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
@@ -38,6 +42,20 @@ def reports_of(*likelihoods: float, fit: float = 0.0) -> dict[str, TrackReport]:
 
 def probabilities(made: ClusterSet) -> list[float]:
     return [*(cluster.probability for cluster in made.all()), made.elsewhere]
+
+
+def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> None:
+    page = Path("docs/evidence.md").read_text()
+    named = re.search(r"With (`view_distance_m[^()]*) \(all of `belief`\) the update is", page)
+    assert named
+    settings = Settings()
+    for name, value in re.findall(r"`(\w+) = (\S+)`", named[1]):
+        settings = with_setting(settings, f"belief.{name}", float(value), "the page")
+    made = ClusterSet(replace(settings.belief, least_probability=0.0), SensorSettings())
+    made.take_from_elsewhere(1.0)
+    made.admit([(place(s, PLACES[i], 0), "first search") for i, s in enumerate((0.6, 0.4))], 0)
+    weigh(made, reports_of(0.01, 0.4, fit=-1.0))
+    assert probabilities(made) == pytest.approx([0.006 / 0.166, 0.16 / 0.166, 0.0])
 
 
 def test_before_the_first_place_the_robot_is_elsewhere() -> None:
