@@ -16,7 +16,9 @@ def caller(program: str = "") -> str:
     Args:
         program: its name; empty: that of the file that was started.
     """
-    program = program or Path(sys.argv[0] if sys.argv else "").name or "python"
+    started = Path(sys.argv[0] if sys.argv else "")
+    started = started.parent if started.name == "__main__.py" else started
+    program = program or started.name or "python"
     return f"{program} of {_user()}@{platform.node()}"[:MAX_ID_CHARACTERS]
 
 
