@@ -158,7 +158,7 @@ def test_a_demo_whose_worker_is_killed_ends_and_names_the_process(
     demo, link = viewed
     with opened(link):
         demo.wait_for("step 0: ")
-    child = next(one for one in demo.meet_family() if "worker" in one.cmdline())
+    child = next(one for one in demo.meet_family() if "clustermcl.worker" in one.cmdline())
     child.kill()
     assert demo.wait() == 2
     assert "the worker process ended with SIGKILL" in demo.err

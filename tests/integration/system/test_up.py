@@ -41,7 +41,8 @@ def up(words: list[str], environment: dict[str, str], tmp_path: Path) -> Iterato
 
 def pid_of(up: TypedCommand, module: str) -> int:
     """The process id of a child; 0 while there is none."""
-    found = [process.pid for process in up.meet_family() if module in process.cmdline()]
+    command = f"clustermcl.{module}"
+    found = [process.pid for process in up.meet_family() if command in process.cmdline()]
     return found[0] if found else 0
 
 
@@ -66,7 +67,7 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
         wait_until(lambda: any(recording.glob("*.mcap")))  # a thread of the coordinator writes it
         loaded = {
             module: heavy_libraries(pid_of(up, module))
-            for module in ("coordinator", "clustermcl.link.router", "worker", "simulator")
+            for module in ("coordinator", "link.router", "worker", "simulator")
         }
         for module in ("coordinator", "worker", "simulator"):
             kill_and_wait_for_the_next(up, module)
@@ -80,7 +81,7 @@ def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(
     assert len(series) == 2, "of both coordinators, without being asked"
     assert "scipy" in loaded.pop("simulator")
     assert not loaded.pop("worker") & {"numba", "llvmlite"}, "it has the library of kernels"
-    assert loaded == {"coordinator": set(), "clustermcl.link.router": set()}, "no mathematics"
+    assert loaded == {"coordinator": set(), "link.router": set()}, "no mathematics"
 
 
 def test_a_killed_system_leaves_no_process_and_the_next_one_removes_its_folder(
