@@ -43,7 +43,7 @@ def test_places_below_one_per_cent_change_no_line(capsys: pytest.CaptureFixture[
     output.on_belief(belief(2, "ambiguous", place(0.5), place(0.49)), None)
     first, merged = capsys.readouterr().out.splitlines()
     assert "probabilities 0.50, 0.49, 1 more" in first
-    assert merged == "step 2: c1 merged into c0 (0.49)"
+    assert merged == "step 2: place 1 merged into place 0 (49 %)"
 
 
 def test_an_ambiguous_step_resets_the_count_of_localized_steps() -> None:
