@@ -104,7 +104,7 @@ def weigh(
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)
     held.set_log_probabilities(belief.normalised_logs(weighed + seen))
-    held.count_certain_views(new_view)
+    held.count_given_views(new_view)
     if seen.any():
         log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
     # A candidate's beams have no classes yet: good classes of tracked places do not lower it.

@@ -30,8 +30,8 @@ ALTERNATIVE = 0.1
 STILL_PROBABLE = 0.05
 """Least probability of an alternative after candidates entered: the alarm may have been false."""
 ESTABLISHED_VIEWS = 5.0
-"""New views after which a robot that was certain of its place is on the map: it drove there. Beams
-that then pass through walls show what has changed in the building."""
+"""New views after which a given place that holds is right: beams that then pass through walls show
+what has changed in the building."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -83,8 +83,8 @@ class ClusterSet(Part):
     """Quality of the map, learned during the run."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
-    certain_views: NotNegative = 0.0
-    """New views at which the best place was certain, since the robot was lost."""
+    given_views: NotNegative | None = None
+    """New views since the only place was given; None: it was not, or the robot was lost since."""
     log_elsewhere: LogProbability = math.nan
     log_off_map: LogProbability = math.nan
 
@@ -274,17 +274,30 @@ class ClusterSet(Part):
         self._normalise()
         return ended
 
-    def count_certain_views(self, new_view: float) -> None:
-        """Add the view of a scan after its update."""
-        if self.outside_clusters > self.rules.lost_probability:
-            self.certain_views = 0.0
-        elif self.by_probability()[0].probability >= self.rules.localized_probability:
-            self.certain_views = min(self.certain_views + new_view, ESTABLISHED_VIEWS)
+    @property
+    def is_given(self) -> bool:
+        """Whether the only place was given, and holds."""
+        return self.given_views is not None
 
     @property
     def is_established(self) -> bool:
-        """Whether beam classes no longer speak against the robot being on the map."""
-        return self.certain_views >= ESTABLISHED_VIEWS
+        """Whether a given place has held so long that beam classes do not speak against it."""
+        return self.given_views is not None and self.given_views >= ESTABLISHED_VIEWS
+
+    def count_given_views(self, new_view: float) -> None:
+        """Add the view of a scan; once a given place is established, it is on the map."""
+        doubtful = self.outside_clusters > self.rules.lost_probability
+        if self.given_views is None or doubtful:
+            return
+        was_established, self.given_views = self.is_established, self.given_views + new_view
+        if self.is_established and not was_established:
+            self.log_off_map = -math.inf
+            self._normalise()
+
+    def give_up_given(self) -> None:
+        """Forget that the place was given; off the map has its prior share outside it again."""
+        self.given_views = None
+        self.forget_where_outside()
 
     def take_from_elsewhere(self, share: float) -> None:
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
@@ -347,7 +360,7 @@ class ClusterSet(Part):
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
-        self.fit, self.certain_views = UsualFit(), 0.0
+        self.fit, self.given_views = UsualFit(), None
         return self.end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:

@@ -51,6 +51,9 @@ OPEN = 0.1
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
 LEADS = 0.1
 """A decoy is tracked only if one cluster has more than this share: else none is near 0.9."""
+LIFTED = 16.0
+"""A given place fails if the fit falls by so much at once: where a building has changed, it falls
+from scan to scan [nat]."""
 NOT_WEIGHED = 1e6
 """Log-likelihood of a scan that most of the belief has not weighed: a search that used it has no
 evidence against the belief [nat]."""
@@ -68,8 +71,6 @@ class Ensemble(Part, kw_only=True):
     decoy: Decoy
     prior_pose: PriorPose | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
-    given: bool = False
-    """Whether the place was given, and the robot was not lost since: no search runs."""
     seen: ViewMemory = ViewMemory()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
@@ -191,9 +192,9 @@ class Ensemble(Part, kw_only=True):
         """
         self._forget(given.sample.step, "forgotten")
         self.seen, self.found = ViewMemory(), False
+        self.clusters.given_views = 0.0
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)
-        self.given = True
         return self.outcome(given.sample.step)
 
     def relocalize(
@@ -257,13 +258,13 @@ class Ensemble(Part, kw_only=True):
 
     def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
-        fails = self.given and self._lost
-        if self.given and not fails:
+        given, fit = self.clusters.is_given, self.clusters.fit
+        fails = given and (self._lost or fit.shortfall > LIFTED)
+        if given and not fails:
             return
         if fails:
-            self.given = False
-            self.clusters.forget_where_outside()
-        if fails or (self.clusters.fit.has_fallen and not had_fallen):
+            self.clusters.give_up_given()
+        if fails or (fit.has_fallen and not had_fallen):
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
         elif not self.search.runs and self.search.is_due(step, self._patience):
@@ -272,7 +273,7 @@ class Ensemble(Part, kw_only=True):
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
         self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
-        self.prior_pose, self.given = None, False
+        self.prior_pose = None
         self.events += self.search.stop(step, "search stopped")
         self.begin |= self.standing_jobs(step + 1)
 
@@ -489,7 +490,7 @@ class Ensemble(Part, kw_only=True):
     @property
     def _lost(self) -> bool:
         rules = self.settings.belief
-        most = rules.localized_probability if self.given else rules.lost_probability
+        most = rules.localized_probability if self.clusters.is_given else rules.lost_probability
         return self.clusters.outside_clusters > most
 
     @property

@@ -206,16 +206,26 @@ def test_a_given_pose_replaces_the_belief() -> None:
     assert believed(certain) == pytest.approx({3: 1.0})
 
 
-@pytest.mark.parametrize("log_fit", [-2.0, -15.0])
-def test_no_search_runs_beside_a_given_pose_until_it_fails(log_fit: float) -> None:
+@pytest.mark.parametrize(
+    ("log_fits", "log_elsewhere", "fails"),
+    [
+        ([-2.0] * 30, -6.0, False),
+        ([-15.0] * 30, -6.0, True),
+        ([3.0] * 15 + [-20.0] * 15, -40.0, True),  # it was lifted to a place that looks alike
+        ([3.0] * 10 + [3.0 - step for step in range(20)], -40.0, False),  # the building changed
+    ],
+)
+def test_no_search_runs_beside_a_given_pose_until_it_fails(
+    log_fits: list[float], log_elsewhere: float, fails: bool
+) -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.2}, search_every_steps=5)
     made.set_pose(place(0.95, EAST, 0))
     made = resumed(made)
-    for step in range(1, 20):
-        reports = [tracked("c2", step, math.exp(log_fit), EAST), elsewhere(step, -6.0)]
+    for step, log_fit in enumerate(log_fits, 1):
+        reports = [tracked("c2", step, math.exp(log_fit), EAST), elsewhere(step, log_elsewhere)]
         outcome = made.advance(step, reports)
-        fails = log_fit < -6.0
-        assert (outcome.state, outcome.searching) == ("searching" if fails else "localized", fails)
+    assert outcome.searching == fails
+    assert (outcome.state == "localized") == (log_elsewhere == -40.0 or not fails)
 
 
 def test_a_given_pose_that_fails_leaves_its_probability_to_the_whole_map() -> None:
@@ -224,7 +234,7 @@ def test_a_given_pose_that_fails_leaves_its_probability_to_the_whole_map() -> No
     made.set_pose(place(0.95, EAST, 0))
     through = replace(tracked("c1", 1, 1.0, EAST), beam_classes=(0, 10, 50, 0))
     step = 0
-    while made.given:
+    while made.clusters.is_given:
         step += 1
         assert step < 20
         outcome = made.advance(step, [replace(through, step=step)])
