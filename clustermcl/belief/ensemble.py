@@ -124,7 +124,11 @@ class Ensemble(Part, kw_only=True):
         return {job_id: ElsewhereJob(first_step=first_step) for job_id in self._elsewhere}
 
     def advance(
-        self, step: int, reports: Sequence[Report], before_from_after: Pose | None = None
+        self,
+        step: int,
+        reports: Sequence[Report],
+        before_from_after: Pose | None = None,
+        own_robot_found: bool = False,
     ) -> Outcome:
         """Apply one step.
 
@@ -134,6 +138,7 @@ class Ensemble(Part, kw_only=True):
                 belong to an earlier step.
             before_from_after: (3,) motion of the robot since the step before, by odometry; moves
                 clusters without a report. None: unknown.
+            own_robot_found: see `Scan.own_robot_found`.
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
@@ -159,6 +164,9 @@ class Ensemble(Part, kw_only=True):
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
         )
+        best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
+        if own_robot_found and best < self.settings.belief.localized_probability:
+            return self.relocalize(step, "own robot found")
         if self.search.runs:
             self.search.evidence.gather(step, log_likelihood if is_weighed else NOT_WEIGHED)
         if missing and before_from_after is not None:

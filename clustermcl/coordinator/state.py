@@ -214,7 +214,9 @@ class CoordinatorState(Part):
         self.event_log.add(ready.scan.remarks, ready.scan.step, ready.scan.stamp_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
-        outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
+        outcome = self.ensemble.advance(
+            ready.scan.step, ready.reports, _moved(ready), ready.scan.own_robot_found
+        )
         patient = self.overload.is_overloaded
         self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.placement.jobs.step_applied(ready.scan.step)

@@ -25,13 +25,15 @@ EndedCause: TypeAlias = Literal[
     "split",
     "forgotten",
     "steps restarted",
+    "own robot found",
     "new map",
     "search over",
     "search stopped",
 ]
 """Merged into another cluster; below `belief.least_probability`; replaced by a better candidate;
 split into several; forgotten by a command; the bridge restarted its count of steps, so the robot's
-motion is unknown; the bridge has another map. A search is complete, or a command replaced it."""
+motion is unknown; the scans showed parts of the robot itself; the bridge has another map. A search
+is complete, or a command replaced it."""
 
 
 class Began(
@@ -186,6 +188,7 @@ _ENDED: dict[EndedCause, str] = {
     "forgotten": "dropped by a command",
     "new map": "dropped: the bridge has another map",
     "steps restarted": "dropped: the bridge restarted its count of steps",
+    "own robot found": "dropped: the scans showed the robot itself",
     "search over": "is over",
     "search stopped": "was stopped",
 }

@@ -194,6 +194,9 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     motion since then, so that all beams are relative to this step's pose."""
     settings: LiveSettings = AS_STARTED
     """Live settings that apply from this step on."""
+    own_robot_found: bool = False
+    """Scans before this step showed parts of the robot, which are left out from now on. If no place
+    is almost certain, the belief forgets them and searches again."""
     observations: Annotated[tuple[Seen, ...], Meta(max_length=MAX_OBSERVATIONS)] = ()
     """What other sensors have observed since the step before."""
     landmarks: Annotated[tuple[Landmark, ...], Meta(max_length=MAX_LANDMARKS)] = ()

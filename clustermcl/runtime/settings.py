@@ -67,6 +67,8 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """A scan becomes a step after driving this distance [m]."""
     gate_turn_rad: NotNegative = 0.2
     """Or after turning by this angle [rad]."""
+    min_range_m: NotNegative = 0.0
+    """Shorter ranges count as no return, of all sources [m]."""
     laser_x_m: float = 0.0
     """Laser ahead of the robot's centre, if the source has no mount [m]."""
     laser_y_m: float = 0.0

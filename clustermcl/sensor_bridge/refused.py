@@ -10,6 +10,7 @@ CLOCK_RESTARTED = "clock_restarted"
 ODOMETRY_JUMPED = "odometry_jumped"
 SILENT = "_silent"
 """End of the causes ``laser_silent`` and ``odometry_silent``."""
+OWN_ROBOT = "robot_before_its_laser"
 REPEATED_AFTER_NS = 60_000_000_000
 """Steps carry a cause again only after this time by the robot's clock [ns]."""
 
@@ -49,5 +50,5 @@ class Refused(Counter[str]):
 def cause_text(cause: str) -> str:
     """Return a cause as it is counted in the bridge's health."""
     text = cause.replace("_", " ")
-    is_bridged = cause in (CLOCK_RESTARTED, ODOMETRY_JUMPED) or cause.endswith(SILENT)
+    is_bridged = cause in (CLOCK_RESTARTED, ODOMETRY_JUMPED, OWN_ROBOT) or cause.endswith(SILENT)
     return text if is_bridged else f"reading refused: {text}"

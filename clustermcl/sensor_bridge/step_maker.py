@@ -25,6 +25,7 @@ from clustermcl.protocol.steps import (
     Scan,
 )
 from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.own_robot import OwnRobot
 from clustermcl.sensor_bridge.pending_observations import PendingObservations
 from clustermcl.sensor_bridge.refused import Refused
 from clustermcl.sensor_bridge.sources import Sources
@@ -137,17 +138,22 @@ class StepMaker:
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
+        self._own_robot = OwnRobot(self.dropped)
         self.gate = MotionGate(settings)
         self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
             self._synchroniser,
+            self._own_robot,
             self._gated,
         )
 
     def on_reading(self, reading: Reading) -> Scan | None:
         """Process the next reading; return the next step, if there is one."""
+        least_m = self._settings.min_range_m
+        if isinstance(reading, LaserReading) and reading.range_min_m < least_m:
+            reading = replace(reading, range_min_m=least_m)
         self._pass([reading], (self._outliers, *self._use_stages))
         if self.odometry is not None:
             self._move(*self.odometry)
@@ -169,7 +175,7 @@ class StepMaker:
     def finish(self) -> Scan | None:
         """Make a step from each waiting scan after the last reading; call until it returns None."""
         self._pass(self._outliers.released(), self._use_stages)
-        self._pass(self._synchroniser.released(at_most_waiting=0), (self._gated,))
+        self._pass(self._synchroniser.released(at_most_waiting=0), self._use_stages[-2:])
         return self._ready.popleft() if self._ready else None
 
     def _pass(self, items: Iterable[Any], stages: Sequence[Callable[[Any], Iterable[Any]]]) -> None:
@@ -217,6 +223,7 @@ class StepMaker:
             return
         beams, seen = beams_of(reading), self._pending_observations.take(self._next_step, pose)
         self._next_step += 1
+        found, self._own_robot.found = self._own_robot.found, False
         yield Scan(
             sender=self._sender,
             step=self._next_step - 1,
@@ -230,6 +237,7 @@ class StepMaker:
             settings=self._live_settings,
             observations=seen,
             landmarks=self._pending_observations.landmarks_of(seen),
+            own_robot_found=found and self._next_step > 1,
             remarks=self.dropped.remarks(reading.stamp_ns),
         )
 
