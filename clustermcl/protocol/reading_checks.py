@@ -62,6 +62,20 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
     return beams_problem(reading, reading.range_min_m)
 
 
+def numbers_of(reading: OdometryReading | LaserReading, problem: str) -> str:
+    """Return the numbers of an unusable reading, from which its defect can be seen."""
+    pose = reading.odom_from_robot
+    numbers = f"stamp {reading.stamp_ns / 1e9:.3f} s" + (f", odometry {pose}" if pose else "")
+    if isinstance(reading, OdometryReading):
+        return numbers
+    count, step = math.prod(reading.ranges.shape), reading.angle_step_rad
+    in_degrees = problem == BAD_GEOMETRY and 0.0 < abs(step) * (count - 1) <= 364.0
+    return (
+        f"{count} beams, angle step {step:.4g} rad{' (degrees?)' if in_degrees else ''}, ranges of "
+        f"{reading.range_min_m:.4g} to {reading.range_max_m:.4g} m, {numbers}"
+    )
+
+
 def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0) -> str | None:
     """Return the defect that makes one laser's measurement unusable, or None."""
     if problem := pose_problem(laser.robot_from_laser):

@@ -199,6 +199,10 @@ def _odometry_of(
             f"tf has no frame {odom_frame!r} above the laser's and there are "
             f"{len(odom_topics)} topics of odometry: {held}; {_by_name('odom_topic')}"
         )
+    if len(way) == 1 and any(one.parent == odom_frame for one in content.transforms):
+        raise ValueError(
+            f"no transform of the laser's frame {way[0]!r}; tf has {tree}: record /tf_static, too"
+        )
     raise ValueError(
         f"no odometry: above the laser's frame tf has {' <- '.join(reversed(way))}, "
         f"without {odom_frame!r}; {_by_name('odom_frame')}; tf holds {tree}"

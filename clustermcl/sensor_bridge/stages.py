@@ -15,9 +15,15 @@ from msgspec.structs import replace
 
 from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.filter.poses import compose, inverse, wrap_angle
+from clustermcl.protocol.job_events import MAX_DETAIL_CHARACTERS
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.reading_checks import MAX_LASERS, laser_problem, odometry_problem
+from clustermcl.protocol.reading_checks import (
+    MAX_LASERS,
+    laser_problem,
+    numbers_of,
+    odometry_problem,
+)
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
 from clustermcl.sensor_bridge.refused import CLOCK_RESTARTED, ODOMETRY_JUMPED, SILENT, Refused
 
@@ -165,7 +171,7 @@ class OutlierFilter:
         else:
             problem = laser_problem(reading) or self._problem_of_laser(reading)
         if problem is not None:
-            self._dropped[problem] += 1
+            self._dropped.add(problem, numbers_of(reading, problem)[:MAX_DETAIL_CHARACTERS])
             return []
         if isinstance(reading, OdometryReading) or self._is_first(reading):
             return self._checked(reading)

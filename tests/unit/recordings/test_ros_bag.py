@@ -141,7 +141,9 @@ def test_scans_of_a_frame_without_a_mount_are_skipped_and_listed(tmp_path: Path)
     ([MOUNT, *drive()], {"scan_topic": "/front"},
      ["no sensor_msgs/LaserScan on /front; the bag has /scan"]),
     ([MOUNT], {}, ["no sensor_msgs/LaserScan in it; the bag has /tf_static"]),
-    (drive(), {}, ["no odometry"]),
+    (drive(), {},
+     ["no transform of the laser's frame 'laser'", "tf has odom -> base_link", "/tf_static"]),
+    ([MOUNT, scan(S)], {}, ["no odometry"]),
     ([*drive(), odometry(S, (0, 0, 0))], {},
      ["no transform from 'base_link' to the laser's frame 'laser'", "tf has odom -> base_link"]),
     ([MOUNT, scan(S), odometry(S, (0, 0, 0)), odometry(S, (0, 0, 0), topic="/visual")], {},
@@ -149,7 +151,8 @@ def test_scans_of_a_frame_without_a_mount_are_skipped_and_listed(tmp_path: Path)
     ([tf(S, "base_link", "laser"), tf(S, "camera", "laser"), *drive()], {},
      ["tf gives the frame 'laser' 2 parents: base_link and camera"]),
 ], ids=[
-    "an unknown topic", "no scans", "no odometry", "no mount", "two odometry topics",
+    "an unknown topic", "no scans", "no laser in tf", "no odometry", "no mount",
+    "two odometry topics",
     "a frame with two parents",
 ])  # fmt: skip
 def test_a_bag_that_cannot_be_used_is_refused_with_what_it_has(

@@ -178,6 +178,14 @@ def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, caus
     assert [step.step for step in made_of(*driving(0.0), maker=maker)] == [0]
 
 
+def test_refusals_say_numbers() -> None:
+    maker = a_maker()
+    made_of(changed(angle_step_rad=57.3), maker=maker)
+    assert "angle step 57.3 rad (degrees?)" in maker.dropped.details["bad_geometry"]
+    made_of(changed(range_max_m=0.0), maker=maker)
+    assert "ranges of 0 to 0 m" in maker.dropped.details["no_returns"]
+
+
 def test_a_scan_with_one_return_is_used() -> None:
     assert len(made_of(with_ranges([math.nan, math.inf, 0.0, 1.0]))) == 1
 
