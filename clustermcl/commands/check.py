@@ -60,7 +60,7 @@ def run_check(
     if recording is not None:
         read = opened(str(recording), settings.bridge)
         scans = steps_of(read, settings.bridge, grid_map.digest)
-        agreement = agreement_of(scans, grid_map, settings)
+        agreement = agreement_of(scans, grid_map, settings, read.readings)
     report = report_of(
         map_file,
         grid_map.with_landmarks(landmarks),
@@ -141,6 +141,8 @@ def _agreement(agreement: Agreement) -> Iterator[str]:
     yield f"  its mirror image (a robot off the map): {mirrored}"
     if agreement.fitting_share is not None:
         yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
+    if (lag := agreement.lag) is not None:
+        yield f"  laser's stamps: {lag.lag_s:+.2f} +-{lag.standard_error_s:.2f} s by odometry's"
     if agreement.mount is None:
         yield "  laser and odometry cannot be checked: the robot is localized or turns too briefly"
         return
@@ -151,4 +153,8 @@ def _agreement(agreement: Agreement) -> Iterator[str]:
         f"{math.degrees(heading):.1f} +-{math.degrees(heading_off):.1f} deg"
     )
     drives, turns = agreement.mount.odometry_distance_scale, agreement.mount.odometry_turn_scale
-    yield f"  odometry: {drives - 1.0:+.1%} of the distance, {turns - 1.0:+.1%} of the turns"
+    drives_off, turns_off = agreement.mount.scale_errors
+    yield (
+        f"  odometry: {drives - 1.0:+.1%} +-{drives_off:.1%} of the distance, "
+        f"{turns - 1.0:+.1%} +-{turns_off:.1%} of the turns"
+    )

@@ -1,7 +1,7 @@
 """Checks whether a recording matches a map, by localizing and by the fit of its scans."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import msgspec
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.evaluation.map_check.look_alikes import refined
-from clustermcl.evaluation.map_check.mount import Mount, mount_of
+from clustermcl.evaluation.map_check.mount import Lag, Mount, lag_of, mount_of
 from clustermcl.filter.arrays import OCCUPIED, Points, Poses
 from clustermcl.filter.laser.likelihood_field import LikelihoodField
 from clustermcl.filter.laser.sensor_models import computed_model
@@ -17,14 +17,18 @@ from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
 from clustermcl.jobs.jobs import scan_beams
-from clustermcl.protocol.steps import Scan, mirrored
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.sensor_bridge.refused import OWN_ROBOT, cause_text
 
 FITS_WITHIN_M = 0.2
 FITS_SHARE = 0.98
 """Share of the beams that end near an obstacle of the right map, after refining the poses."""
 ANOTHER_MAP = 0.5
 """Off-map probability above which the recording belongs to another map."""
+LEAST_STEPS = 10
+"""Least number of steps of one of several lasers whose scans are compared with the map."""
 MOST_STEPS, DECOY_STEPS = 400, 160
 """Largest numbers of steps of the recording and of its mirror image: a minute of computation."""
 
@@ -47,6 +51,12 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
     """Probability that the robot is not on this map, the mean over all steps."""
     decoy_localized_share: float
     """`localized_share` of the mirrored recording, whose robot is not on the map."""
+    lag: Lag | None = None
+    """How late the laser's stamps are; None: the robot turns too little to tell."""
+    own_robot: str = ""
+    """Beams that end on the robot itself and are left out; empty: none."""
+    fitting_by_mount: tuple[tuple[PoseTuple, float], ...] = ()
+    """`fitting_share` of each of several lasers, with its `robot_from_laser`."""
 
     @property
     def is_of_another_map(self) -> bool:
@@ -59,17 +69,29 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
         return self.off_map_probability > ANOTHER_MAP and not fits
 
 
-def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSettings) -> Agreement:
+def agreement_of(
+    scans: Iterable[Scan],
+    grid_map: GridMap,
+    settings: FilterSettings,
+    odometry: Iterable[Reading] = (),
+) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
 
     The mirrored recording is localized too, as a decoy: a robot that is not on this map.
+
+    Args:
+        scans: steps of the recording.
+        grid_map: the map.
+        settings: settings of the filter.
+        odometry: all readings of the recording, for the laser's lag.
     """
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)
     rng = np.random.default_rng(settings.seed)
-    run: list[tuple[Poses, Poses]] = []
-    longest: list[tuple[Poses, Poses]] = []
+    run: list[tuple[Poses, Poses, int]] = []
+    longest: list[tuple[Poses, Poses, int]] = []
     fitting: list[float] = []
+    by_mount: dict[PoseTuple, list[float]] = {}
     localized, off_map, recorded = 0, 0.0, (0.0, 0.0, 0.0)
     to_obstacle_m = distance_transform_edt(grid_map.cells != OCCUPIED) * grid_map.cell_m
     steps = tuple(itertools.islice(scans, MOST_STEPS))
@@ -84,9 +106,14 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         best = np.array([outcome.hypotheses[0].pose])
         poses, _ = refined(best, beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
-        run.append((compose(poses[0], np.array(recorded)), np.array(scan.odom_from_robot)))
+        own = _fitting_share(poses[0], beams.own_hits_in_robot, grid_map, to_obstacle_m)
+        by_mount.setdefault(recorded, []).append(own)
+        in_map, by_odometry = compose(poses[0], np.array(recorded)), np.array(scan.odom_from_robot)
+        run.append((in_map, by_odometry, scan.stamp_ns))
         longest = max(longest, run, key=len)
-    found = np.array(longest).reshape(-1, 2, 3)
+    found = np.array([each[:2] for each in longest]).reshape(-1, 2, 3)
+    told = [r.detail for scan in steps for r in scan.remarks if r.cause == cause_text(OWN_ROBOT)]
+    mounts = {mount: shares for mount, shares in by_mount.items() if len(shares) >= LEAST_STEPS}
     decoys = in_process.outcomes(map(mirrored, steps[:DECOY_STEPS]), model, settings)
     decoy_localized = [outcome.state == "localized" for _, outcome in decoys]
     return Agreement(
@@ -97,7 +124,23 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
         mount=mount_of(found[:, 0], found[:, 1]),
         off_map_probability=off_map / max(len(steps), 1),
         decoy_localized_share=float(np.mean(decoy_localized)) if decoy_localized else 0.0,
+        lag=_lag(longest, odometry),
+        own_robot=told[-1] if told else "",
+        fitting_by_mount=tuple((m, float(np.mean(s))) for m, s in mounts.items())
+        if len(mounts) > 1
+        else (),
     )
+
+
+def _lag(run: Sequence[tuple[Poses, Poses, int]], readings: Iterable[Reading]) -> Lag | None:
+    headings = {r.stamp_ns: r.odom_from_robot[2] for r in readings if r.odom_from_robot is not None}
+    if not (run and headings):
+        return None
+    at_ns = np.array(sorted(headings))
+    odometry_rad = np.unwrap([headings[stamp_ns] for stamp_ns in at_ns.tolist()])
+    stamps_s = np.array([(stamp_ns - at_ns[0]) * 1e-9 for _, _, stamp_ns in run])
+    in_map = np.array([map_from_laser for map_from_laser, _, _ in run])
+    return lag_of(in_map, stamps_s, (at_ns - at_ns[0]) * 1e-9, odometry_rad)
 
 
 def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:

@@ -10,6 +10,7 @@ import math
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from clustermcl.filter.arrays import Poses
@@ -18,7 +19,9 @@ from clustermcl.filter.poses import between, compose, wrap_angle
 _APART_STEPS = 5
 """Number of steps of a motion, about a metre: much more than the error of poses in the map."""
 _LEAST_MOVEMENTS = 30
-_SOFT_M = 0.05
+_SOFT_M, _SOFT_RAD = 0.05, 0.02
+_MOST_LAG_S, _LAG_STEP_S = 1.0, 0.05
+_LEAST_KNOWN = 1e-6
 _LEAST_TURN_RAD = math.pi
 """Least sum of all turns; without turns the laser's position is not observable."""
 
@@ -33,6 +36,8 @@ class Mount(msgspec.Struct, frozen=True, kw_only=True):
     """Distance by odometry, divided by the driven distance."""
     odometry_turn_scale: float
     """Turn by odometry, divided by the true turn."""
+    scale_errors: tuple[float, float]
+    """Standard errors of both; on a circle, the distance and the laser's y are one unknown."""
 
 
 def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
@@ -66,13 +71,65 @@ def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
     x, y, cos, sin = fit.x.tolist()
     scale = math.hypot(cos, sin)
     # Motions overlap, so only this fraction is independent.
-    variance = _APART_STEPS * 2 * fit.cost / max(2 * len(laser) - 4, 1)
-    jacobian = np.asarray(fit.jac)
-    errors = np.sqrt(np.diag(variance * np.linalg.inv(jacobian.T @ jacobian)))
-    turn_scale = float(robot[:, 2] @ laser[:, 2] / (laser[:, 2] @ laser[:, 2]))
+    noise = 2 * fit.cost / max(2 * len(laser) - 4, 1)
+    variance, jacobian = _APART_STEPS * noise, np.asarray(fit.jac)
+    # The motions have errors themselves, which seem to tell the unknowns apart: on a circle, the
+    # scale of distances and the laser's position are one unknown.
+    known, axes = np.linalg.eigh(jacobian.T @ jacobian - 2.0 * len(laser) * noise * np.eye(4))
+    covariance = variance * (axes / np.maximum(known, _LEAST_KNOWN)) @ axes.T
+    errors, along = np.sqrt(np.diag(covariance)), np.array([0.0, 0.0, cos, sin]) / scale
+    turned = laser[:, 2] @ laser[:, 2]
+    turn_scale = float(robot[:, 2] @ laser[:, 2] / turned)
+    off_rad = wrap_angle(robot[:, 2] - turn_scale * laser[:, 2])
+    turn_error = math.sqrt(_APART_STEPS * (off_rad @ off_rad) / len(laser) / turned)
     return Mount(
         robot_from_laser=(x / scale, y / scale, math.atan2(sin, cos)),
         standard_errors=(*errors[:2].tolist(), float(errors[2:].max()) / scale),
         odometry_distance_scale=scale,
         odometry_turn_scale=turn_scale,
+        scale_errors=(math.sqrt(along @ covariance @ along), turn_error),
     )
+
+
+class Lag(msgspec.Struct, frozen=True, kw_only=True):
+    """How late the stamps of a laser are, by odometry's clock."""
+
+    lag_s: float
+    standard_error_s: float
+
+
+def lag_of(
+    map_from_laser: Poses,
+    stamps_s: NDArray[np.float64],
+    odometry_s: NDArray[np.float64],
+    odometry_rad: NDArray[np.float64],
+) -> Lag | None:
+    """Estimate the lag of the laser's stamps: by how much turns in the map come before odometry's.
+
+    Args:
+        map_from_laser: (N, 3) laser poses at consecutive steps.
+        stamps_s: (N,) stamps of their scans.
+        odometry_s: (M,) increasing stamps of odometry.
+        odometry_rad: (M,) headings there, without jumps of a full turn.
+
+    Returns:
+        None if there are too few steps, or the robot turns too little.
+    """
+    turns = wrap_angle(np.diff(map_from_laser[:, 2]))
+    if len(turns) < _LEAST_MOVEMENTS or np.abs(turns).sum() < _LEAST_TURN_RAD:
+        return None
+
+    def residuals(unknown: NDArray[np.float64]) -> NDArray[np.float64]:
+        lag_s, scale = unknown
+        turned = np.diff(np.interp(stamps_s - lag_s, odometry_s, odometry_rad))
+        return np.asarray(wrap_angle(turned - scale * turns))
+
+    starts = ((lag_s, 1.0) for lag_s in np.linspace(-_MOST_LAG_S, _MOST_LAG_S, 21))
+    best = min(starts, key=lambda start: float(np.abs(residuals(np.array(start))).sum()))
+    step = [_LAG_STEP_S, 0.01]
+    fit = least_squares(residuals, best, loss="soft_l1", f_scale=_SOFT_RAD, diff_step=step)
+    variance = 2 * fit.cost / (len(turns) - 2)
+    lag, scale = fit.x.tolist()
+    slope = (residuals(np.array([lag + _LAG_STEP_S, scale])) - residuals(fit.x)) / _LAG_STEP_S
+    error_s = math.sqrt(variance / max(float(slope @ slope), 1e-12))
+    return Lag(lag_s=lag, standard_error_s=error_s)

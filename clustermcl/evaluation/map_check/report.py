@@ -22,6 +22,7 @@ _BLIND_SHARE = 0.3
 _FOUND_SHARE, _FITTING_SHARE = 0.1, 0.7
 _MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
 _SCALE_OFF = 0.05
+_LAG_S = 0.1
 _DECOY_SHARE = 0.3
 SMALLEST_PIECE_M2 = 0.5
 """Smaller free components are ignored."""
@@ -220,6 +221,19 @@ def _of_agreement(agreement: Agreement) -> Iterator[str]:
             f"only {fitting:.0%} of the beams end within {FITS_WITHIN_M} m of an obstacle: "
             "has much been moved, or is the laser mounted elsewhere?"
         )
+    if agreement.own_robot:
+        yield (
+            f"the laser sees its own robot: {agreement.own_robot}; mask them in the driver, or "
+            "set bridge.min_range_m above them"
+        )
+    yield from _of_lasers(agreement)
+    lag = agreement.lag
+    if lag is not None and abs(lag.lag_s) > max(_LAG_S, _SIGMAS * lag.standard_error_s):
+        late = "late" if lag.lag_s > 0.0 else "early"
+        yield (
+            f"the laser's stamps are {abs(lag.lag_s):.2f} s {late} by odometry's clock: "
+            "synchronise the clocks, or correct the offset in the driver"
+        )
     if mount is None:
         return
     recorded, found = np.array(agreement.recorded_mount), np.array(mount.robot_from_laser)
@@ -231,13 +245,21 @@ def _of_agreement(agreement: Agreement) -> Iterator[str]:
             f"the laser's mount is given as {_mount(agreement.recorded_mount)}, the map indicates "
             f"{_mount(mount.robot_from_laser)}"
         )
-    for scale, what in (
-        (mount.odometry_distance_scale, "drives"),
-        (mount.odometry_turn_scale, "turns"),
-    ):
-        if abs(scale - 1.0) > _SCALE_OFF:
+    scales = (mount.odometry_distance_scale, mount.odometry_turn_scale)
+    for scale, error, what in zip(scales, mount.scale_errors, ("drives", "turns"), strict=True):
+        if abs(scale - 1.0) > max(_SCALE_OFF, _SIGMAS * error):
             more = "too much" if scale > 1.0 else "too little"
             yield f"odometry {what} {abs(scale - 1.0):.0%} {more}"
+
+
+def _of_lasers(agreement: Agreement) -> Iterator[str]:
+    best = max((share for _, share in agreement.fitting_by_mount), default=0.0)
+    for mount, share in agreement.fitting_by_mount:
+        if share < _FITTING_SHARE <= best:
+            yield (
+                f"of the laser {_mount(mount)}, {share:.0%} of the beams end at an obstacle, of "
+                f"another {best:.0%}: is it at another height than the map's? Then leave it out"
+            )
 
 
 def _mount(pose: PoseTuple) -> str:

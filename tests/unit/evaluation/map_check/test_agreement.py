@@ -11,8 +11,9 @@ from clustermcl.evaluation.map_check.report import report_of
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import Scan, mirrored
+from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.source import SimulatedSource, simulated_steps
@@ -55,6 +56,61 @@ def test_a_robot_that_never_turns_reveals_nothing_of_its_laser() -> None:
     straight = np.column_stack([np.arange(100) * 0.2, np.zeros(100), np.zeros(100)])
     assert mount_of(straight, straight) is None
     assert mount_of(straight[:6], straight[:6]) is None
+
+
+def test_on_a_circle_the_error_of_the_scale_is_large_and_no_alarm() -> None:
+    """The laser's y and the scale of distances are one unknown there."""
+    rng = np.random.default_rng(3)
+    poses = [np.zeros(3)]
+    for _ in range(60):
+        poses.append(compose(poses[-1], np.array([0.2, 0.0, 0.12])))
+    truth = np.array(poses)
+    laser = compose(truth, np.array(MOUNT)) + rng.normal(0.0, 0.004, truth.shape)
+    found = mount_of(laser, truth)
+    assert found is not None
+    assert abs(found.odometry_distance_scale - 1.0) < 3.0 * found.scale_errors[0]
+    assert found.scale_errors[0] > 3.0 * found.scale_errors[1]
+    of_crob = msgspec.structs.replace(
+        found, odometry_distance_scale=0.88, odometry_turn_scale=1.2, scale_errors=(0.109, 0.01)
+    )
+    told = [remark for remark in remarks(agreed(mount=of_crob)) if "odometry" in remark]
+    assert told == ["odometry turns 20% too much"]
+
+
+def agreed(**change: object) -> Agreement:
+    usual = Agreement(
+        steps=100, localized_share=1.0, fitting_share=0.95, recorded_mount=MOUNT, mount=None,
+        off_map_probability=0.0, decoy_localized_share=0.0,
+    )  # fmt: skip
+    return msgspec.structs.replace(usual, **change)
+
+
+def test_a_laser_that_sees_its_own_robot_and_one_at_another_height_are_named() -> None:
+    other = (0.5, 0.0, 0.0)
+    seen, fits = remarks(
+        agreed(own_robot="80 of 360 beams", fitting_by_mount=((MOUNT, 0.95), (other, 0.4)))
+    )
+    assert "80 of 360 beams" in seen
+    assert "bridge.min_range_m" in seen
+    assert fits.startswith("of the laser 0.50 m ahead, 0.00 m left, 0 deg, 40% of the beams end")
+    assert "another height" in fits
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3])
+def test_a_late_clock_of_the_laser_is_estimated_from_turns(late_s: float) -> None:
+    hall, late_ns = world("hall"), round(late_s * 1e9)
+    readings: list[Reading] = []
+    for tick in itertools.islice(Simulation(hall, 0), 600):
+        readings += tick.odometry
+        readings.append(msgspec.structs.replace(tick.laser, stamp_ns=tick.laser.stamp_ns + late_ns))
+    readings.sort(key=lambda reading: reading.stamp_ns)
+    steps = steps_from(readings, StepMaker(BridgeSettings(), hall.map.digest, "test"))
+    agreement = agreement_of(itertools.islice(steps, 120), hall.map, FilterSettings(), readings)
+    assert agreement.lag is not None
+    assert agreement.lag.lag_s == pytest.approx(late_s, abs=0.03)
+    told = [remark for remark in remarks(agreement) if "stamps" in remark]
+    assert len(told) == (late_s > 0.0)
+    assert all("0.3" in remark and "late" in remark for remark in told)
 
 
 def recorded(robot_from_laser: PoseTuple) -> Iterator[Scan]:
