@@ -37,7 +37,7 @@ def test_up_with_ros2_uses_the_running_router_and_replaces_amcl(
     with typed(*words, folder=tmp_path, environment=environment) as up:
         wait_until(lambda: graph.endpoints() == ENDPOINTS)
         modules = {word for process in up.meet_family() for word in process.cmdline()}
-        assert "ros2" in modules
+        assert "clustermcl.ros2" in modules
         assert "clustermcl.link.router" not in modules
         in_map = world("cross").map
         robot.put_map(in_map)
