@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from clustermcl.protocol.errors import InputFileError
-from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, Value
+from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Value
 from clustermcl.runtime.settings_file import content_of
 from clustermcl.runtime.yaml_text import refuse_aliases
 
@@ -21,7 +21,8 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
 
     Args:
         path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
-            namespace, or under ``/**`` for all nodes.
+            namespace, or under ``/**`` or ``/*`` for all nodes. As in ROS, of two values the later
+            one in the file counts, whichever is more general.
 
     Returns:
         Settings by their dotted names, and a line for each parameter that has no effect here, or
@@ -30,14 +31,20 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
     Raises:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
-    namespace, parameters = _of_node(_tree(path), path)
+    namespace, found = _of_node(_tree(path), path)
     values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": _NODE}
     notes = []
     if namespace:
         values["ros2.namespace"] = namespace
         values |= {"ros2.tf_topic": "tf", "ros2.tf_static_topic": "tf_static"}
         notes.append(f"{namespace}: tf is {namespace}/tf, as nav2's launch files remap it")
-    for name, value in _flat(parameters):
+    for written, value in found.items():
+        name = ROS1_NAMES.get(written, written)
+        if name != written:
+            if name in found:
+                notes.append(f"{written} of ROS 1 has no effect: {name} is given too")
+                continue
+            notes.append(f"{written} of ROS 1 is read as {name}")
         parameter = PARAMETERS.get(name)
         if parameter is None:
             notes.append(f"{name} of nav2 has no effect: AMCL has no such parameter")
@@ -70,16 +77,19 @@ def _tree(path: Path) -> dict[Any, Any]:
     return tree
 
 
-def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[Any, Any]]:
-    """Return a node's namespace and parameters; its own override those for all nodes."""
-    found: dict[Any, Any] = {}
+def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[str, Any]]:
+    """Return a node's namespace and parameters."""
+    found: dict[str, Any] = {}
     namespaces = set()
-    for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
+    for where, parameters in _nodes(tree):
         namespace, _, last = "/".join(("", *where)).replace("//", "/").rpartition("/")
         if where[-1] in _ANY_NODE or last == _NODE:
-            found |= parameters
+            # rclcpp's parameter_map_from: all that match the node, in the order of the file.
+            found |= dict(_flat(parameters))
         if last == _NODE:
             namespaces.add("" if "*" in namespace else namespace)
+    if not namespaces and found:
+        namespaces.add("")
     if not namespaces:
         others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
         problem = f"no parameters of a node {_NODE!r}; it has those of: {others}"

@@ -1,6 +1,7 @@
 """AMCL's parameters in nav2, and the setting of each here, or the reason why it has none."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -54,8 +55,9 @@ class Parameter:
         kind = type(self.default)
         if self.many and isinstance(value, list) and all(isinstance(one, str) for one in value):
             value = ", ".join(value)
-        if isinstance(value, str) and "$(" in value:
-            raise ValueError("only ROS's launch files can use $(...): write the value itself")
+        if isinstance(value, str) and (left := _LEFT_TO_LAUNCH.search(value)):
+            problem = f"only ROS's launch files can replace {left[0]}: write the value itself"
+            raise ValueError(problem)
         if not (is_number if kind is float else type(value) is kind):
             raise ValueError(f"nav2 expects {_KINDS[kind]}")
         return self.to_setting(value)
@@ -94,11 +96,18 @@ LIVE = frozenset(
     )
 )
 
+_LEFT_TO_LAUNCH = re.compile(r"\$\(.*|<\w+>")
+_ROS1_MODELS = {
+    "diff": "differential", "diff-corrected": "differential",
+    "omni": "omnidirectional", "omni-corrected": "omnidirectional",
+}  # fmt: skip
 _KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
 _PLUGINS = {
     "nav2_amcl::DifferentialMotionModel": "differential",
     "nav2_amcl::OmniMotionModel": "omnidirectional",
 }
+_OLD_PLUGINS = {ours: plugin for plugin, ours in _PLUGINS.items()}
+"""Names until Galactic, and by ROS 1 (`odom_model_type`)."""
 _SENSOR_MODELS = {
     "likelihood_field": "likelihood_field",
     "likelihood_field_prob": "likelihood_field",
@@ -118,6 +127,10 @@ def _one_of(known: dict[str, str], value: str) -> str:
     if value not in known:
         raise ValueError(f"nav2 has {', '.join(known)}")
     return known[value]
+
+
+def _motion_model(plugin: str) -> str:
+    return _one_of(_PLUGINS, _OLD_PLUGINS.get(_ROS1_MODELS.get(plugin, plugin), plugin))
 
 
 def _nav2_motion_model(model: str) -> str:
@@ -174,7 +187,7 @@ _ALL = (
         "robot_model_type",
         "nav2_amcl::DifferentialMotionModel",
         "motion.model",
-        partial(_one_of, _PLUGINS),
+        _motion_model,
         _nav2_motion_model,
     ),
     Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),
@@ -203,6 +216,16 @@ _ALL = (
     *_without(_ROS_ONLY, service_introspection_mode="disabled"),
     Parameter("publish", "held", "ros2.publish"),
 )
+
+ROS1_NAMES = {
+    **{f"odom_alpha{number}": f"alpha{number}" for number in range(1, 6)},
+    **{f"laser_{name}": name for name in ("max_beams", "sigma_hit", "lambda_short")},
+    **{f"laser_z_{name}": f"z_{name}" for name in ("hit", "max", "rand", "short")},
+    "initial_pose_x": "initial_pose.x", "initial_pose_y": "initial_pose.y",
+    "initial_pose_a": "initial_pose.yaw",
+    "kld_err": "pf_err", "kld_z": "pf_z", "odom_model_type": "robot_model_type",
+}  # fmt: skip
+"""nav2's name for each parameter of ROS 1's AMCL that has another one."""
 
 PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
 """All parameters by name; nav2 lacks `publish`."""

@@ -116,10 +116,16 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
     [
         "robot1:\n  amcl:\n    ros__parameters: {max_beams: 90}\n",
         "/robot1/amcl:\n  ros__parameters: {max_beams: 90}\n",
-        "amcl:\n  ros__parameters: {max_beams: 90}\n/**:\n  ros__parameters: {max_beams: 10}\n",
+        "/**:\n  ros__parameters: {max_beams: 10}\namcl:\n  ros__parameters: {max_beams: 90}\n",
+        "amcl:\n  ros__parameters: {max_beams: 10}\n/**:\n  ros__parameters: {max_beams: 90}\n",
+        "/**:\n  ros__parameters: {max_beams: 90}\n",
+        "/*:\n  ros__parameters: {laser_max_beams: 90}\n",
+        "amcl:\n  ros__parameters: {laser_max_beams: 10, max_beams: 90}\n",
     ],
 )
-def test_a_node_is_found_in_any_namespace_and_its_own_values_win(tmp_path: Path, text: str) -> None:
+def test_a_node_is_found_in_any_namespace_and_the_last_value_counts(
+    tmp_path: Path, text: str
+) -> None:
     assert read_nav2_params(write(tmp_path, text))[0]["sensor.max_beams"] == 90
 
 
@@ -141,6 +147,27 @@ def test_a_namespace_in_the_file_applies_to_the_node_and_its_tf_topics(
     assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
     assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
     assert bool(notes) == bool(namespace)
+
+
+@pytest.mark.parametrize(
+    ("model", "ours"),
+    [("differential", "differential"), ("omnidirectional", "omnidirectional"),
+     ("omni-corrected", "omnidirectional"), ("nav2_amcl::OmniMotionModel", "omnidirectional")],
+)  # fmt: skip
+def test_old_names_of_models_mean_those_of_nav2(tmp_path: Path, model: str, ours: str) -> None:
+    text = f"amcl:\n  ros__parameters: {{robot_model_type: {model}}}\n"
+    assert read_nav2_params(write(tmp_path, text))[0]["motion.model"] == ours
+
+
+def test_names_of_ros_1_are_read_with_a_note(tmp_path: Path) -> None:
+    text = (
+        "amcl:\n  ros__parameters: {odom_alpha1: 0.25, odom_model_type: diff, laser_z_hit: 0.9}\n"
+    )
+    values, notes = read_nav2_params(write(tmp_path, text))
+    assert values["motion.turn_noise_per_turn"] == 0.5
+    assert (values["motion.model"], values["sensor.hit_weight"]) == ("differential", 0.9)
+    assert notes[0] == "odom_alpha1 of ROS 1 is read as alpha1"
+    assert len(notes) == 3
 
 
 def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> None:
@@ -194,9 +221,13 @@ def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
         ("amcl:\n  ros__parameters: {laser_model_type: ndt}\n", "nav2 has likelihood_field, like"),
         (
             "amcl:\n  ros__parameters: {base_frame_id: $(var base)}\n",
-            r"base_frame_id = '\$\(var base\)': only ROS's launch files can use",
+            r"base_frame_id = '\$\(var base\)': only ROS's launch files can replace",
         ),
-        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch files can use"),
+        (
+            "amcl:\n  ros__parameters: {scan_topic: <robot_namespace>/scan}\n",
+            "<robot_namespace>: w",
+        ),
+        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch files can replace"),
         (
             "a/amcl:\n  ros__parameters: {}\nb/amcl:\n  ros__parameters: {}\n",
             "several robots: /a/amcl, /b/amcl",
