@@ -71,8 +71,9 @@ def run_check(
     )
     if report_file is not None:
         drawn_report(report, grid_map, landmarks).save(report_file)
-    if problem := _off_the_map(landmarks, grid_map):
-        report = msgspec.structs.replace(report, remarks=(*report.remarks, problem))
+    off_the_map = filter(None, (_off_the_map(landmarks, grid_map),))
+    remarks = (*report.remarks, *grid_map.remarks, *off_the_map)
+    report = msgspec.structs.replace(report, remarks=remarks)
     print_answer(msgspec.to_builtins(report) if as_json else lines_of(report))
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)

@@ -150,7 +150,8 @@ class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
     map_from_grid: PoseTuple
     """Pose of the low corner of cell [0, 0] in the map frame (`origin`)."""
     occupancy: ArrayBlob
-    """(height, width) int8, row 0 has the lowest y: 0 free, 100 occupied, others unknown."""
+    """(height, width) int8, row 0 has the lowest y [%]: 0 to 25 is free, 65 to 100 occupied,
+    others unknown."""
 
 
 class LaserBeams(msgspec.Struct, frozen=True, kw_only=True):

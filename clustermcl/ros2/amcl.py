@@ -160,6 +160,8 @@ class Amcl:
             return
         if grid_map.digest != self._map_digest:
             self._map_digest = grid_map.digest
+            for remark in grid_map.remarks:
+                yield Refused("map of probabilities", remark)
             occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
             yield MapReading(
                 sender=self.settings.node_name,

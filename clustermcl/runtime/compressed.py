@@ -28,6 +28,7 @@ BROKEN_STREAM_ERRORS = (
 )
 """Exceptions from reading a truncated or damaged compressed file."""
 
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _GZIP_MAGIC, _XZ_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00", b"\x28\xb5\x2f\xfd"
 
 
@@ -39,7 +40,9 @@ def open_decompressed(path: Path) -> BinaryIO:
             `BROKEN_STREAM_ERRORS` while it is read.
     """
     with path.open("rb") as plain:
-        start = plain.read(len(_XZ_MAGIC))
+        start = plain.read(len(_LFS_POINTER))
+    if start == _LFS_POINTER:
+        raise OSError("is a pointer of Git LFS, not the file itself: run 'git lfs pull'")
     if start.startswith(_GZIP_MAGIC):
         return cast(BinaryIO, gzip.open(path, "rb"))
     if start.startswith(_XZ_MAGIC):
@@ -98,4 +101,4 @@ def os_problem(failed: OSError) -> str:
         return "no such file; check the path"
     if isinstance(failed, IsADirectoryError):
         return "is a folder, not a file; name a file in it"
-    return f"cannot be read: {failed.strerror or failed}"
+    return f"cannot be read: {failed.strerror}" if failed.strerror else str(failed)

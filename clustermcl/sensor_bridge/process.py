@@ -360,6 +360,8 @@ class Bridge:
         self._node.health.happened("maps")
         rows, cols = grid_map.cells.shape
         _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
+        for remark in grid_map.remarks:
+            _log.warning("map: %s", remark)
         if self._maker is not None:
             self._maker.change_map(grid_map.digest, grid_map.landmarks)
             self._history.clear()

@@ -25,6 +25,8 @@ MAX_CELLS = 2**28
 """Limit for the cells of a map: 16,384 x 16,384. Larger files and messages are refused before
 memory is allocated."""
 
+FREE_PERCENT, OCCUPIED_PERCENT = 25, 65
+"""Largest occupancy of a free cell, and least of an occupied one [%]."""
 LARGE_CELLS = 2**23
 """Number of cells above which a map is cropped; smaller maps keep their digests."""
 RIM_M = 5.0
@@ -41,6 +43,7 @@ class GridMap:
         cell_m: side of a cell [m].
         map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
         landmarks: landmarks of the map.
+        remarks: what was assumed or is odd in its source, as sentences.
 
     Raises:
         ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
@@ -50,6 +53,7 @@ class GridMap:
     cell_m: float
     map_from_grid: PoseTuple
     landmarks: tuple[Landmark, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_cells(self.cells)
@@ -72,8 +76,8 @@ class GridMap:
 
         Args:
             occupancy: (rows, cols) of bool: whether a cell is occupied; or of numbers as in
-                `nav_msgs/OccupancyGrid`: 0 is free, 100 occupied, any other unknown. Row 0 has
-                the lowest y: flip an image with `numpy.flipud`.
+                `nav_msgs/OccupancyGrid` [%]: 0 to 25 is free, 65 to 100 occupied, any other
+                unknown. Row 0 has the lowest y: flip an image with `numpy.flipud`.
             cell_m: side of a cell [m].
             origin: (3,) pose of the low corner of cell [0, 0] in the map: x [m], y [m],
                 heading [rad].
@@ -96,6 +100,10 @@ class GridMap:
     def with_landmarks(self, landmarks: Iterable[Landmark]) -> GridMap:
         """Return the map with these landmarks in place of its own."""
         return replace(self, landmarks=tuple(landmarks))
+
+    def with_remarks(self, *remarks: str) -> GridMap:
+        """Return the map with further remarks; empty ones are left out."""
+        return replace(self, remarks=(*self.remarks, *filter(None, remarks)))
 
     @cached_property
     def digest(self) -> str:
@@ -130,10 +138,13 @@ class GridMap:
 
 
 def cells_of(occupancy: NDArray[Any]) -> Cells:
-    """Convert ROS occupancy to cells as AMCL does: 0 is free, 100 occupied, the rest unknown."""
+    """Convert ROS occupancy in percent to cells, by the thresholds of nav2's map_saver.
+
+    Most maps have 0, 100 and -1 only; of maps with probabilities, AMCL would use hardly a cell.
+    """
     cells = np.full(occupancy.shape, UNKNOWN, np.int8)
-    cells[occupancy == 0] = FREE
-    cells[occupancy == 100] = OCCUPIED
+    cells[(occupancy >= 0) & (occupancy <= FREE_PERCENT)] = FREE
+    cells[(occupancy >= OCCUPIED_PERCENT) & (occupancy <= 100)] = OCCUPIED
     return cells
 
 

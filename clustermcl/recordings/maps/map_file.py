@@ -1,5 +1,6 @@
 """Loads maps: from ROS map_server YAML, run logs and ROS bags."""
 
+import logging
 from collections import deque
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +18,8 @@ from clustermcl.runtime.compressed import first_bytes
 _MAP = "map"
 _TOPIC_MARK = "#"
 
+_log = logging.getLogger(__name__)
+
 
 def load_map(path: Path | str) -> GridMap:
     """Read a map; its format is recognised by its content, also if packed by gzip or xz.
@@ -28,7 +31,13 @@ def load_map(path: Path | str) -> GridMap:
     Raises:
         MapFileError: the map cannot be read.
     """
-    path, topic = _split_topic(Path(path))
+    grid_map = _loaded(*_split_topic(Path(path)))
+    for remark in grid_map.remarks:
+        _log.warning("%s: %s", path, remark)
+    return grid_map
+
+
+def _loaded(path: Path, topic: str) -> GridMap:
     if is_run_log(path):
         try:
             return last_map(path)

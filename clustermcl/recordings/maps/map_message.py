@@ -6,9 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from clustermcl.filter.arrays import Cells
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import MapMessage, MapReading
-from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
+from clustermcl.recordings.maps.grid_map import (
+    FREE_PERCENT,
+    MAX_CELLS,
+    OCCUPIED_PERCENT,
+    GridMap,
+    cells_of,
+    known_part,
+)
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:
@@ -59,7 +67,8 @@ def from_reading(reading: MapReading) -> GridMap:
     if occupancy.dtype != np.int8 or occupancy.ndim != 2:
         raise _malformed(f"{occupancy.dtype} of {occupancy.shape}, expected int8 of rows and cols")
     try:
-        return known_part(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
+        grid_map = known_part(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
+        return grid_map.with_remarks(_undecided(occupancy))
     except ValueError as error:
         raise _malformed(str(error)) from error
 
@@ -79,7 +88,22 @@ def grid_map_of(message: Any) -> GridMap:
     origin = (position.x, position.y, math.remainder(heading, math.tau))
     # Take the shortest decimal, as in map files: 0.05, not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
-    return known_part(cells.reshape(info.height, info.width), cell_m, origin)
+    grid_map = known_part(cells.reshape(info.height, info.width), cell_m, origin)
+    return grid_map.with_remarks(_undecided(values))
+
+
+def _undecided(occupancy: Cells) -> str:
+    """Return a remark on a map of probabilities, with the cells between the thresholds."""
+    if not np.any((occupancy > 0) & (occupancy < 100)):
+        return ""
+    free, between, occupied = (
+        np.count_nonzero((occupancy >= low) & (occupancy <= high))
+        for low, high in (
+            (0, FREE_PERCENT), (FREE_PERCENT + 1, OCCUPIED_PERCENT - 1), (OCCUPIED_PERCENT, 100)
+        )
+    )  # fmt: skip
+    how = f"{free} cells of up to {FREE_PERCENT} % are free, {occupied} from {OCCUPIED_PERCENT} %"
+    return f"a map of probabilities: {how} occupied, {between} between are unknown"
 
 
 def _malformed(problem: str) -> MalformedMessageError:

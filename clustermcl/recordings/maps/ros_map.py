@@ -3,15 +3,16 @@
 A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
 probability 1 - shade (`negate`: shade).
 
-* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown. An alpha
-  channel counts as one more channel of the mean.
-* *scale*: the same without alpha in the mean; pixels that are not opaque are unknown. Cells between
-  the thresholds, which map_server publishes as a percentage, are unknown here.
+* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown.
+* *scale*: between the thresholds, map_server publishes a percentage, of which `cells_of` decides.
 * *raw*: the pixel is the occupancy in percent; 101 to 255 is unknown; `negate` and alpha are
   ignored. The thresholds decide between free and occupied.
+
+Except in *raw*, pixels that are not opaque are unknown.
 """
 
 import io
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -24,13 +25,14 @@ from PIL import Image, UnidentifiedImageError
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import MapFileError
-from clustermcl.protocol.message import Finite
-from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, known_part
+from clustermcl.protocol.message import Finite, PoseTuple
+from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 from clustermcl.runtime.compressed import read_decompressed
 from clustermcl.runtime.yaml_text import refuse_aliases
 
 MAX_HEADER_BYTES = 64 * 1024
 _STRIP_ROWS = 512
+_UNKNOWN_GREY, _MIN_GREY_SHARE = 205, 0.02
 _IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
 _BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
 
@@ -43,12 +45,18 @@ class _Header(msgspec.Struct, frozen=True):
     image: Annotated[str, msgspec.Meta(min_length=1)]
     resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
     """Side of a cell [m]."""
-    origin: tuple[Finite, Finite, Finite]
+    origin: tuple[Finite, Finite, float]
     """Pose of the image's lower left corner in the map frame."""
     negate: bool
     occupied_thresh: _Probability
     free_thresh: _Probability
     mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+    @property
+    def pose(self) -> PoseTuple:
+        """The origin; map_saver of ROS 1 writes NaN as heading for an invalid quaternion."""
+        x, y, heading = self.origin
+        return x, y, 0.0 if math.isnan(heading) else heading
 
 
 _ALLOWED = {
@@ -76,7 +84,11 @@ def load_ros_map(content: bytes, path: Path) -> GridMap:
     for image in (named, Path(f"{named}.gz"), Path(f"{named}.xz")):
         if image.is_file():
             return _grid_map(read_decompressed(image, MapFileError), image, header)
-    raise MapFileError(path, f"its image {named} does not exist; put it there or correct 'image:'")
+    beside = path.parent / named.name
+    remedy = "put it there or correct 'image:'"
+    if beside.is_file():
+        remedy = f"{beside} does: write 'image: {named.name}'"
+    raise MapFileError(path, f"its image {named} does not exist; {remedy}")
 
 
 def _header(content: bytes, path: Path) -> _Header:
@@ -90,12 +102,17 @@ def _header(content: bytes, path: Path) -> _Header:
                 raise MapFileError(path, problem)
             continue
         value = values[field.name]
+        if field.name == "mode" and isinstance(value, str):
+            value = value.lower()
         try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
             checked[field.name] = converted(value, field.type, strict=False)
         except (ValueError, OverflowError):
             problem = f"{field.name}: {value!r} must be {_ALLOWED[field.name]}"
             raise MapFileError(path, problem, line=lines[field.name]) from None
     header = _Header(**checked)
+    if math.isinf(header.origin[2]):
+        problem = f"origin: {values['origin']!r} must be {_ALLOWED['origin']}"
+        raise MapFileError(path, problem, line=lines["origin"])
     if header.free_thresh > header.occupied_thresh:
         problem = f"free_thresh: {header.free_thresh} must not exceed occupied_thresh"
         raise MapFileError(path, f"{problem}; are they swapped?", line=lines["free_thresh"])
@@ -128,7 +145,7 @@ def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, i
 def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
     image = _open(content, path)
     try:
-        cells = _cells(image, header)
+        cells, odd = _cells(image, header)
         image.close()  # it takes as much memory as the cells
     except _BROKEN_IMAGE as error:
         raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
@@ -138,7 +155,10 @@ def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
             f"negate {int(header.negate)}, mode {header.mode}"
         )
         raise MapFileError(path, problem)
-    return known_part(cells, header.resolution, header.origin)
+    remarks = [odd] if odd else []
+    if math.isnan(header.origin[2]):
+        remarks.append("origin: its yaw is not a number and is taken as 0; write [x, y, 0]")
+    return known_part(cells, header.resolution, header.pose).with_remarks(*remarks)
 
 
 def _open(content: bytes, path: Path) -> Image.Image:
@@ -159,23 +179,33 @@ def _open(content: bytes, path: Path) -> Image.Image:
     return image
 
 
-def _cells(image: Image.Image, header: _Header) -> Cells:
-    """Return the cells, (rows, cols), with the image's last row first."""
+def _cells(image: Image.Image, header: _Header) -> tuple[Cells, str]:
+    """Return the cells, (rows, cols), with the image's last row first, and a remark, or ""."""
     mode = _pixel_mode(image)
-    channels = 4 if mode == "RGBA" and header.mode == "trinary" else 3
-    table = _cell_of_sum({"L": 255, "I": 65_535}.get(mode, 255 * channels), header)
+    white = {"L": 255, "I": 65_535}.get(mode, 3 * 255)
+    table = _cell_of_sum(white, header)
+    unknown_grey = white * _UNKNOWN_GREY // 255
+    grey_count = 0
     left, first, right, last = _known_box(image, table)
     cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
     for top in range(first, last, _STRIP_ROWS):
         box = (left, top, right, min(top + _STRIP_ROWS, last))
         part = image.crop(box)
         pixels = np.asarray(part if mode == "I" else part.convert(mode))
-        sums = pixels if pixels.ndim == 2 else pixels[..., :channels].sum(axis=-1, dtype=np.int32)
+        sums = pixels if pixels.ndim == 2 else pixels[..., :3].sum(axis=-1, dtype=np.int32)
         strip = table[np.clip(sums, 0, len(table) - 1)]
-        if header.mode == "scale" and mode == "RGBA":
+        grey_count += int(np.count_nonzero(sums == unknown_grey))
+        if header.mode != "raw" and mode == "RGBA":
             strip[pixels[..., -1] != 255] = UNKNOWN
         cells[image.height - box[3] : image.height - top, left:right] = strip[::-1]
-    return cells
+    if header.mode != "trinary" or header.negate or table[unknown_grey] != FREE:
+        return cells, ""
+    share = grey_count / cells.size
+    problem = (
+        f"{share:.0%} of the pixels are grey {_UNKNOWN_GREY}, with which map_saver marks unknown"
+    )
+    remedy = f"free_thresh {header.free_thresh} makes them free: write free_thresh: 0.196"
+    return cells, f"{problem}; {remedy}" if share >= _MIN_GREY_SHARE else ""
 
 
 def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
@@ -207,6 +237,10 @@ def _cell_of_sum(white: int, header: _Header) -> Cells:
     if header.mode == "raw":
         occupied = np.rint(shade * 255.0) / 100.0
     table: Cells = np.full(white + 1, UNKNOWN, np.int8)
+    if header.mode == "scale":
+        span = max(header.occupied_thresh - header.free_thresh, 1e-9)
+        percent = np.rint(np.clip((occupied - header.free_thresh) / span, 0.0, 1.0) * 100.0)
+        return cells_of(percent.astype(np.int8))
     table[occupied < header.free_thresh] = FREE
     table[occupied > header.occupied_thresh] = OCCUPIED
     if header.mode == "raw":

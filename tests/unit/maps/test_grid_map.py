@@ -137,9 +137,9 @@ READING = MapReading(
 )
 
 
-def test_only_occupancy_0_is_free_and_only_100_is_occupied() -> None:
+def test_a_published_map_is_read_by_the_thresholds_of_nav2() -> None:
     grid_map = from_reading(decode(encode(READING), MapReading))
-    assert grid_map.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, UNKNOWN]]
+    assert grid_map.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, OCCUPIED]]
     assert (grid_map.cell_m, grid_map.map_from_grid) == (0.05, (-1.0, 2.0, 0.1))
 
 

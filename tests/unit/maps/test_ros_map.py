@@ -52,7 +52,7 @@ def test_a_pgm_may_hold_comments_be_text_or_have_another_maximum(
 
 # Pixels that are occupied with probability 1, 0.6, 0.4 and 0.
 STEPS = png(0, 102, 153, 255)
-# Black and white, both opaque, then both clear: alpha is a channel to average, or marks unknown.
+# Black and white, both opaque, then both clear, which is unknown.
 SEEN = (0, 255), (255, 255), (255, 0), (0, 0)
 RAW = png(0, 100, 50, 101, 205, 255)
 F, X, U = FREE, OCCUPIED, UNKNOWN
@@ -67,9 +67,12 @@ F, X, U = FREE, OCCUPIED, UNKNOWN
     (png(0, 50, 128, 255), {"negate": "1"}, [F, U, U, X]),
     (png(0, 50, 128, 255), {"negate": "true"}, [F, U, U, X]),
     (png((255, 0, 0), (255, 255, 255), (200, 255, 255), mode="RGB"), {}, [X, F, F]),
-    (png(*SEEN, mode="LA"), {}, [X, F, U, X]),
-    (png(*[(v, v, v, a) for v, a in SEEN], mode="RGBA"), {}, [X, F, U, X]),
-    (png((0, 255), (255, 255), (255, 254), (128, 255), mode="LA"), {"mode": "scale"}, [X, F, U, U]),
+    (png(*SEEN, mode="LA"), {}, [X, F, U, U]),
+    (png(*[(v, v, v, a) for v, a in SEEN], mode="RGBA"), {"mode": "Trinary"}, [X, F, U, U]),
+    (png((0, 255), (255, 255), (255, 254), (150, 255), mode="LA"), {"mode": "scale"}, [X, F, U, U]),
+    (png(0, 89, 187, 205, 254, 255), {"mode": "scale", "free_thresh": "0", "occupied_thresh": "1"},
+     [X, X, U, F, F, F]),
+    (png(205, 254), {"mode": "scale", "free_thresh": "0"}, [U, F]),
     (RAW, {"mode": "raw"}, [F, X, U, U, U, U]),
     (RAW, {"mode": "raw", "negate": "1"}, [F, X, U, U, U, U]),
 ])  # fmt: skip
@@ -118,7 +121,9 @@ def test_the_size_limit_of_pillow_does_not_apply(
         ({"resolution": "true"}, "must be metres a cell"),
         ({"origin": "[0, 0]"}, "map.yaml:3: origin: [0, 0] must be three numbers"),
         ({"origin": "[0, 0, 1" + 400 * "0" + "]"}, "must be three numbers"),
-        ({"origin": "[0, 0, .nan]"}, "must be three numbers"),
+        ({"origin": "[0, .nan, 0]"}, "must be three numbers"),
+        ({"origin": "[0, 0, .inf]"}, "must be three numbers"),
+        ({"image": "/nowhere/map.pgm"}, "map.pgm does: write 'image: map.pgm'"),
         ({"negate": "2"}, "map.yaml:4: negate: 2 must be 0 or 1"),
         ({"occupied_thresh": "65"}, "map.yaml:5: occupied_thresh: 65 must be a probability"),
         ({"free_thresh": "0.7"}, "map.yaml:6: free_thresh: 0.7 must not exceed occupied_thresh"),
@@ -133,6 +138,24 @@ def test_a_wrong_key_is_named_with_its_line(
         load_map(path)
     assert problem in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("image", "changed", "remark"),
+    [
+        (PGM, {"free_thresh": "0.25"}, "17% of the pixels are grey 205"),
+        (PGM, {"origin": "[0, 0, -nan]"}, "its yaw is not a number and is taken as 0"),
+        (PGM, {"origin": "[0, 0, .nan]"}, "its yaw is not a number and is taken as 0"),
+        (PGM, {}, None),
+    ],
+)
+def test_what_is_odd_in_a_map_is_a_remark(
+    tmp_path: Path, image: bytes, changed: dict[str, str], remark: str | None
+) -> None:
+    grid_map = load_map(write_map(tmp_path, image, **changed))
+    assert [remark in each for each in grid_map.remarks if remark] == ([True] if remark else [])
+    assert len(grid_map.remarks) == (remark is not None)
+    assert grid_map.map_from_grid[2] == 0.0
 
 
 @pytest.mark.parametrize("key", list(HEADER))
@@ -170,6 +193,7 @@ def test_a_header_that_is_not_a_mapping_is_refused(tmp_path: Path, text: str, pr
         (b"P5\n3", "damaged"),
         (b"", "not an image"),
         (b"<html>not found</html>", "not an image"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\n", "run 'git lfs pull'"),
         (b"P5\n40000 40000\n255\n", "at most 268435456"),
         (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
     ],

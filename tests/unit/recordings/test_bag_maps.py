@@ -12,11 +12,19 @@ S = 1_000_000_000
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_a_bag_s_map_is_read_as_amcl_reads_it(tmp_path: Path, form: str) -> None:
+def test_a_bag_s_map_is_read_by_the_thresholds_of_nav2(tmp_path: Path, form: str) -> None:
     grid_map = load_map(written(tmp_path, form, [grid(S, CELLS), scan(2 * S)]))
-    assert grid_map.cells.tolist() == [[0, 1, -1], [-1, 0, -1]]
+    assert grid_map.cells.tolist() == [[0, 1, -1], [-1, 0, 1]]
     assert grid_map.cell_m == 0.05  # which a message has as a 32 bit number
     assert grid_map.map_from_grid == pytest.approx((-1.0, 2.0, 0.5))
+
+
+def test_a_map_of_probabilities_has_walls_and_a_remark(tmp_path: Path) -> None:
+    """As SLAM publishes it: free from 1 % on, walls up to 98 %; AMCL would use no cell."""
+    grid_map = load_map(written(tmp_path, "mcap", [grid(S, [[1, 25, 26], [64, 65, 98]])]))
+    assert grid_map.cells.tolist() == [[0, 0, -1], [-1, 1, 1]]
+    (remark,) = grid_map.remarks
+    assert "2 cells of up to 25 % are free, 2 from 65 % occupied, 2 between are" in remark
 
 
 def test_the_last_map_on_a_topic_is_loaded(tmp_path: Path) -> None:

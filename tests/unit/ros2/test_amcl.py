@@ -45,7 +45,7 @@ def scan(
     return new(types.LASER_SCAN, **fields | more)
 
 
-CELLS = (0, 100, -1, 50, 0, 0)
+CELLS = (0, 100, -1, -1, 0, 0)
 
 
 def grid(
@@ -583,4 +583,7 @@ def test_an_invalid_map_is_refused_and_the_next_one_used() -> None:
     for bad in (grid(0, 0), grid(4, 2), grid(x=nan), grid(cells=(100,) * 6)):
         assert causes(list(amcl.on_map(bad))) == ["map refused"]
     assert causes(list(amcl.on_map(grid(frame="world")))) == ["map of another frame"]
+    probable = list(amcl.on_map(grid(cells=(1, 98, 50, 25, 65, -1))))
+    assert causes(probable[:1]) == ["map of probabilities"]
+    np.testing.assert_array_equal(probable[1].occupancy.array(), [[0, 100, -1], [0, 100, -1]])
     assert len(list(amcl.on_map(grid(x=1.0)))) == 1
