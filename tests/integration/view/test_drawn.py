@@ -179,8 +179,11 @@ def test_the_page_looks_back_and_returns_to_now(stage: Stage, drawn: Page) -> No
     play(stage, range(20))
     stage.picture.on_events(events(15))
     has_steps(stage, drawn, 20)
+    drawn.click("set-pose")
+    assert drawn.is_visible("hint")
     press(drawn, ",")
     shows(stage, lambda: shown_step(drawn) == 18)
+    assert not drawn.is_visible("hint"), "a pose is given for now only"
     drawn.run("liveView.travel.goTo(7)")
     shows(stage, lambda: shown_step(drawn) == 7)
     assert drawn.run("return location.hash") == "#step=7"
@@ -706,6 +709,9 @@ def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictu
         shows(stage, lambda: page.snapshot().pixel_at(4.0, 2.0) == (0x5C, 0x68, 0x75))
         assert page.snapshot().pixel_at(7.0, 2.0) == (255, 255, 255)
         page.save(pictures / "robots.png")
+        stage.others["r2"].picture.on_status(status(freshness="stale"))
+        shows(stage, lambda: "r2: stale" in page.text("robots"))
+        assert page.run("return document.querySelector('#robots a[data-state=stale]').innerText")
         stage.others["r2"].picture.on_link("no system")
         shows(stage, lambda: "r2: ambiguous" not in page.text("robots"))
         assert page.snapshot().pixel_at(4.0, 2.0) == (255, 255, 255)
