@@ -22,8 +22,8 @@ from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import scan_beams
 from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings

@@ -38,8 +38,8 @@ from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
 from clustermcl.filter.kernels.compiled import to_cells
 from clustermcl.jobs.in_process import InProcess
-from clustermcl.jobs.jobs import scan_beams
 from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan, mirrored

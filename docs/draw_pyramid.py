@@ -15,8 +15,8 @@ import numpy as np
 from clustermcl.filter.cluster.evidence_model import scan_exponent
 from clustermcl.filter.laser.pyramid import sum_steps
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import scan_beams
 from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.source import SimulatedSource, simulated_steps

@@ -24,8 +24,8 @@ from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search.global_search import GlobalSearch
 from clustermcl.filter.search.slices import finished
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import scan_beams
 from clustermcl.jobs.map_model import sensor_model
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.runtime.folders import kept_folder

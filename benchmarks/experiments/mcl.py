@@ -27,7 +27,7 @@ from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search.places import FoundPlace, places_of
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
 from clustermcl.protocol.steps import Scan

@@ -13,7 +13,7 @@ from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.observations.observation import Landmarks
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.jobs.jobs import scan_beams, scan_of_laser
+from clustermcl.jobs.scan_arrays import scan_beams, scan_of_laser
 from clustermcl.protocol.advice import Advice, AdviceQuestion, Way
 from clustermcl.protocol.pose_arrays import covariance_matrix, pose_tuple
 from clustermcl.protocol.steps import Landmark, Scan

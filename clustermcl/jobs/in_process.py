@@ -17,6 +17,7 @@ from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import FilterSettings, filter_with
 from clustermcl.jobs.jobs import RunningJob, Tracking, running
+from clustermcl.jobs.scan_arrays import ScanArrays
 from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import Assignment, Job, Report, SearchJob
 
@@ -49,6 +50,7 @@ class InProcess:
         self._started = settings
         self.ensemble = Ensemble.of(settings)
         self._jobs: dict[str, RunningJob] = {}
+        self._arrays = ScanArrays()
         self._searched: list[Scan] = []
         self.applied: Scan | None = None
         """The scan of the last step; None before the first."""
@@ -97,7 +99,9 @@ class InProcess:
                 self._searched = []
 
     def _run(self, assignment: Assignment) -> RunningJob:
-        job = running(assignment, self._model, self._settings, sender="in-process")
+        job = running(
+            assignment, self._model, self._settings, sender="in-process", arrays=self._arrays
+        )
         self._jobs[assignment.job_id] = job
         return job
 

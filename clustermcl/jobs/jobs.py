@@ -4,7 +4,6 @@ A job takes scans in the order of their steps and returns a report of each. All 
 from (seed, job, step), so a job that another worker continues gives the same numbers.
 """
 
-import dataclasses
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -19,21 +18,21 @@ from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.cluster.evidence_model import scan_exponent
 from clustermcl.filter.cluster.log_weights import log_sum, multiplied
 from clustermcl.filter.laser.beam_classes import beam_classes
-from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
-from clustermcl.filter.observations.likelihood import ObservationArrays, allowed_poses, log_ratios
-from clustermcl.filter.observations.observation import Landmarks, Observation, log_average_ratio
-from clustermcl.filter.observations.position_fields import PositionField
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.observations.likelihood import allowed_poses, log_ratios
+from clustermcl.filter.observations.observation import log_average_ratio
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search import global_search, places
 from clustermcl.filter.search.slices import Slices, WorkMeter, finished
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.filter.settings import FilterSettings
+from clustermcl.jobs.scan_arrays import ScanArrays, observed
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
-from clustermcl.protocol.steps import LaserBeams, Scan, mirrored
+from clustermcl.protocol.steps import Scan
 
 
 class RunningJob(ABC):
@@ -45,6 +44,7 @@ class RunningJob(ABC):
         settings: the filter's settings.
         sender: the worker's name, for reports.
         snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
+        arrays: arrays of scans, shared by all jobs of a robot.
     """
 
     step: int
@@ -57,8 +57,10 @@ class RunningJob(ABC):
         settings: FilterSettings,
         sender: str,
         snapshot_every_steps: int,
+        arrays: ScanArrays,
     ) -> None:
         self.assignment, self._model, self._settings = assignment, model, settings
+        self._arrays = arrays
         self._sender, self._snapshot_every = sender, snapshot_every_steps
         self._begin(assignment.job)
 
@@ -100,6 +102,7 @@ def running(
     *,
     sender: str,
     snapshot_every_steps: int = 0,
+    arrays: ScanArrays | None = None,
 ) -> RunningJob:
     """Begin a job; arguments as for `RunningJob`."""
     kind: type[RunningJob]
@@ -110,7 +113,7 @@ def running(
             kind = Searching
         case work.ElsewhereJob():
             kind = Elsewhere
-    return kind(assignment, model, settings, sender, snapshot_every_steps)
+    return kind(assignment, model, settings, sender, snapshot_every_steps, arrays or ScanArrays())
 
 
 class Tracking(RunningJob):
@@ -137,10 +140,10 @@ class Tracking(RunningJob):
 
     def advance(self, scan: Scan) -> work.TrackReport:
         """Move and weigh the particles; report the cluster's evidence."""
-        scan = mirror_image(scan) if self._mirrored else scan
+        scan = self._arrays.mirror_image(scan) if self._mirrored else scan
         rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
         after = np.array(scan.odom_from_robot)
-        model, beams = self._model, scan_beams(scan, self._model)
+        model, beams = self._model, self._arrays.beams(scan, self._model)
         particles, particles_from = self.size
         result = cluster_filter.mcl_step(
             self._particle_set,
@@ -178,7 +181,7 @@ class Tracking(RunningJob):
         if not scan.observations:
             return 0.0
         poses, before = self._particle_set.map_from_robot, self._particle_set.log_weights
-        ratios = log_ratios(poses, observation_arrays(scan, self._model))
+        ratios = log_ratios(poses, self._arrays.observations(scan, self._model))
         log_weights, total = multiplied(before, ratios, 1.0, np.zeros(len(poses)))
         self._particle_set = ParticleSet(poses, log_weights)
         return total - math.log(len(poses))
@@ -241,11 +244,11 @@ class Searching(RunningJob):
     def slices(self, scan: Scan) -> Slices[work.SearchReport]:
         """Like `advance`, in slices; the first slice sets `step`."""
         self._search.use(self._model, self._settings)
-        scan = mirror_image(scan) if self._job.mirrored else scan
+        scan = self._arrays.mirror_image(scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
+        beams, rng = self._arrays.beams(scan, self._model), self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
-        per_beam = yield from self._search.advance(before, after, beams, rng, _observed(scan))
+        per_beam = yield from self._search.advance(before, after, beams, rng, observed(scan))
         yield
         found = yield from self._search.places(self._search_rng(scan.step, 2))
         return work.SearchReport(
@@ -278,7 +281,7 @@ class Elsewhere(RunningJob):
         """
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
-        beams = scan_beams(scan, self._model)
+        beams = self._arrays.beams(scan, self._model)
         self.step = scan.step
         exponent = scan_exponent(beams.count, self._model.settings)
         result = cluster_filter.measurement_update(
@@ -298,7 +301,7 @@ class Elsewhere(RunningJob):
         self, scan: Scan, beams: Beams, log_likelihood: float, rng: np.random.Generator
     ) -> tuple[float, FoundPlaces | None]:
         """Return the log evidence of the observations, and the places that also fit the scan."""
-        observations, landmarks = _observed(scan)
+        observations, landmarks = observed(scan)
         log_average = log_average_ratio(observations, landmarks, self._model.grid)
         if not (observations and beams.count):
             return log_average, None
@@ -306,7 +309,7 @@ class Elsewhere(RunningJob):
         poses, log_weights = allowed_poses(observations, landmarks, model.grid, count, rng)
         if not len(poses):
             return log_average, None
-        log_weights += log_ratios(poses, observation_arrays(scan, model))
+        log_weights += log_ratios(poses, self._arrays.observations(scan, model))
         exponent, rules = scan_exponent(beams.count, model.settings), self._settings.search
         particles = ParticleSet(poses, log_weights)
         result = cluster_filter.measurement_update(particles, beams, model, exponent)
@@ -324,74 +327,6 @@ class Elsewhere(RunningJob):
 
     def handed_on(self) -> work.Assignment:
         return replace(self.assignment, job=work.ElsewhereJob(first_step=self.step + 1))
-
-
-_latest: list[tuple[Scan, SensorModel, Beams]] = []
-"""The beams of the last scan and of its mirror image, compared by identity: hashing a scan takes
-longer than selecting its beams."""
-_latest_observed: list[tuple[Scan, SensorModel, ObservationArrays]] = []
-"""The arrays of the last scan's observations."""
-_mirrored: list[tuple[Scan, Scan]] = []
-"""The last scan and its mirror image."""
-
-
-def scan_beams(scan: Scan, model: SensorModel) -> Beams:
-    """Return the beams of a scan to score; all jobs of a process share those of the last scan."""
-    for last, its_model, beams in _latest:
-        if last is scan and its_model is model:
-            return beams
-    others = tuple(map(scan_of_laser, scan.others))
-    measured = scan_of_laser(scan)
-    beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
-    _latest[:] = [(scan, model, beams), *_latest[:1]]
-    return beams
-
-
-def observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
-    """Return the arrays of a step's observations, shared as the beams of `scan_beams` are."""
-    for last, its_model, arrays in _latest_observed:
-        if last is scan and its_model is model:
-            return arrays
-    arrays = ObservationArrays.of(*_observed(scan), model.grid)
-    _latest_observed[:] = [(scan, model, arrays)]
-    return arrays
-
-
-def mirror_image(scan: Scan) -> Scan:
-    """Return the mirrored step; all mirrored jobs of a process share that of the last scan."""
-    for last, image in _mirrored:
-        if last is scan:
-            return image
-    image = mirrored(scan)
-    _mirrored[:] = [(scan, image)]
-    return image
-
-
-def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
-    return LaserScan(
-        beams.ranges.array(),
-        beams.range_max_m,
-        beams.angle_min_rad,
-        beams.angle_step_rad,
-        np.array(beams.robot_from_laser),
-    )
-
-
-def _observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
-    seen = [
-        Observation(
-            np.array(each.mean),
-            np.reshape(each.covariance, (len(each.mean), len(each.mean))),
-            each.landmark,
-            each.outlier_probability,
-            each.share,
-            None
-            if each.field is None
-            else PositionField(each.field.cell_m, each.field.log_likelihoods.array()),
-        )
-        for each in scan.observations
-    ]
-    return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
 
 
 def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.jobs import RunningJob, Searching, Tracking, running
+from clustermcl.jobs.scan_arrays import ScanArrays
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import KEPT_STEPS, Scan
 from clustermcl.protocol.work import Assignment, Report, SearchReport, TrackReport, WorkOrder
@@ -71,6 +72,7 @@ class JobTable:
     def __init__(self, sender: str) -> None:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
+        self._arrays = ScanArrays()
         self._recent: deque[Scan] = deque()
         self.reports = RecentReports()
         self._step_resets = StepResetDetector()
@@ -122,6 +124,7 @@ class JobTable:
                 settings,
                 sender=self._sender,
                 snapshot_every_steps=order.snapshot_every_steps,
+                arrays=self._arrays,
             )
             for assignment in order.begin
         }

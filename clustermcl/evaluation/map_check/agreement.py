@@ -16,7 +16,7 @@ from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
-from clustermcl.jobs.jobs import scan_beams
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.recordings.maps.grid_map import GridMap

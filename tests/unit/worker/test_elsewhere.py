@@ -10,7 +10,8 @@ from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search.uniform_poses import UniformPoses
-from clustermcl.jobs.jobs import RunningJob, running, scan_beams
+from clustermcl.jobs.jobs import RunningJob, running
+from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.steps import Seen
 from clustermcl.protocol.work import Assignment, ElsewhereJob

@@ -98,7 +98,7 @@ def test_a_relative_folder_of_kernels_is_not_used(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "here")
     (tmp_path / "here").mkdir()
-    assert kernel_library.path().parent == Path(kernel_library.__file__).parent / "__pycache__"
+    assert kernel_library.path().parent == Path(kernel_library.__file__).parents[1] / "__pycache__"
 
 
 def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
@@ -106,7 +106,9 @@ def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
 ) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(kernel_library, "__file__", str(tmp_path / "installed" / "module.py"))
+    monkeypatch.setattr(
+        kernel_library, "__file__", str(tmp_path / "installed" / "kernels" / "module.py")
+    )
     (tmp_path / "installed").mkdir()
     assert kernel_library.path().parent == tmp_path / "installed" / "__pycache__"
     monkeypatch.setattr(os, "access", lambda _file, _mode: False)

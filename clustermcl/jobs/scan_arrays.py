@@ -1,0 +1,84 @@
+"""A scan as the arrays that jobs weigh: beams, observations, and its mirror image."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
+from clustermcl.filter.observations.likelihood import ObservationArrays
+from clustermcl.filter.observations.observation import Landmarks, Observation
+from clustermcl.filter.observations.position_fields import PositionField
+from clustermcl.protocol.steps import LaserBeams, Scan, mirrored
+
+T = TypeVar("T")
+_KEPT = 2
+"""The last scan and its mirror image."""
+
+
+class ScanArrays:
+    """Computes the arrays of a scan once for all jobs of a robot.
+
+    Scans are compared by identity: hashing one takes longer than selecting its beams.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[Callable[..., Any], list[tuple[tuple[Any, ...], Any]]] = {}
+
+    def beams(self, scan: Scan, model: SensorModel) -> Beams:
+        return self._once(scan_beams, scan, model)
+
+    def observations(self, scan: Scan, model: SensorModel) -> ObservationArrays:
+        return self._once(_observation_arrays, scan, model)
+
+    def mirror_image(self, scan: Scan) -> Scan:
+        return self._once(mirrored, scan)
+
+    def _once(self, compute: Callable[..., T], *arguments: object) -> T:
+        kept = self._kept.setdefault(compute, [])
+        for known, result in kept:
+            if all(one is other for one, other in zip(known, arguments, strict=True)):
+                return result  # type: ignore[no-any-return] # of `compute`
+        result = compute(*arguments)
+        kept[:] = [(arguments, result), *kept[: _KEPT - 1]]
+        return result
+
+
+def scan_beams(scan: Scan, model: SensorModel) -> Beams:
+    """Return the beams of a scan to score."""
+    others = tuple(map(scan_of_laser, scan.others))
+    measured = scan_of_laser(scan)
+    return model.beams(dataclasses.replace(measured, others=others) if others else measured)
+
+
+def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
+    return LaserScan(
+        beams.ranges.array(),
+        beams.range_max_m,
+        beams.angle_min_rad,
+        beams.angle_step_rad,
+        np.array(beams.robot_from_laser),
+    )
+
+
+def observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
+    """Return the observations of a step, and the landmarks of the map."""
+    seen = [
+        Observation(
+            np.array(each.mean),
+            np.reshape(each.covariance, (len(each.mean), len(each.mean))),
+            each.landmark,
+            each.outlier_probability,
+            each.share,
+            None
+            if each.field is None
+            else PositionField(each.field.cell_m, each.field.log_likelihoods.array()),
+        )
+        for each in scan.observations
+    ]
+    return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
+
+
+def _observation_arrays(scan: Scan, model: SensorModel) -> ObservationArrays:
+    return ObservationArrays.of(*observed(scan), model.grid)
