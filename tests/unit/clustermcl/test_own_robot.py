@@ -85,6 +85,7 @@ def test_the_least_range_of_the_settings_holds_for_all_sources(least_m: float) -
     assert (first.ranges.array()[POSTS[0]] == 0.0).all() == (least_m > POST_M)
 
 
+@pytest.mark.filterwarnings("ignore:robot before its laser:UserWarning")
 def test_a_laser_that_sees_its_own_robot_is_found_in_the_office() -> None:
     """Without the mask the robot is lost on 98 % of the steps."""
     mcl = ClusterMCL(OFFICE.map, settings=SMALL, seed=0)
