@@ -470,7 +470,7 @@ class Ensemble(Part, kw_only=True):
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
         if not len(self.clusters):
             return "searching"
-        if self._lost and (self._is_founding or (self._is_elsewhere and not self.found)):
+        if (self._lost and self._is_founding) or (self._is_elsewhere and not self.found):
             return "searching"  # nothing was lost: it was nowhere before this search
         if self._lost:
             return "lost"
