@@ -123,14 +123,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
 def _run_to_end(
     run: _Run, stop: StopFlag, wandering: DemoSummary | None = None, *, is_shown: bool = True
 ) -> DemoSummary:
-    """Run all processes to the last belief, and print the result.
-
-    Args:
-        run: the demo.
-        stop: ends the run.
-        wandering: the run to compare with.
-        is_shown: whether the result is printed.
-    """
+    """Run all processes to the last belief, print the result, and compare it with `wandering`."""
     started_s = time.monotonic()
     with temporary_folder() as folder:
         meeting = meeting_in(folder, run.settings)

@@ -146,16 +146,7 @@ def print_answer(answer: JsonObject | Iterable[str]) -> None:
 
 
 def refuse_without(needed: str, is_there: object, **options: object) -> None:
-    """Refuse options that have no effect unless another one is given.
-
-    Args:
-        needed: name of the other option, for the error.
-        is_there: true if the other option was given.
-        options: values of the options by their Python names; false values: not given.
-
-    Raises:
-        SettingsError: an option was given without the other one.
-    """
+    """Refuse given options that have no effect without `needed`, unless it is there."""
     for name, value in options.items():
         if value and not is_there:
             option = f"--{name.replace('_', '-')}"
@@ -178,12 +169,7 @@ def settings_with_nav2(
 ) -> tuple[Settings, list[str]]:
     """Load settings: assignments override the file, and the file overrides nav2's parameters.
 
-    Returns:
-        The settings, and a line for each nav2 parameter that has another effect here, or none.
-
-    Raises:
-        InputFileError: a file is unreadable or malformed.
-        SettingsError: a value is out of range.
+    Also return a line for each nav2 parameter that has another effect here, or none.
     """
     if nav2_params is None:
         return load_settings(settings_file, assignments), []

@@ -49,18 +49,7 @@ _log = logging.getLogger(__name__)
 def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list[str]:
     """Measure unknown landmarks until the stop flag is set, then add them to the file.
 
-    Args:
-        settings: the robot and the router.
-        path: landmarks file; created if it does not exist.
-        stop: flag that ends the recording.
-
-    Returns:
-        A line for each name that was observed, and one for the file.
-
-    Raises:
-        LandmarksFileError: the existing file is damaged.
-        OutputError: the file cannot be written.
-        UnreachableError: no router answers in time.
+    Return a line for each name that was observed, and one for the file.
     """
     check_output_file(path)
     known = {each.name for each in load_landmarks(path)} if path.exists() else set()

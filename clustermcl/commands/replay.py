@@ -87,12 +87,7 @@ class Shown:
 
 
 def print_replay(folder: Path, shown: Shown) -> bool:
-    """Recompute a whole recording; return whether every belief equals the recorded one.
-
-    Args:
-        folder: folder of the recording, or a file in it.
-        shown: which events and beliefs are printed.
-    """
+    """Recompute a whole recording; return whether every belief equals the recorded one."""
     coordinators, step = 0, -1
     same: Counter[bool | None] = Counter()
     for wall_ns, happening in replayed(folder, VERSION):

@@ -18,17 +18,7 @@ STANDS_AFTER_S = 2.0
 
 
 def save_snapshot(file: Path, settings: Settings) -> None:
-    """Save a picture of a running system.
-
-    Args:
-        file: path that ends in ``.png``.
-        settings: the router's endpoint and the robot's name.
-
-    Raises:
-        SettingsError: the path has another suffix.
-        UnreachableError: no system of this robot is running, or it has no map yet.
-        OutputError: the file cannot be written.
-    """
+    """Save a picture of a running system as a ``.png`` file."""
     if file.suffix.lower() != ".png":
         raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
     check_output_file(file)

@@ -77,27 +77,7 @@ def run_evaluate(
     output: Path | None = None,
     tum: Path | None = None,
 ) -> None:
-    """Execute all runs, print tables or JSON, and write the results.
-
-    Args:
-        settings: the settings; the first run has their seed.
-        recording: a recording, ``sim:WORLD`` or ``sim:MAP.yaml``.
-        map_file: map for the localizer; None: that in the recording, or of the world.
-        reference: file with the ground truth of a recording.
-        seeds: number of seeds.
-        starts: number of runs: of a recording, from start steps spread evenly; of a simulated
-            robot, with different seeds. None: from the first step.
-        steps: largest number of steps of a run.
-        jobs: number of parallel runs; None: one per core.
-        as_json: print JSON instead of tables.
-        output: CSV file for the results; None: write no file.
-        tum: file for the most probable place after each step, in the TUM format; None: write
-            no file. Only of a single run.
-
-    Raises:
-        ClusterMclError: an input cannot be used, or a run failed.
-        StoppedError: interrupted.
-    """
+    """Execute all runs, print tables or JSON, and write the results."""
     robot = robot_of(recording, map_file, reference)
     case, seeds = case_of(robot, seeds, starts, steps)
     _check_files(output, tum, max(seeds, starts or 1))

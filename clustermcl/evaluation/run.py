@@ -54,8 +54,7 @@ class Run:
     def begun(self, cache_folder: Path | None = None) -> tuple[Course, Iterator[EstimatedStep]]:
         """Open all inputs; return the course, and an iterator over the steps.
 
-        Args:
-            cache_folder: folder for computed likelihood fields; None: the user's.
+        Likelihood fields are kept in `cache_folder`, or in the user's.
         """
         course = course_of(self.case, self.seed, self.settings.bridge, self.start_step)
         settings = msgspec.structs.replace(self.settings, seed=self.seed)
@@ -81,13 +80,9 @@ class RunError(ClusterMclError):
 def in_parallel(
     work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
 ) -> Iterator[tuple[int, R]]:
-    """Call a function for each piece, in spawned processes.
+    """Call a function for each piece, in spawned processes of one thread; `stop` ends them.
 
-    Args:
-        work: a function of a module, so that it can be pickled.
-        pieces: the arguments of the calls, begun in this order.
-        jobs: number of processes; each uses one thread.
-        stop: if set, all processes are ended.
+    `work` must be a function of a module, so that it can be pickled.
 
     Yields:
         Index and result of each piece, in the order in which the calls return.

@@ -32,16 +32,7 @@ def advice(
     sender: str,
     landmarks: Sequence[Landmark] = (),
 ) -> Advice:
-    """Compute the answer to a question.
-
-    Args:
-        asked: the belief and the robot's radius.
-        scan: scan of the belief's step.
-        model: sensor model of the map in which the belief is.
-        settings: settings of the filter.
-        sender: name of the process.
-        landmarks: landmarks of the map.
-    """
+    """Answer a question about the belief after the step of a scan, in the map of the model."""
     head = Advice(
         sender=sender,
         step=scan.step,

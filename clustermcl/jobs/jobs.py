@@ -38,13 +38,8 @@ from clustermcl.protocol.steps import Scan
 class RunningJob(ABC):
     """A job with its state.
 
-    Args:
-        assignment: the job.
-        model: the map's sensor model.
-        settings: the filter's settings.
-        sender: the worker's name, for reports.
-        snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
-        arrays: arrays of scans, shared by all jobs of a robot.
+    Every `snapshot_every_steps`, if not 0, the reports of a tracked cluster have its particles. All
+    jobs of a robot share the arrays of scans.
     """
 
     step: int

@@ -47,11 +47,6 @@ def sensor_model(
     written or read costs a warning and a copy for each process. Arrays of an installed model
     are not kept, because its code may change.
 
-    Args:
-        grid_map: the map.
-        settings: settings of the sensor model.
-        cache_folder: None: no cache.
-
     Raises:
         ValueError: the map has no obstacle.
     """

@@ -47,12 +47,7 @@ class Rights:
 
 
 def rights_of(role: str, *workers: str) -> Rights:
-    """Return the rights of a role.
-
-    Args:
-        role: one of `ROLES`.
-        *workers: for role ``worker``: names or patterns of its processes; none means all.
-    """
+    """Return the rights of a role; of a worker for these processes (names or patterns), or all."""
     if role == WORKER:
         names = workers or ("*",)
         return Rights(

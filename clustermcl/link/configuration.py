@@ -45,11 +45,7 @@ Configuration = dict[str, Any]
 
 
 def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -> Configuration:
-    """Return the configuration of a client.
-
-    Args:
-        settings: endpoint, certificates, time-outs.
-        robot: its name becomes the namespace of all keys; None: no namespace.
+    """Return the configuration of a client; a robot's name becomes the namespace of all keys.
 
     Raises:
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.

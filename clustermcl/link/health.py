@@ -21,15 +21,7 @@ _STATM = Path("/proc/self/statm")
 
 
 class HealthReporter:
-    """Counts what a process does by kind, and publishes its health.
-
-    Args:
-        name: name of the process.
-        role: ``bridge``, ``worker`` or ``coordinator``.
-        causes: counts of dropped or refused input.
-        inbox: its own drops are added.
-        clock: returns a time that does not jump [s].
-    """
+    """Counts what a process does by kind, and publishes its health with what it dropped."""
 
     def __init__(
         self,

@@ -51,12 +51,7 @@ class Call:
 
 
 class Subscription:
-    """Receives what is published on a key, except while it is paused.
-
-    Args:
-        subscribe: subscribes through a session.
-        paused: whether it is paused until `pause(False)`.
-    """
+    """Receives what is published on a key, except while it is paused."""
 
     def __init__(
         self, subscribe: Callable[[zenoh.Session], zenoh.Subscriber[None]], *, paused: bool
@@ -137,11 +132,8 @@ class Node:
     def open(self, wait_s: float | None = None) -> zenoh.Session:
         """Connect to the router and declare everything.
 
-        Args:
-            wait_s: time-out for a router [s]; None: no time-out.
-
         Raises:
-            UnreachableError: no router answered in `wait_s`.
+            UnreachableError: no router answered in `wait_s`; None: wait without limit.
             SettingsError: the endpoint or the robot's name is invalid.
             StoppedError: the stop flag was set before there was a router.
         """
@@ -205,9 +197,6 @@ class Node:
         """Call `handler` with each message on `key`, decoded and as received.
 
         Args:
-            key: key expression.
-            message: class of the messages.
-            handler: called in the loop with the decoded message and the received one.
             kind: name of its kind of state in the inbox and among the dropped messages; keys
                 with the same handler may share it.
             kept: most messages queued.
@@ -285,12 +274,8 @@ class Node:
         """Query without blocking; one of two functions is called in a later turn.
 
         Args:
-            selector: key or selector to query.
-            answer: type of the answer.
             on_answer: takes the first answer.
             on_failure: takes the reason; empty: no process answered.
-            timeout_s: time-out of the query [s].
-            message: payload of the query.
             repeat_for_s: repeat a failed query for this time [s]. Just after a link came up,
                 a query may find no queryable yet.
         """
@@ -342,11 +327,7 @@ class Node:
     def turn(self, wait_s: float) -> object:
         """Handle the oldest event of the inbox, and do what is due.
 
-        Args:
-            wait_s: longest wait for an event [s].
-
-        Returns:
-            The event; None: there was none.
+        Return the event; None: there was none within `wait_s`.
         """
         event = self.inbox.get(min(wait_s, REPEAT_S) if self._unanswered else wait_s)
         self.attempt(self._handle, event)

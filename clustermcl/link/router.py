@@ -80,12 +80,7 @@ class RouterProbe:
 
 
 def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
-    """Return the configuration of a client on the router's machine, with the router's certificate.
-
-    Args:
-        router: the router's configuration.
-        patience_s: time-out of connecting [s].
-    """
+    """Return the configuration of a client on the router's machine, with its certificate."""
     endpoints = json.loads(router.get_json("listen/endpoints"))
     if isinstance(endpoints, dict):  # by mode
         endpoints = endpoints.get("router")

@@ -35,12 +35,8 @@ def secure_router_configuration(
 ) -> Configuration:
     """Return the configuration of a router that accepts only certificates of its authority.
 
-    Args:
-        endpoint: where it listens, ``tls/HOST:PORT``.
-        certificates: folder on the router's machine with ``authority.pem``, ``router.pem`` and
-            ``router.key``; it is not opened here.
-        robots: names of robots, as in `access_control`.
-        workers: names of worker certificates, as in `access_control`.
+    The folder `certificates` on the router's machine has ``authority.pem``, ``router.pem`` and
+    ``router.key``; it is not opened here. Robots and workers are named as in `access_control`.
 
     Raises:
         SettingsError: the endpoint or a name is invalid.

@@ -51,13 +51,9 @@ def check_files(settings: ZenohSettings) -> None:
 
 
 def why_refused(settings: ZenohSettings) -> str | None:
-    """Repeat Zenoh's TLS handshake to find out why it fails.
+    """Repeat Zenoh's TLS handshake with these checked files, and return why it fails.
 
-    Args:
-        settings: settings of a client with the endpoint ``tls/HOST:PORT``; its files were checked.
-
-    Returns:
-        The problem with the certificates; None if they are valid or no server listens there.
+    None: the certificates are valid, or no server listens there.
     """
     try:
         host, port = _address(settings.router)

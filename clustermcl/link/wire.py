@@ -147,14 +147,9 @@ def subscribe(
 
 
 class Unread:
-    """The newest messages on a key, which wake no thread; they are read when the loop asks.
+    """The newest `count` messages on a key, which wake no thread; they are read when the loop asks.
 
-    Args:
-        key: key expression.
-        message: class of the messages, or a union.
-        inbox: counts messages that are too large.
-        kind: name of that count.
-        count: most messages kept; the oldest is dropped.
+    The inbox counts messages that are too large as of this kind.
     """
 
     def __init__(self, key: str, message: Any, inbox: Inbox[Any], kind: str, count: int) -> None:
@@ -265,12 +260,8 @@ def ask_later(
     """Query without blocking; one of the two callbacks runs on a Zenoh thread.
 
     Args:
-        session: the process's session.
-        selector: key or selector to query.
         on_answer: takes the first answer, not decoded.
         on_failure: takes the text of the last error reply; empty: the query timed out.
-        timeout_s: time-out of the query [s].
-        message: payload of the query.
     """
     answered, refused = False, ""
 

@@ -194,14 +194,10 @@ def flaser_angles(beams: int, step_deg: float | None = None) -> tuple[float, flo
     from -90 to +89. The step is the first that applies:
 
     1. that of SICK's lasers with this number of beams (CARMEN's own table),
-    2. the log's parameter `laser_front_laser_resolution`,
+    2. `step_deg`, the log's parameter `laser_front_laser_resolution`,
     3. the largest of 1, 0.5 and 0.25 degrees with a field of view of 180 to 270 degrees:
        541 beams are 270 degrees, 761 are 190,
     4. the one that spreads the beams over 180 degrees, as in CARMEN.
-
-    Args:
-        beams: number of beams, at least 1.
-        step_deg: the parameter of the log [degrees].
     """
     steps = beams if beams % 2 == 0 else max(beams - 1, 1)
     given = step_deg if step_deg is not None and 0.0 < step_deg * steps <= 360.0 else None

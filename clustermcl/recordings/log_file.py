@@ -59,10 +59,7 @@ def words_of_lines(
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield number, from 1, and words of the lines of a text file, without blanks and comments.
 
-    Args:
-        path: the file, perhaps compressed.
-        broken: gets where and why a compressed stream ended early, if it did.
-        error: type of the exception for a file that cannot be read.
+    If a compressed stream ends early, `broken` gets where and why.
 
     Raises:
         InputFileError: of the type `error`: the file cannot be opened or read, or is too long.

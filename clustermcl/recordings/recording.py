@@ -75,12 +75,8 @@ class OwnReading(Protocol):
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     """Read a run log, a ROS bag, a CARMEN log, or a format of an installed reader.
 
-    The format is recognised by the content.
-
-    Args:
-        path: the file, a text perhaps packed by gzip or xz, or the folder of a rosbag2.
-        settings: the laser's mount, for a recording without it; topics and frames, for a bag
-            with several.
+    The format is recognised by the content. The settings have the laser's mount, for a recording
+    without it, and the topics and frames, for a bag with several.
 
     Raises:
         RecordingError: the file is missing, not a recording, has no scan, or is ambiguous.

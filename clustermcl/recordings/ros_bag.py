@@ -65,13 +65,9 @@ class _Content:
 def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list[SkippedLine]]:
     """Return the entries of a bag in the order of recording, and the skipped messages.
 
-    Args:
-        path: the bag.
-        settings: names of topics and frames; empty: the only one of the bag.
-
     Raises:
-        RecordingError: the bag cannot be read, has no scan, has several candidates for an
-            unnamed topic or frame, or lacks a transform.
+        RecordingError: the bag cannot be read, has no scan, has several candidates for a topic or
+            frame that the settings do not name, or lacks a transform.
     """
     with closing(BagFile(path, RecordingError)) as bag:
         try:

@@ -86,12 +86,7 @@ class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class RestartFile:
-    """Exists while the bridge runs and after it was killed, in the coordinator's state folder.
-
-    Args:
-        settings: the robot and the folder.
-        node: full name of the node.
-    """
+    """Exists while the bridge runs and after it was killed, in the coordinator's state folder."""
 
     def __init__(self, settings: Settings, node: str) -> None:
         folder = state_folder(settings.coordinator.state_folder)

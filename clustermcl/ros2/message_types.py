@@ -144,12 +144,7 @@ def typestore() -> Typestore:
 
 
 def type_hash(ros_type: str, *, humble: bool) -> str:
-    """Return the hash of a message's or a service's type, as in keys.
-
-    Args:
-        ros_type: such as ``sensor_msgs/msg/LaserScan``.
-        humble: return the form of ROS 2 Humble, which has no hashes.
-    """
+    """Return the hash of a message's or a service's type, as in keys; Humble has none."""
     if humble:
         return HUMBLE_HASH
     if ros_type in _SERVICE_HASHES:

@@ -106,13 +106,9 @@ def detection(belief: Belief, frame: str, node_name: str) -> Any:
 def particle_cloud(
     map_from_robot: NDArray[np.float64], weights: NDArray[np.float64], stamp_ns: int, frame: str
 ) -> bytes:
-    """Encode a `nav2_msgs/ParticleCloud`, a hundred times faster than the general encoder.
+    """Encode (N, 3) poses and (N,) weights that sum to one as a `nav2_msgs/ParticleCloud`.
 
-    Args:
-        map_from_robot: (N, 3) poses.
-        weights: (N,) that sum to one.
-        stamp_ns: time of the poses.
-        frame: frame of the poses.
+    This is a hundred times faster than the general encoder.
     """
     rows = np.zeros((len(weights), 8))
     rows[:, :2] = map_from_robot[:, :2]

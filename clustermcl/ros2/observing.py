@@ -155,15 +155,9 @@ class Observing:
         place: Rigid = IDENTITY,
         covariance: NDArray[np.float64] | None = None,
     ) -> Observation:
-        """Return the position of a landmark.
+        """Return the position of a landmark, which a detection puts at `place` in its frame.
 
-        Args:
-            message: the message, which has the time.
-            topic: source of the observation.
-            name: name of the landmark.
-            frame: frame of the detection.
-            place: the landmark's pose in the frame.
-            covariance: (3, 3) of the position in the frame; None: unknown.
+        The (3, 3) covariance is of the position in the frame; None: unknown.
         """
         base, stamp_ns = self.settings.base_frame, _stamp_of(message)
         base_from_frame = self._frames.lookup(base, frame, stamp_ns)

@@ -38,11 +38,8 @@ class PoseChoice:
     def choose(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         """Return the place to publish after a step; None: there is none.
 
-        While the robot is not localized, its covariance is that of all places.
-
-        Args:
-            belief: the belief after the step.
-            expected: the pose published last, predicted by odometry.
+        While the robot is not localized, its covariance is that of all places. `expected` is the
+        pose published last, predicted by odometry.
         """
         hypothesis = self._chosen(belief, expected)
         self.held = hypothesis.cluster if hypothesis else None

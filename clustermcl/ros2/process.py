@@ -26,12 +26,7 @@ def main() -> None:
 
 
 def run_ros2_bridge(invocation: Invocation) -> None:
-    """Run the node until the process is stopped.
-
-    Raises:
-        Ros2NotInstalledError: the libraries for ROS are not installed.
-        ClusterMclError: see `clustermcl.ros2.bridge.serve_robot`.
-    """
+    """Run the node until the process is stopped."""
     check_ros2(invocation.settings)
     from clustermcl.ros2.bridge import serve_robot  # noqa: PLC0415 - needs the extra
 

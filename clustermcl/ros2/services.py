@@ -22,11 +22,7 @@ Answer = tuple[Any, list[Output]]
 class Services:
     """Answers service calls; owns the lifecycle and the parameters.
 
-    Args:
-        amcl: the localization.
-        settings: settings of all processes.
-        clock: returns ROS's time [ns].
-        node: full name of the node.
+    The clock returns ROS's time [ns]; `node` is the full name of the node.
     """
 
     def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int], node: str) -> None:

@@ -38,12 +38,8 @@ class TfQueue:
     ) -> Iterator[Refused]:
         """Queue a message; refuse the oldest of its source if more than `most` wait.
 
-        Args:
-            what: kind of the message, for the causes of refusals.
-            source: its sensor, for the texts of refusals.
-            convert: returns its content; raises a `ValueError` if the message cannot be used.
-            now_ns: time on a monotonic clock.
-            most: limit for the messages of this source.
+        `convert` returns its content, or raises a `ValueError` if it cannot be used. Refusals name
+        the kind of the message in their causes, and the source in their texts.
         """
         self._waiting.append(_Waiting(what, source, convert, now_ns))
         of_source = [one for one in self._waiting if one.source == source]

@@ -138,10 +138,7 @@ def endpoint_id(token: str) -> bytes:
 def attachment(sequence: int, time_ns: int, endpoint: bytes) -> bytes:
     """Return the attachment of a message; ROS drops messages without one.
 
-    Args:
-        sequence: counts the sender's messages from 1.
-        time_ns: wall clock, also under simulated time.
-        endpoint: the sender's id.
+    A sender counts its messages from 1. The time is the wall clock, also under simulated time.
     """
     return _ATTACHMENT.pack(sequence, time_ns, _ID_BYTES, endpoint)
 

@@ -11,11 +11,7 @@ from clustermcl.protocol.message import MAX_ID_CHARACTERS
 
 @cache
 def caller(program: str = "") -> str:
-    """Return such as ``clustermcl of anna@laptop``.
-
-    Args:
-        program: its name; empty: that of the file that was started.
-    """
+    """Return such as ``clustermcl of anna@laptop``; by default of the program that was started."""
     started = Path(sys.argv[0] if sys.argv else "")
     started = started.parent if started.name == "__main__.py" else started
     program = program or started.name or "python"

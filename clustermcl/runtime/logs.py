@@ -62,13 +62,6 @@ class CauseCounter:
         return self._unreported.pop(cause)
 
     def warn(self, log: logging.Logger, cause: str, detail: object, now_s: float) -> None:
-        """Count one fault and, at most once a period, log its cause with the newest detail.
-
-        Args:
-            log: the logger.
-            cause: a constant, such as ``malformed scan dropped``.
-            detail: usually the error.
-            now_s: monotonic time [s].
-        """
+        """Count one fault and, at most once a period, log its cause with the newest detail."""
         if times := self.count(cause, now_s):
             log.warning("%s%s: %s", cause, f" ({times} times)" if times > 1 else "", detail)

@@ -59,12 +59,7 @@ def process_main(
     """Run a process and exit, even if something hangs at exit.
 
     SIGINT and SIGTERM set the stop flag; `body` then returns, or a wait raises `StoppedError`.
-
-    Args:
-        name: default of ``--name``.
-        body: the process's work. It imports heavy modules and closes its own session.
-        describe: one line for ``--help``.
-        add_arguments: adds the process's own arguments.
+    It imports heavy modules and closes its own session.
     """
     open_standard_files()
     die_with_parent_if_asked()
@@ -103,10 +98,8 @@ def run_process(
 def outermost(process: str, action: Callable[[], None]) -> int:
     """Run `action` and return the exit code; this is the only broad `except`.
 
-    Args:
-        process: prefix of the error's line on standard error.
-        action: the work. A `ClusterMclError` is printed as one line; any other exception is a
-            bug and logged with its traceback.
+    A `ClusterMclError` is printed as one line, after the name of the process. Any other exception
+    is a bug, and logged with its traceback.
     """
     try:
         action()

@@ -63,10 +63,7 @@ EVERYDAY = frozenset({
 def settings_as_toml(settings: Settings, names: Container[str] | None = None) -> str:
     """Write settings, each below its meaning, unit, range and default, as a settings file.
 
-    Args:
-        settings: the values.
-        names: settings to write; those that differ from their defaults are always written.
-            None: write all.
+    With `names`, only these are written, and those that differ from their defaults.
     """
     sections: dict[str, list[str]] = {}
     for info in TABLE.values():

@@ -29,13 +29,7 @@ class Simulated:
 
 
 def is_published(map_file: str, source: str, *, ros2: bool) -> bool:
-    """Return whether the robot publishes the map too.
-
-    Args:
-        map_file: `bridge.map`: ``zenoh``, or empty with ROS.
-        source: `bridge.source`.
-        ros2: whether the bridge to ROS is enabled.
-    """
+    """Return whether the robot publishes the map: `map_file` is ``zenoh``, or empty with ROS."""
     return source == _LIVE and (map_file == _LIVE or (ros2 and not map_file))
 
 

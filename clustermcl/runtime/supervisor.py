@@ -119,11 +119,7 @@ class Supervisor:
         child.start()
 
     def poll(self, now_s: float) -> list[ChildExit]:
-        """Restart children that are due; return those that ended since the last call.
-
-        Args:
-            now_s: `time.monotonic` [s].
-        """
+        """Restart children that are due; return those that ended since the last call."""
         self._leaving = [child for child in self._leaving if not child.has_left(now_s)]
         polled = [child.polled(now_s) for child in self._children]
         return [ended for ended in polled if ended is not None]
@@ -357,12 +353,7 @@ class ChildCount:
         self._needed_s = 0.0
 
     def wanted(self, jobs: int, now_s: float) -> int:
-        """Return how many children to run.
-
-        Args:
-            jobs: the number of jobs of all children.
-            now_s: `time.monotonic` [s].
-        """
+        """Return how many children to run for the jobs of all children together."""
         needed = min(max(jobs, self._least), self._most)
         if needed >= self._count:
             self._count, self._needed_s = needed, now_s

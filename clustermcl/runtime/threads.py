@@ -39,18 +39,10 @@ def run_in_threads(
     stop: StopFlag,
     on_turn: Callable[[], object] = lambda: None,
 ) -> None:
-    """Run each part in a thread until the process is stopped or a part ends.
+    """Run each part in a thread until the process is stopped or a part ends, and raise its error.
 
-    While a part does not check its stop flag, the process gives no sign of life, so that its
-    supervisor restarts it.
-
-    Args:
-        parts: called with a stop flag of their own.
-        stop: stop flag of the process.
-        on_turn: called several times a second in this thread.
-
-    Raises:
-        Exception: the error of a part.
+    Each part has a stop flag of its own. While one does not check it, the process gives no sign of
+    life, so that its supervisor restarts it. `on_turn` is called several times a second.
     """
     flags, checked = [StopFlag() for _ in parts], set[StopFlag]()
     for flag in flags:
@@ -77,10 +69,7 @@ def restarted(
 ) -> Callable[[StopFlag], None]:
     """Return a part for `run_in_threads` that begins again, ever later, when an error ends it.
 
-    Args:
-        part: the work, which returns when its stop flag is set.
-        name: its name in the log.
-        logged: error that is logged already, as is one that comes again within a minute.
+    The error is logged, unless it is `logged` already, or comes again within a minute.
     """
 
     def run(stop: StopFlag) -> None:

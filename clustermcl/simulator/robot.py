@@ -40,11 +40,7 @@ class Drive(NamedTuple):
 class Robot:
     """A robot that drives along a route, then to random goals, and stops before obstacles.
 
-    Args:
-        free_space: the free space of the world.
-        map_from_robot: start pose: x [m], y [m], heading [rad].
-        route: (n, 2) points to visit first [m]; empty: drive to random goals from the start.
-        rng: random numbers for the goals.
+    The route has (n, 2) points of the map [m]; the start pose is in the map, too.
     """
 
     def __init__(

@@ -27,9 +27,6 @@ class Odometer:
     """Wheel odometry with systematic errors, drawn once, and random errors of each motion.
 
     Standard deviations of random errors grow with the square root of the motion.
-
-    Args:
-        rng: random numbers for the errors.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:

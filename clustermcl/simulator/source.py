@@ -13,12 +13,7 @@ from clustermcl.simulator.simulation import Simulation
 
 
 class SimulatedSource:
-    """The readings of a simulated robot, up to a number of steps.
-
-    Args:
-        simulation: the robot in its world.
-        steps: number of steps; None: no limit.
-    """
+    """The readings of a simulated robot, up to a number of steps; None: without end."""
 
     def __init__(self, simulation: Simulation, *, steps: int | None = None) -> None:
         self.steps, self._simulation = steps, simulation

@@ -40,11 +40,9 @@ class View(NamedTuple):
 
 
 def drawn_picture(grid_map: GridMap, step: Mapping[str, Any]) -> Image.Image:
-    """Draw the whole map, and the places, the scan and the true pose of a step.
+    """Draw the whole map, and the places, the scan and the true pose of a step (see `step_frame`).
 
-    Args:
-        grid_map: the map; a cell of a very large one stands for several.
-        step: frame of the step, from `step_frame`.
+    A drawn cell of a very large map stands for several.
     """
     canvas, view = map_canvas(grid_map)
     draw = ImageDraw.Draw(canvas, "RGBA")

@@ -41,14 +41,7 @@ def map_frame(message: MapMessage) -> Frame:
 def step_frame(
     belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
 ) -> Frame:
-    """Return what the page draws of a step.
-
-    Args:
-        belief: the belief after the step.
-        slots: slot of each cluster in the belief.
-        scan: the step's scan; None: unknown.
-        truth: true pose at the step; None: unknown.
-    """
+    """Return what the page draws of a step; its scan and its true pose may be unknown (None)."""
     return {
         "step": belief.step,
         "stamp_s": belief.stamp_ns / 1e9,

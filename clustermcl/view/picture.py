@@ -31,11 +31,7 @@ class Picture:
     system's own answers, and ``cloud N``: the particles of cluster N, or None once the cluster has
     ended. The topic ``history`` has the newest rows and the number of the oldest kept step. It is
     sent when a page is opened and when the steps restart; in between, the page itself adds each
-    new step.
-
-    Args:
-        system: constants for the page: the robot's name, the router, whether commands are allowed.
-        archive: archive for past steps; None: a new archive of the default size.
+    new step. ``system`` has constants: the robot's name, the router, whether commands are allowed.
     """
 
     def __init__(self, system: frames.Frame, archive: StepArchive | None = None) -> None:

@@ -50,21 +50,7 @@ def view_recording(
     *,
     open_browser: bool = False,
 ) -> None:
-    """Serve the page of a recorded run until Ctrl-C, or save the page.
-
-    Args:
-        recording: a run log, or a folder with run logs.
-        address: address of the page.
-        map_file: map of the recording; None: the map in the recording.
-        save_file: file for the recording as one page, which is then not served; None: serve it.
-        open_browser: whether to open the page in this machine's browser.
-
-    Raises:
-        SettingsError: the address is invalid.
-        InputFileError: there is no recording, or it cannot be read.
-        MapFileError: the map cannot be read.
-        OutputError: the page cannot be written.
-    """
+    """Serve the page of a recorded run until Ctrl-C, or save the page to a file."""
     stop = stop_on_signals()
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
@@ -86,14 +72,9 @@ def view_recording(
 
 
 class RecordedRun:
-    """The page of a recorded run.
+    """The page of a recorded run, a run log or the folder of a flight recorder.
 
-    Args:
-        path: a run log, or the folder of a flight recorder.
-        grid_map: map to draw; None: the map in the recording.
-
-    Raises:
-        RecordingError: there is no recording.
+    Draws a given map in place of that in the recording.
     """
 
     def __init__(self, path: Path, grid_map: MapMessage | None) -> None:

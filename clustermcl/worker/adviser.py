@@ -26,10 +26,8 @@ class Adviser:
     """The child process of a worker that computes its advice, one question after another.
 
     It is forked at the first question, loads scipy, which takes 0.4 s and 24 MB, and ends when it
-    is idle. Of several questions that wait, only the newest is computed.
-
-    Args:
-        node: the worker's node, whose loop calls all methods.
+    is idle. Of several questions that wait, only the newest is computed. The node's loop calls all
+    methods.
     """
 
     def __init__(self, node: Node) -> None:
@@ -69,12 +67,7 @@ class Adviser:
 
 
 class _Child:
-    """A child process, which serves questions about one map with one set of settings.
-
-    Args:
-        task: the first of these questions.
-        sender: name of the worker.
-    """
+    """A child process, which serves questions about one map with one set of settings."""
 
     def __init__(self, task: Advise, sender: str) -> None:
         # A fork has the sensor model, of tens of megabytes, without a copy.

@@ -215,10 +215,7 @@ def serve_robots(
 class WorkerLoop:
     """Passes messages to a `Worker` and carries out its instructions, without blocking.
 
-    Args:
-        node: the open node of this process.
-        cache_folder: folder for computed sensor models.
-        report_jobs: called with the number of jobs at the start and after each order.
+    Reports the number of jobs at the start and after each order.
     """
 
     def __init__(self, node: Node, cache_folder: Path, report_jobs: ReportJobs) -> None:

@@ -162,9 +162,6 @@ class Worker:
 
     No method waits: the map and past scans are requested by an instruction, and arrive in a later
     call. Other work continues until then.
-
-    Args:
-        name: the worker's name.
     """
 
     def __init__(self, name: str) -> None:
@@ -237,9 +234,7 @@ class Worker:
     def on_scan(self, scan: Scan, dropped: int = 0) -> list[Instruction]:
         """Process a step of the bridge.
 
-        Args:
-            scan: the step.
-            dropped: scans that this process dropped from a full inbox since its start.
+        `dropped` counts the scans that this process dropped from a full inbox since its start.
         """
         if not self.needs_scans:
             return []
@@ -302,12 +297,7 @@ class Worker:
     # --- orders
 
     def on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
-        """Follow an order as soon as there is a sensor model for it.
-
-        Args:
-            question: handle of the query, for its `Answer`.
-            order: the order of a coordinator.
-        """
+        """Follow an order as soon as there is a sensor model for it, and answer the query."""
         try:
             settings = converted(order.filter_settings, FilterSettings)
             if not self._fence.check(order):
@@ -353,11 +343,7 @@ class Worker:
         return (self._ordered, self._ordered_map) if self._ordered and self._ordered_map else None
 
     def on_map_failure(self, error: Exception) -> list[Instruction]:
-        """Refuse the waiting order, because `FetchMap` or `BuildModel` failed.
-
-        Args:
-            error: a `ClusterMclError`, or a `ValueError` if the map has no obstacle.
-        """
+        """Refuse the waiting order, because `FetchMap` or `BuildModel` failed."""
         self._preparing, self._map = False, None
         return self._refuse_waiting(error)
 

@@ -77,13 +77,8 @@ def agreement_of(
 ) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
 
-    The mirrored recording is localized too, as a decoy: a robot that is not on this map.
-
-    Args:
-        scans: steps of the recording.
-        grid_map: the map.
-        settings: settings of the filter.
-        odometry: all readings of the recording, for the laser's lag.
+    The mirrored recording is localized too, as a decoy: a robot that is not on this map. The lag
+    of the laser is measured by all readings of `odometry`.
     """
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)

@@ -32,13 +32,8 @@ def distinguishable(
 ) -> list[bool | None]:
     """Return for each group of look-alike places whether advised ways distinguish some of them.
 
-    None: one place only, the robot has no room for a way, or there are 12 groups before this one.
-    Of a group, the first 16 places are compared.
-
-    Args:
-        groups: (K, 3) poses in the map, each.
-        grid_map: the map, with its landmarks.
-        range_m: range of the robot's laser.
+    Each group has (K, 3) poses in the map, of which the first 16 are compared. None: one place
+    only, the robot has no room for a way, or there are 12 groups before this one.
     """
     asked = [number for number, group in enumerate(groups) if len(group) > 1][:_MOST_GROUPS]
     answers: list[bool | None] = [None] * len(groups)

@@ -66,11 +66,6 @@ class LookAlikeSearch:
     The laser scans 360 degrees. All poses on a lattice in the free space are scored with a blurred
     map; the best are refined, and their expected ranges compared with the view.
 
-    Args:
-        grid_map: the map.
-        range_m: range of the laser.
-        rng: draws the views and the trials of refining.
-
     Raises:
         NoRoomError: no robot fits into the map.
     """

@@ -110,14 +110,6 @@ def report_of(
 ) -> MapReport:
     """Test a map at random places.
 
-    Args:
-        name: name of the map, for display.
-        grid_map: the map.
-        laser_range_m: range of the robot's laser.
-        places: number of places.
-        seed: seed of the random places.
-        agreement: how a recording matches the map; None: there is no recording.
-
     Raises:
         NoRoomError: no robot fits into the map.
     """

@@ -81,12 +81,7 @@ def _split_topic(path: Path) -> tuple[Path, str]:
 
 
 def _load_bag_map(path: Path, topic: str) -> GridMap:
-    """Return the last map on a topic of a bag.
-
-    Args:
-        path: the bag.
-        topic: name of a topic; empty: the only topic called ``map``, in any namespace.
-    """
+    """Return the last map on a topic; empty: the only topic called ``map``, in any namespace."""
     with closing(BagFile(path, MapFileError)) as bag:
         topics = bag.of_type(OCCUPANCY_GRID)
         held = ", ".join(topics) or "none"

@@ -46,14 +46,9 @@ def office(wings: int = 5, rooms: int = 18) -> World:
 def _draw_room(
     plan: Canvas, furniture: Canvas, corner: Waypoint, up: int, rng: np.random.Generator
 ) -> None:
-    """Draw a room with its door and furniture.
+    """Draw a room with its door and furniture, above (`up` 1) or below (-1) the corridor.
 
-    Args:
-        plan: canvas for free space.
-        furniture: canvas for furniture.
-        corner: x of the room's left wall, and y of the corridor's middle [m].
-        up: 1: the room is above the corridor; -1: below.
-        rng: random numbers for the furniture.
+    The corner is x of the room's left wall, and y of the corridor's middle [m].
     """
     x, corridor_y = corner
     width, depth = _ROOM_M
