@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from clustermcl.link.access_control import ROLES
-from clustermcl.protocol.names import NAME_PATTERN
 from clustermcl.runtime.settings_file import load_settings
 from tests.integration.security.certificates import (
     SCRIPT,
@@ -158,13 +157,6 @@ def test_help_needs_no_folder(tmp_path: Path) -> None:
     ran = make_certificates(tmp_path / "new", "--help")
     assert ran.returncode == 0
     assert "usage: certificates.sh" in ran.stdout
-
-
-def test_robots_and_workers_have_the_names_that_settings_allow() -> None:
-    allowed = NAME_PATTERN.removeprefix(r"\A").removesuffix(r"\Z")
-    text = SCRIPT.read_text()
-    assert rf"(\.{allowed})?)$" in text
-    assert f"ROLES// /|}}{allowed.removeprefix('[A-Za-z0-9_]+')}" in text, "worker is the last role"
 
 
 def test_the_script_has_the_roles_of_the_access_control() -> None:

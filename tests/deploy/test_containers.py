@@ -47,27 +47,6 @@ def test_every_container_runs_a_process_of_ours_with_settings_that_are_there(fil
         load_settings(DEPLOY / "settings.toml", assignments)
 
 
-def test_the_compose_file_for_ros_has_the_bridge_and_rmw_zenohds_configuration() -> None:
-    assert set(processes(ROS2)) == {"ros2"}
-    module, *words = processes(ROS2)["ros2"]
-    assert importlib.util.find_spec(f"{module}.__main__") is not None
-    load_settings(DEPLOY / "settings.toml", [words[words.index("--set") + 1]])
-    router = services(ROS2)["router"]
-    (mounted,) = router["volumes"]
-    assert mounted.split(":")[-2] == router["command"][1]
-    assert "rmw_zenoh_cpp/config/DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5" in mounted
-    # On the host's network, as ROS nodes are; the plain file publishes the router's port there.
-    assert services(ROS2)["ros2"]["network_mode"] == "host"
-    assert words[words.index("--set") + 1] == "zenoh.router=tcp/127.0.0.1:7447"
-    assert services(PLAIN)["router"]["ports"] == ["127.0.0.1:7447:7447"]
-    assert set(router) <= {"command", "volumes"}, "all else is the plain file's"
-    assert Path(words[words.index("--settings") + 1]).parent == Path("/etc/clustermcl")
-    assert ".:/etc/clustermcl:ro" in services(ROS2)["ros2"]["volumes"]
-    plain = services(PLAIN)["worker"]
-    for rule in ("image", "cap_drop", "read_only", "security_opt", "restart"):
-        assert services(ROS2)["ros2"][rule] == plain[rule]
-
-
 def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     image = services(PLAIN)["router"]["image"]
     assert image == f"docker.io/eclipse/zenoh:{zenoh_version()}"
@@ -114,12 +93,6 @@ def test_every_container_has_its_own_key_and_no_other() -> None:
 def test_keys_never_get_into_the_image_or_into_git() -> None:
     assert "**/*.key" in (DEPLOY / "Containerfile.dockerignore").read_text().split()
     assert "*.key" in (DEPLOY.parent / ".gitignore").read_text().split()
-
-
-def test_the_image_has_what_runs_and_no_tool_of_its_development() -> None:
-    *_, last_stage = (DEPLOY / "Containerfile").read_text().split("\nFROM ")
-    assert re.findall(r"--require-hashes -r (\S+)", last_stage) == ["/wheels/requirements-run.lock"]
-    assert re.findall(r"pip install .*--no-deps (\S+)", last_stage) == ["/wheels/*.whl"]
 
 
 def owned_by(user: str) -> set[str]:

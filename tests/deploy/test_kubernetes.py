@@ -51,13 +51,6 @@ def selects(selector: Object, labels: Object) -> bool:
     return selector.items() <= labels.items()
 
 
-def test_every_file_is_a_resource_and_every_resource_a_file() -> None:
-    files = {file.name for file in FOLDER.glob("*.yaml")} - {"kustomization.yaml"}
-    assert set(KUSTOMIZATION["resources"]) == files
-    names = [(resource["kind"], resource["metadata"]["name"]) for resource in RESOURCES]
-    assert len(names) == len(set(names))
-
-
 def test_selectors_match_the_labels_of_their_pods() -> None:
     for made in workloads():
         labels = made["spec"]["template"]["metadata"]["labels"]

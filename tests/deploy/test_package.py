@@ -44,12 +44,6 @@ def test_the_source_distribution_has_each_file_once(built: Path) -> None:
     assert not [tail for tail in tails if tail.startswith(("worker/", "coordinator/", "protocol/"))]
 
 
-def test_the_names_at_the_top_level_are_links_into_the_package() -> None:
-    for name in ("coordinator", "worker", "sensor_bridge", "protocol"):
-        assert (REPOSITORY / name).is_symlink()
-        assert (REPOSITORY / name).resolve() == PACKAGE / name
-
-
 @pytest.mark.parametrize("module", ENTRY_POINTS)
 def test_modules_import_beside_a_users_modules_of_the_same_names(
     module: str, tmp_path: Path
@@ -60,13 +54,3 @@ def test_modules_import_beside_a_users_modules_of_the_same_names(
     (tmp_path / "recordings" / "__init__.py").write_text("raise ImportError('a folder of data')\n")
     command = [sys.executable, "-c", f"import clustermcl.{module}"]
     subprocess.run(command, cwd=tmp_path, check=True)
-
-
-def test_the_library_loads_neither_page_nor_processes_nor_what_only_some_calls_need() -> None:
-    words = "import sys, clustermcl.localizer; print(*sys.modules)"
-    command = [sys.executable, "-I", "-c", words]
-    loaded = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
-    rooms = ("view", "worker", "coordinator", "commands", "link", "evaluation")
-    unwanted = (*(f"clustermcl.{room}" for room in rooms), "scipy", "PIL", "mcap", "zenoh", "numba")
-    assert [name for name in loaded if name in unwanted] == []
-    assert len(loaded) < 450

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from clustermcl.runtime.settings_file import load_settings
-from clustermcl.runtime.supervisor import HUNG_AFTER_S
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
@@ -56,19 +55,6 @@ def test_every_process_knows_its_arguments(command: list[str]) -> None:
     ).stdout  # fmt: skip
     for argument in command[1:]:
         assert not argument.startswith("--") or argument in known
-
-
-def test_all_processes_have_a_unit() -> None:
-    processes = {"link.router", "sensor_bridge", "coordinator", "worker", "ros2"}
-    assert {command[0] for command in starts()} == {f"clustermcl.{name}" for name in processes}
-
-
-def test_all_but_the_router_start_after_the_router() -> None:
-    [shared] = UNITS.glob("clustermcl-.service.d/*.conf")
-    assert "clustermcl-router.service" not in unit(shared)["Unit"]["After"], "the router too"
-    orders = {file.name: unit(file)["Unit"].get("After") for file in SERVICES}
-    assert orders.pop("clustermcl-router.service") is None
-    assert set(orders.values()) == {"clustermcl-router.service"}
 
 
 def test_the_systemd_target_wants_existing_units() -> None:
@@ -200,12 +186,3 @@ def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
         for text in re.findall(r"LoadCredential=([^:]+):", file.read_text())
     ]
     assert {"authority.pem", "own.pem", "own.key"} <= set(credentials)
-
-
-def test_systemd_restarts_a_hanging_process_and_gives_the_first_start_time_to_compile() -> None:
-    common = unit(UNITS / "clustermcl-.service.d" / "common.conf")["Service"]
-    assert (common["Type"], common["Restart"]) == ("notify", "always")
-    assert float(common["WatchdogSec"]) == HUNG_AFTER_S, "as for who runs clustermcl up"
-    assert float(common["TimeoutStartSec"]) > 120.0
-    for file in SERVICES:
-        assert not {"Type", "WatchdogSec", "NotifyAccess"} & set(unit(file)["Service"])

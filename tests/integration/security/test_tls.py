@@ -40,21 +40,6 @@ def test_a_router_with_certificates_in_its_settings_requires_client_certificates
             pass
 
 
-def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -> None:
-    client = client_configuration(viewer, RobotSettings())["transport"]["link"]["tls"]
-    router = router_configuration(viewer)["transport"]["link"]["tls"]
-    files = {"root_ca_certificate": viewer.tls_ca_certificate, "enable_mtls": True}
-    assert client == files | {
-        "verify_name_on_connect": True,
-        "connect_certificate": viewer.tls_certificate,
-        "connect_private_key": viewer.tls_private_key,
-    }
-    assert router == files | {
-        "listen_certificate": viewer.tls_certificate,
-        "listen_private_key": viewer.tls_private_key,
-    }
-
-
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [

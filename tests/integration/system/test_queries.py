@@ -208,12 +208,6 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
     assert answer.state == "searching", "no scan has confirmed it: the recording is over"
 
 
-def test_a_pose_off_the_map_is_refused_in_a_line(system: Settings) -> None:
-    done = typed(system, "set-pose", "700", "0.5", "1.6")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "the map has no free ground within 3 sigma" in done.stderr
-
-
 def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
     covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
     with Client(system) as client:

@@ -6,8 +6,8 @@ from clustermcl.recordings.recording import open_recording
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.recorded import steps_of
 from tests.integration.faults.system import system
-from tests.integration.system.commands import SMALL_FILTER, typed
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.system.commands import typed
+from tests.integration.waiting import wait_until
 from tests.unit.recordings.test_run_log import as_others_read
 
 IN_FLIGHT = 5
@@ -22,17 +22,6 @@ def steps_in(file: Path) -> int:
     """How many steps the system would make of it."""
     settings = BridgeSettings()
     return sum(1 for _ in steps_of(open_recording(file, settings), settings, ""))
-
-
-def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> None:
-    file = tmp_path / "demo.mcap"
-    words = ("--steps", "25", "--workers", "2", "--record", str(file), *SMALL_FILTER)
-    with typed("demo", *words, folder=tmp_path) as demo:
-        assert demo.wait(2 * PATIENCE_S) == 0, demo.err
-    counts = counts_in(file)
-    assert (counts["/map"], counts["/scan"]) == (1, 25)
-    assert counts["/places"] >= 24, "the last belief ends the demo"
-    assert steps_in(file) == 25
 
 
 def test_a_running_system_is_recorded_until_ctrl_c(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -10,28 +9,8 @@ import pytest
 from tests.integration.system.commands import ran
 from tests.integration.worlds import write_room
 
-HEAVY = {"numba", "llvmlite", "scipy"}
-"""Of the 160 MB of a process that computes, 100 are these."""
 COMPILING_S = 250.0
 """Time-out of compiling all kernels, 20 s on an idle machine [s]."""
-
-
-@pytest.mark.parametrize(
-    "module",
-    [
-        "clustermcl.sensor_bridge.process",
-        "clustermcl.coordinator.process",
-        "clustermcl.link.router",
-        "clustermcl.client",
-        "clustermcl.commands.up",
-    ],
-)
-def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: str) -> None:
-    program = f"import sys, {module}; print(sorted({HEAVY} & set(sys.modules)))"
-    ran = subprocess.run(
-        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
-    )
-    assert ran.stdout.strip() == "[]"
 
 
 @pytest.mark.skipif(not shutil.which(os.environ.get("CC", "cc")), reason="no C compiler")

@@ -15,8 +15,8 @@ from clustermcl.protocol.errors import UnreachableError
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
-from tests.integration.system.test_start import HEAVY
 from tests.integration.waiting import wait_until
+from tests.unit.test_imports import COMPILERS
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
 
 def heavy_libraries(pid: int) -> set[str]:
     files = {Path(mapped.path).parts for mapped in psutil.Process(pid).memory_maps()}
-    return {name for name in HEAVY if any(name in parts for parts in files)}
+    return {name for name in COMPILERS if any(name in parts for parts in files)}
 
 
 def test_killed_processes_are_restarted_and_ctrl_c_ends_everything(

@@ -1,6 +1,5 @@
 """The page in a real browser, on a real system. The tests follow one another, as a person would."""
 
-import itertools
 import json
 import math
 import re
@@ -169,17 +168,6 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("confirm-yes")
     wait_until(lambda: "forgotten" in system.causes())
     wait_until(lambda: "search requested: by live_view" in running.text("events"))
-
-
-def truth(page: Page) -> list[float]:
-    where: list[float] = page.snapshot().step["truth"]
-    return where
-
-
-def turns(page: Page) -> list[float]:
-    """From step to step, of the true pose [rad]."""
-    headings = [row[2][2] for row in page.history() if row[2] is not None]
-    return [math.remainder(b - a, math.tau) for a, b in itertools.pairwise(headings)]
 
 
 def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:

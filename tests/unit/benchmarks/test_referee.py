@@ -8,7 +8,7 @@ from scipy.ndimage import binary_dilation
 
 from benchmarks import aged_maps
 from benchmarks.aged_maps import surface
-from benchmarks.referee import CHANGES, Trial, battery, begun, outcomes, row_of, score
+from benchmarks.referee import CHANGES, Trial, begun, outcomes, row_of, score
 from benchmarks.worlds import world
 from clustermcl.evaluation.measures import ReportedPlace, StepFacts
 from clustermcl.evaluation.pose_error import PoseError
@@ -34,15 +34,6 @@ def test_a_change_alters_what_it_says_and_nothing_else(change: str) -> None:
     if change == "aside":
         reach = round(0.5 / HALL.cell_m) + 1
         assert np.all(binary_dilation(old == OCCUPIED, iterations=2 * reach)[new == OCCUPIED])
-
-
-def test_closed_passages_have_the_given_width() -> None:
-    office = world("office").map
-    closed = aged_maps.with_closed_passages(office, (0.6, 1.3), 1, np.random.default_rng(2))
-    rows, cols = np.nonzero((office.cells == FREE) & (closed.cells == OCCUPIED))
-    sides_m = sorted((np.ptp(one) + 1) * office.cell_m for one in (rows, cols))
-    assert sides_m[0] <= 2 * office.cell_m + 1e-9
-    assert 0.6 <= sides_m[1] + 1e-9 <= 1.3 + 1e-9
 
 
 def test_new_furniture_leaves_the_path_clear_and_ends_beams_before_old_walls() -> None:
@@ -96,9 +87,3 @@ def test_a_given_pose_is_the_belief_of_the_first_step(algorithm: str) -> None:
         assert truth is not None
         away_m = math.dist(after.hypotheses[0].pose[:2], truth[:2])
         assert off_m[0] - 0.5 < away_m < off_m[1] + 0.5
-
-
-def test_the_battery_names_each_trial_once() -> None:
-    for small in (False, True):
-        trials = list(battery(small=small))
-        assert len(set(trials)) == len(trials)

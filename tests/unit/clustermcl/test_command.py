@@ -36,18 +36,6 @@ def test_the_help_is_grouped_and_not_truncated() -> None:
     assert [line.rstrip(":") for line in lines if line.rstrip(":") in COMMANDS] == list(COMMANDS)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_command_has_a_help_text(name: str) -> None:
-    assert typed(name, "-h") == typed(name, "--help")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_json_is_a_flag_and_a_file_is_an_output(name: str) -> None:
-    message = typed(name, "--help")
-    for option in re.findall(r"^  --json.*$", message, re.MULTILINE):
-        assert re.match(r"  --json +\w", option), option
-
-
 @pytest.mark.parametrize("name", ASKING)
 @pytest.mark.parametrize("way", ["options", "environment"])
 def test_every_client_command_has_options_for_robot_and_router(

@@ -60,12 +60,3 @@ def test_plain_python_computes_what_the_kernels_compute(tmp_path: Path) -> None:
     for name, compiled in results().items():
         # The compiler may fuse a multiplication and an addition: a last digit can differ.
         np.testing.assert_allclose(compiled, plain[name], rtol=1e-12, atol=1e-12, err_msg=name)
-
-
-def test_processes_without_mathematics_load_no_compiler() -> None:
-    run(
-        "import sys, clustermcl.filter.poses, clustermcl.filter.random_streams,"
-        " clustermcl.belief.log_probabilities, clustermcl.belief.overlaps\n"
-        "heavy = {'numba', 'scipy', 'llvmlite'} & set(sys.modules)\n"
-        "assert not heavy, heavy"
-    )

@@ -13,7 +13,6 @@ from tests.unit.filter import naive
 angles = st.floats(-1e4, 1e4)
 pose = arrays(np.float64, 3, elements=st.floats(-100, 100))
 poses = arrays(np.float64, (5, 3), elements=st.floats(-100, 100))
-IDENTITY = np.zeros(3)
 
 
 def assert_same_place(a: Poses, b: Poses) -> None:

@@ -38,9 +38,6 @@ def box() -> Cells:
     return cells
 
 
-EMPTY = np.zeros((4, 4), np.int8)
-
-
 @relaxed
 @given(cells=grids)
 def test_jumps_are_the_largest_free_squares_ahead(cells: Cells) -> None:

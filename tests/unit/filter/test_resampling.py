@@ -13,7 +13,6 @@ from tests.unit.filter import naive
 log_weights = arrays(
     np.float64, st.integers(1, 30), elements=st.one_of(st.floats(-20, 20), st.just(-np.inf))
 ).filter(lambda values: bool(np.isfinite(values).any()))
-seeds = st.integers(0, 2**32)
 
 
 def test_resampling_is_unbiased() -> None:

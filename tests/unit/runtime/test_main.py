@@ -101,13 +101,3 @@ def test_every_process_prints_its_version(capsys: pytest.CaptureFixture[str]) ->
 def test_the_command_prints_its_version() -> None:
     ended = ran("import runpy; runpy.run_module('clustermcl', run_name='__main__')", "--version")
     assert (ended.stdout, ended.stderr) == (f"clustermcl {version('clustermcl')}\n", "")
-
-
-def test_the_runtime_loads_nothing_heavy() -> None:
-    # Every process imports all of this before its first word; numba alone takes half a second.
-    program = (
-        "import sys, clustermcl.runtime.main, clustermcl.link.inbox, clustermcl.link.session,"
-        "clustermcl.link.router, clustermcl.runtime.supervisor;"
-        "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
-    )
-    assert ran(program).stdout == "set()\n"

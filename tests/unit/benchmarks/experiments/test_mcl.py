@@ -10,7 +10,6 @@ from benchmarks.experiments.mcl import (
     OrdinaryMCL,
     Recovery,
     RecoveryGains,
-    start_particles,
     uniform_over_free_space,
 )
 from clustermcl.filter.arrays import UNKNOWN
@@ -45,12 +44,6 @@ def test_the_start_is_even_over_free_cells_and_only_there() -> None:
         assert held == pytest.approx(share, abs=2e-4)
     eighths = np.histogram(poses[:, 2], bins=8, range=(-np.pi, np.pi))[0]
     assert np.all(np.abs(eighths - 2_500) < 50)
-
-
-def test_a_large_map_gets_more_particles_within_bounds() -> None:
-    sides = [(10, 10), (500, 500), (10_000, 10_000)]
-    grids = [Grid(np.zeros(side, np.int8), 0.05, NO_OFFSET) for side in sides]
-    assert [start_particles(grid) for grid in grids] == [50_000, 250_000, 2_000_000]
 
 
 def test_a_map_without_a_free_cell_is_refused() -> None:
