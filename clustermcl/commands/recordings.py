@@ -167,14 +167,18 @@ def replay(
     WHEN is a step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a
     belief differs from the recorded one.
     """
-    from clustermcl.commands.replay import Moment, Shown, print_replay  # noqa: PLC0415 - see the package
+    from clustermcl.commands.replay import Shown, parsed_moment, print_replay  # noqa: PLC0415 - see the package
 
-    around = Moment.parsed("--at", at)
-    if around and (first or last):
+    if at and (first or last):
         problem = "--at with --from or --to: leave one out"
         raise SettingsError(key="--at", problem=problem)
-    shown = Shown(Moment.parsed("--from", first), Moment.parsed("--to", last), above)
-    same = print_replay(folder, Shown.around(around, above) if around else shown)
+    shown = Shown(
+        first=parsed_moment("--from", first),
+        last=parsed_moment("--to", last),
+        around=parsed_moment("--at", at),
+        above=above,
+    )
+    same = print_replay(folder, shown)
     sys.exit(0 if same else EXIT_DIFFERENT)
 
 

@@ -1,10 +1,11 @@
 """`clustermcl replay`: recompute a flight recording, and print its events and beliefs."""
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
-from typing import Literal
+from typing import TypeAlias
 
 import typer
 
@@ -19,47 +20,35 @@ AROUND = 5
 _DAY_S = 86_400.0
 
 
-@dataclass(frozen=True)
-class Moment:
-    """A step, a date with a time [s since 1970], or a time of each day [s]."""
+Moment: TypeAlias = int | time | datetime
+"""A step, a time of each day, or a date with a time, in local time."""
 
-    kind: Literal["step", "time", "time of day"]
-    value: float
 
-    @classmethod
-    def parsed(cls, option: str, text: str | None) -> "Moment | None":
-        """Parse ``200``, ``11:45:51`` or ``2026-11-20 11:45:51``, in local time.
+def parsed_moment(option: str, text: str | None) -> Moment | None:
+    """Parse ``200``, ``11:45:51`` or ``2026-11-20 11:45:51``.
 
-        Raises:
-            SettingsError: the text is none of them.
-        """
-        if text is None:
-            return None
-        if text.isdecimal():
-            return cls("step", float(text))
-        try:
-            return cls("time of day", _of_day_s(time.fromisoformat(text)))
-        except ValueError:
-            pass
-        try:
-            return cls("time", datetime.fromisoformat(text).timestamp())
-        except (ValueError, OverflowError):
-            problem = f"{text!r} is neither a step nor a time: 200, 11:45:51, '2026-11-20 11:45:51'"
-            raise SettingsError(key=option, problem=problem) from None
+    Raises:
+        SettingsError: the text is none of them.
+    """
+    if text is None or text.isdecimal():
+        return None if text is None else int(text)
+    with suppress(ValueError):
+        return time.fromisoformat(text).replace(tzinfo=None)
+    with suppress(ValueError, OverflowError):
+        return datetime.fromisoformat(text).astimezone().replace(tzinfo=None)
+    problem = f"{text!r} is neither a step nor a time: 200, 11:45:51, '2026-11-20 11:45:51'"
+    raise SettingsError(key=option, problem=problem)
 
-    def shifted(self, by: float) -> "Moment":
-        value = self.value + by
-        return replace(self, value=value % _DAY_S if self.kind == "time of day" else value)
 
-    def comparable(self, step: int, clock: datetime) -> float:
-        """Return the step or the time, as a number that compares with `value`."""
-        match self.kind:
-            case "step":
-                return step
-            case "time":
-                return clock.timestamp()
-            case "time of day":
-                return _of_day_s(clock.time())
+def _since(moment: Moment, step: int, clock: datetime) -> float:
+    """Return the steps, or the seconds, from a moment to a step or its time."""
+    match moment:
+        case int():
+            return step - moment
+        case datetime():
+            return (clock - moment).total_seconds()
+        case time():
+            return (clock - datetime.combine(clock, moment)).total_seconds()
 
 
 @dataclass(frozen=True)
@@ -68,20 +57,21 @@ class Shown:
 
     first: Moment | None = None
     last: Moment | None = None
+    around: Moment | None = None
+    """Print `AROUND` before and after this, instead of from `first` to `last`."""
     above: float = 0.0
     """Least probability of clusters that began or ended."""
 
-    @classmethod
-    def around(cls, moment: Moment, above: float) -> "Shown":
-        return cls(moment.shifted(-AROUND), moment.shifted(AROUND), above)
-
     def includes(self, happening: Happening, step: int, clock: datetime) -> bool:
-        first, last = self.first, self.last
-        is_after = first is None or first.comparable(step, clock) >= first.value
-        is_before = last is None or last.comparable(step, clock) <= last.value
         if isinstance(happening, Happened) and happening.probability < self.above:
             return False
-        if first and last and first.kind == last.kind == "time of day" and first.value > last.value:
+        first, last, around = self.first, self.last, self.around
+        if around is not None:
+            off = abs(_since(around, step, clock))
+            return (min(off, _DAY_S - off) if isinstance(around, time) else off) <= AROUND
+        is_after = first is None or _since(first, step, clock) >= 0.0
+        is_before = last is None or _since(last, step, clock) <= 0.0
+        if isinstance(first, time) and isinstance(last, time) and first > last:
             return is_after or is_before  # over midnight
         return is_after and is_before
 
@@ -103,10 +93,6 @@ def print_replay(folder: Path, shown: Shown) -> bool:
             typer.echo(f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}")
     typer.echo(_result(same, coordinators))
     return not same[False]
-
-
-def _of_day_s(clock: time) -> float:
-    return clock.hour * 3600.0 + clock.minute * 60.0 + clock.second + clock.microsecond / 1e6
 
 
 def _result(same: Counter[bool | None], coordinators: int) -> str:
