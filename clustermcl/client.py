@@ -12,6 +12,7 @@ from typing import Any, Self, TypeVar
 
 import zenoh
 
+from clustermcl.link.access_control import doubt_of_certificate, roles_that_ask
 from clustermcl.link.inbox import Inbox
 from clustermcl.link.session import open_session
 from clustermcl.link.wire import Events, Received, ask, subscribe
@@ -364,21 +365,10 @@ class Client(RobotCommands):
             "start one with 'clustermcl up', or name another robot or router"
         )
         if certificate := self._settings.zenoh.tls_certificate:
-            doubt = _doubt(certificate, key, robot)
+            doubt = doubt_of_certificate(certificate, roles_that_ask(key), "", robot)
             hint = f"{certificate} may not ask for {key!r} where access is controlled: {doubt}"
             problem = f"{hint}; or {problem}" if doubt else problem
         return UnreachableError(peer=peer, endpoint=router, waited_s=waited_s, problem=problem)
-
-
-def _doubt(certificate: str, key: str, robot: str) -> str:
-    """Return why a router with access control would not let a certificate ask; empty: it would."""
-    from clustermcl.link.access_control import (  # noqa: PLC0415 - see the next
-        doubt_of_certificate,
-        roles_that_ask,
-    )
-    from clustermcl.link.tls import common_name  # noqa: PLC0415 - only where there is TLS
-
-    return doubt_of_certificate(common_name(certificate), roles_that_ask(key), "", robot)
 
 
 def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:

@@ -137,17 +137,15 @@ _ROLES = {
 ROLES = (*_ROLES, WORKER)
 
 
-def doubt_of_certificate(name: str, roles: Sequence[str], process: str, robot: str) -> str:
+def doubt_of_certificate(file: str, roles: Sequence[str], process: str, robot: str) -> str:
     """Return why a process with this certificate would not be heard; empty if it would be.
 
-    Args:
-        name: common name of the certificate, ``ROLE`` or ``ROLE.ROBOT``; other names raise no
-            doubt, because an access control of one's own may know them.
-        roles: roles that the process may have.
-        process: its name, which matters for a worker.
-        robot: name of its robot.
+    Names other than ``ROLE`` and ``ROLE.ROBOT`` raise no doubt, because an access control of
+    one's own may know them. The name of the process matters only for a worker.
     """
-    owner, _, of_robot = name.partition(".")
+    from clustermcl.link.tls import common_name  # noqa: PLC0415 - only where there is TLS
+
+    owner, _, of_robot = common_name(file).partition(".")
     role = WORKER if owner.startswith(f"{WORKER}-") else owner
     if role not in (*ROLES, "router"):
         return ""

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import zenoh
 
 from clustermcl.link import wire
+from clustermcl.link.access_control import doubt_of_certificate
 from clustermcl.link.health import HealthReporter
 from clustermcl.link.inbox import Inbox
 from clustermcl.link.session import open_session, refusal
@@ -140,22 +141,13 @@ class Node:
         with ExitStack() as opening:
             session = opening.enter_context(self._opening(wait_s))
             self._use(session, opening.pop_all())
-        if self._shared is None and self._settings.zenoh.tls_certificate:
-            self._check_role(self._settings.zenoh.tls_certificate)
+        if self._shared is None and (certificate := self._settings.zenoh.tls_certificate):
+            role, robot = self.health.role, self._settings.robot.name
+            roles = ROLES.get(role, (role,))
+            if doubt := doubt_of_certificate(certificate, roles, self.name, robot):
+                why = "a router with access control drops the messages of this process"
+                _log.warning("%s: %s; %s", certificate, doubt, why)
         return session
-
-    def _check_role(self, certificate: str) -> None:
-        """Warn if this process needs another certificate: a router drops messages silently."""
-        from clustermcl.link.access_control import doubt_of_certificate  # noqa: PLC0415 - see the next
-        from clustermcl.link.tls import common_name  # noqa: PLC0415 - only where there is TLS
-
-        name, role = common_name(certificate), self.health.role
-        robot, roles = self._settings.robot.name, ROLES.get(role, (role,))
-        if doubt := doubt_of_certificate(name, roles, self.name, robot):
-            _log.warning(
-                "%s is the certificate %r: %s; a router with access control drops its messages",
-                certificate, name, doubt,
-            )  # fmt: skip
 
     def _opening(self, wait_s: float | None) -> AbstractContextManager[zenoh.Session]:
         if self._shared is not None:
