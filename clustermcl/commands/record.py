@@ -19,6 +19,7 @@ from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from clustermcl.recordings.maps.map_message import from_message
 from clustermcl.recordings.run_log import RunLog
+from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag, stop_on_signals
 
@@ -35,6 +36,7 @@ _log = logging.getLogger(__name__)
 
 def run_record(settings: Settings, path: Path) -> int:
     """Record until SIGINT or SIGTERM, and return the number of recorded steps."""
+    check_output_file(path)
     recorder = Recorder(settings, stop_on_signals(exit_after_s=_END_WITHIN_S))
     recorder.write(path)
     return recorder.steps
@@ -100,7 +102,7 @@ class Recorder:
 
     def write(self, path: Path) -> None:
         """Write received messages until the flag is set and all messages are written."""
-        with closing(self._node), RunLog.to(path) as self._log:
+        with closing(self._node), RunLog(path) as self._log:
             handle_until_stopped(self._node)
 
     def _on_odometry(self, reading: OdometryReading) -> None:

@@ -27,7 +27,7 @@ from clustermcl.recordings.foxglove import BASE, MAP, ODOM
 from clustermcl.recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.compressed import most_unpacked, os_problem
-from clustermcl.runtime.output_files import OutputError, check_output_file
+from clustermcl.runtime.output_files import OutputError
 
 PROFILE = "clustermcl"
 """Profile in the header of each run log; a file with another profile is refused."""
@@ -77,16 +77,6 @@ class RunLog:
             self._file = open(path, f"{mode}b", opener=_private)  # noqa: SIM115 - no opener
             self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
             self._writer.start(profile=PROFILE, library="clustermcl")
-
-    @classmethod
-    def to(cls, path: Path) -> "RunLog":
-        """Open a file that a user named, after a check that it can be written.
-
-        Raises:
-            OutputError: the file cannot be written, and why.
-        """
-        check_output_file(path)
-        return cls(path)
 
     def __enter__(self) -> "RunLog":
         return self

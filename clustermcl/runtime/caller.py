@@ -2,6 +2,7 @@
 
 import os
 import platform
+import pwd
 import sys
 from functools import cache
 from pathlib import Path
@@ -20,8 +21,6 @@ def caller(program: str = "") -> str:
 
 def _user() -> str:
     try:
-        import pwd  # noqa: PLC0415 - not on every system
-
         return pwd.getpwuid(os.getuid()).pw_name
-    except (ImportError, KeyError):  # a container's user may have no name
-        return f"user {os.getuid()}" if hasattr(os, "getuid") else "unknown"
+    except KeyError:  # a container's user may have no name
+        return f"user {os.getuid()}"

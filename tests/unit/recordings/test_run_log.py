@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from clustermcl.commands.record import run_record
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import MapFileError, RecordingError
@@ -30,7 +31,7 @@ from clustermcl.recordings.run_log import (
     map_in,
 )
 from clustermcl.runtime.output_files import OutputError
-from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.sensor_bridge.recorded import steps_of
 from clustermcl.simulator.worlds.catalogue import world
 from tests.unit.recordings.bombs import bomb
@@ -64,7 +65,7 @@ def odometry_after(seen: Scan) -> OdometryReading:
 
 def write_run(path: Path) -> None:
     """Two lasers, odometry between the steps; each step is a chunk."""
-    with RunLog.to(path) as log:
+    with RunLog(path) as log:
         log.on_map(world("cross").map, 0)
         for step in range(STEPS):
             seen = step_scan(step)
@@ -363,7 +364,7 @@ def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_pat
 
 def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="folder does not exist"):
-        RunLog.to(tmp_path / "nowhere" / "run.mcap")
+        run_record(Settings(), tmp_path / "nowhere" / "run.mcap")
 
 
 def test_a_full_disk_is_reported_in_one_line() -> None:
