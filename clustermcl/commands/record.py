@@ -77,16 +77,7 @@ def handle_until_stopped(node: Node, on_turn: Callable[[], object] = lambda: Non
 
 
 class Recorder:
-    """Writes scans, odometry, beliefs and the map to a file.
-
-    Args:
-        settings: the robot and the router.
-        stop: flag that ends the recording.
-        session: a session to use; None: open one.
-
-    Raises:
-        UnreachableError: no router answers in time.
-    """
+    """Writes scans, odometry, beliefs and the map to a file, until the stop flag is set."""
 
     def __init__(
         self, settings: Settings, stop: StopFlag, session: zenoh.Session | None = None

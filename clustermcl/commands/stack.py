@@ -42,13 +42,9 @@ class ProcessEndedError(ClusterMclError):
 class Stack:
     """The processes of one robot: coordinator, workers, a sensor bridge or simulator, and others.
 
-    Args:
-        settings: settings of all processes; `bridge.source` selects bridge or simulator,
-            `zenoh.start_router` adds a router, `ros2.enabled` a bridge to ROS.
-        folder: folder for the processes' settings file and logs.
-        logs_in_folder: write logs to the folder instead of standard error.
-        simulator_arguments: additional arguments of the simulator.
-        page_arguments: arguments of the page; None: no page.
+    `bridge.source` selects bridge or simulator, `zenoh.start_router` adds a router, `ros2.enabled`
+    a bridge to ROS; page arguments add a page. The folder is for the processes' settings file, and
+    for their logs, unless these go to standard error.
     """
 
     def __init__(

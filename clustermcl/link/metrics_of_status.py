@@ -19,12 +19,7 @@ _PROCESS = ("process", "role")
 
 
 class StatusCollector(Collector):
-    """Queries the status at each scrape.
-
-    Args:
-        status: returns the newest status; None if no coordinator answers.
-        robot: name of the robot, a label of all metrics.
-    """
+    """Queries the status at each scrape; the robot's name is a label of all metrics."""
 
     def __init__(self, status: Callable[[], Status | None], robot: str) -> None:
         self._status, self._robot = status, robot

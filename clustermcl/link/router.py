@@ -40,11 +40,7 @@ class RouterProbe:
     Zenoh's router can lock up: it keeps running, but forwards nothing and accepts no connection
     until it is restarted (eclipse-zenoh/zenoh issues 1876, 2697 and 2780; observed once in an hour
     of fault injection, after the process was frozen for 4 s). Clients cannot distinguish it from
-    an absent one.
-
-    Args:
-        router: the router's configuration.
-        patience_s: time-out of one probe [s].
+    an absent one. A probe fails after `patience_s`.
     """
 
     def __init__(self, router: zenoh.Config, patience_s: float) -> None:

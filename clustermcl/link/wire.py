@@ -84,12 +84,9 @@ Events: TypeAlias = Inbox[Event]
 
 
 class Publisher:
-    """Publishes messages on one key.
+    """Publishes messages on one key; `declare` it in a session before the first `put`.
 
-    Args:
-        session: the process's session; None: `declare` follows, before the first `put`.
-        key: key expression to publish on.
-        may_wait: block on a slow link, as large messages must; else drop the message.
+    One that `may_wait` blocks on a slow link, as large messages must; others drop the message.
     """
 
     def __init__(self, session: zenoh.Session | None, key: str, *, may_wait: bool = False) -> None:

@@ -44,14 +44,7 @@ _FREE_CHUNK_BYTES = 2**28
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message of a bag.
-
-    Args:
-        number: position among the requested messages, from 1.
-        time_ns: time of recording.
-        topic: name of the topic.
-        content: the message, with ROS's field names.
-    """
+    """One recorded message of a bag; its number among those requested counts from 1."""
 
     number: int
     time_ns: int
@@ -67,11 +60,7 @@ def is_bag(path: Path) -> bool:
 
 
 class BagFile:
-    """An open bag.
-
-    Args:
-        path: a file, or the folder of a rosbag2.
-        error: type of the exception for a bag that cannot be read.
+    """An open bag: a file, or the folder of a rosbag2.
 
     Attributes:
         topics: message type of each topic that is not empty.

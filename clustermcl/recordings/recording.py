@@ -48,11 +48,8 @@ _BETWEEN_READINGS_NS = 1_000_000_000
 class Recording:
     """The content of a recording, for localization.
 
-    Args:
-        path: the file.
-        readings: readings in the order of time. Stamps of odometry never decrease; scans keep
-            their own stamps, at which the true pose is looked up.
-        skipped: the skipped lines.
+    Readings are in the order of time. Stamps of odometry never decrease; scans keep their own
+    stamps, at which the true pose is looked up.
     """
 
     path: Path

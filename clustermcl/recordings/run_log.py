@@ -58,11 +58,7 @@ class RunLog:
     """Writer of one run log; use it in a ``with`` block.
 
     Messages are written in chunks of `CHUNK_BYTES`, or at `flush`. Only the owner may read the
-    file, because it shows where the robot was.
-
-    Args:
-        path: the file.
-        mode: "w" replaces an existing file, "x" refuses to.
+    file, because it shows where the robot was. Mode "w" replaces an existing file, "x" refuses to.
 
     Raises:
         OutputError: the file cannot be written. All methods raise it.

@@ -93,13 +93,7 @@ class RosPublisher:
 
 
 class RosNode:
-    """A node in ROS's graph, until its session is closed.
-
-    Args:
-        session: connected to the robot's router, without a namespace.
-        name: name of the node.
-        humble: the robot's release is ROS 2 Humble, whose keys have no hashes.
-    """
+    """A node in ROS's graph, until its session, which has no namespace, is closed."""
 
     def __init__(self, session: zenoh.Session, name: wire.NodeName, *, humble: bool) -> None:
         self._session, self._name, self._humble = session, name, humble

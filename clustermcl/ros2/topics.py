@@ -9,13 +9,7 @@ from clustermcl.runtime.ros2_settings import Ros2Settings
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic.
-
-    Args:
-        name: name by ROS's rules: ``/absolute``, ``relative`` or ``~/private``.
-        ros_type: type of its messages.
-        qos: offered or requested.
-    """
+    """A topic by ROS's rules: ``/absolute``, ``relative`` or ``~/private``."""
 
     name: str
     ros_type: str

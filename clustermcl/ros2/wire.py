@@ -34,10 +34,8 @@ class EndpointKind(StrEnum):
 class Qos:
     """Quality of service of a topic.
 
-    Args:
-        depth: length of the queue.
-        best_effort: messages may be lost; otherwise reliable.
-        latched: late subscribers get the last `depth` messages (`transient local`); reliable.
+    Messages of a `best_effort` topic may be lost. Late subscribers of a `latched` one get the last
+    `depth` messages (`transient local`).
     """
 
     depth: int = 10
@@ -53,13 +51,7 @@ class Qos:
 
 @dataclass(frozen=True)
 class NodeName:
-    """The full name of a node.
-
-    Args:
-        domain_id: ROS_DOMAIN_ID.
-        namespace: such as ``/robot1``; empty: the root.
-        name: such as ``amcl``.
-    """
+    """The full name of a node, such as ``amcl`` in ``/robot1``; an empty namespace is the root."""
 
     domain_id: int
     namespace: str

@@ -95,10 +95,7 @@ class Supervisor:
 
     The kernel ends a child when the *thread* that started it ends: call `add` and `poll` from
     one long-lived thread. A command that rejects its settings (exit code 2 soon after its start)
-    is not restarted. A child that stops giving signs of life is killed and restarted.
-
-    Args:
-        hung_after_s: a child without a sign of life for this time is killed [s].
+    is not restarted. A child without a sign of life for `hung_after_s` is killed and restarted.
     """
 
     def __init__(self, *, hung_after_s: float = HUNG_AFTER_S) -> None:

@@ -20,8 +20,7 @@ _JOBS = b"X_JOBS="
 class SignsOfLife:
     """Sends a process's signs of life, if it has a supervisor.
 
-    Args:
-        environment: the variables are removed, because child processes must not use them.
+    Removes the variables from the environment, because child processes must not use them.
     """
 
     def __init__(self, environment: MutableMapping[str, str] = os.environ) -> None:
@@ -61,13 +60,10 @@ class SignsOfLife:
 
 
 class HangDetector:
-    """Detects a process that stopped giving signs of life; times are `time.monotonic` [s].
+    """Detects a process without a sign of life for `hung_after_s` after the first one.
 
     A paused container stops both the process and its observer. So after a gap between two calls
-    of `hangs`, the silence is measured from the second one.
-
-    Args:
-        hung_after_s: longest silence after the first sign of life [s].
+    of `hangs`, the silence is measured from the second one. Times are `time.monotonic` [s].
     """
 
     def __init__(self, hung_after_s: float) -> None:
@@ -86,11 +82,7 @@ class HangDetector:
 
 
 class Listener:
-    """Receives the signs of life of one child; Linux only.
-
-    Args:
-        hung_after_s: longest silence of the child after its first sign of life [s].
-    """
+    """Receives the signs of life of one child; Linux only."""
 
     def __init__(self, hung_after_s: float) -> None:
         self._hung_after_s = hung_after_s

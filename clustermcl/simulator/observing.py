@@ -15,10 +15,7 @@ from clustermcl.protocol.steps import Landmark, Observation
 class Camera:
     """A camera that sees all landmarks within its range, also through walls.
 
-    Args:
-        range_m: largest distance of a landmark that is seen.
-        sigma_m: standard deviation of the measured position along each axis.
-        false_names: share of observations with the name of a random landmark.
+    A share of its observations, `false_names`, has the name of a random landmark.
     """
 
     range_m: float = 3.0
@@ -56,11 +53,8 @@ class Camera:
 class Gnss:
     """A receiver of satellite positions: one fix a second outdoors, none indoors.
 
-    Args:
-        sigma_m: standard deviation of a fix along each axis.
-        bias_m: constant error in x and y.
-        outliers: share of fixes that are wrong by 50 m in a random direction.
-        indoors: x and y of two opposite corners of the building [m].
+    A share of the fixes, `outliers`, is wrong by 50 m in a random direction. `indoors` is x and y
+    of two opposite corners of the building [m].
     """
 
     sigma_m: float = 5.0

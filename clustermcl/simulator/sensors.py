@@ -51,15 +51,9 @@ class Odometer:
 
 @dataclass(frozen=True, kw_only=True)
 class LidarModel:
-    """Parameters of a laser scanner.
+    """Parameters of a laser scanner, whose beams run from right to left.
 
-    Args:
-        beams: number of beams in a scan, at least two.
-        field_of_view_rad: angle from the first beam (right) to the last (left).
-        range_max_m: maximum range.
-        range_noise_m: standard deviation of a range.
-        drop_out_share: share of the beams that do not return although they hit something.
-        robot_from_laser: mount on the robot: x [m], y [m], heading [rad].
+    A share of them, `drop_out_share`, does not return although they hit something.
     """
 
     beams: int = 181

@@ -60,11 +60,7 @@ class Admission:
 
     On loopback, the host in a request must be this machine: another site could make its own name
     resolve to 127.0.0.1 (DNS rebinding). Otherwise a request needs a token, which is in the page's
-    link, and in a cookie that the browser gets with the page.
-
-    Args:
-        address: address of the page, with the port that was bound.
-        token: token that requests must present; empty: none, as on loopback.
+    link, and in a cookie that the browser gets with the page. The address has the bound port.
     """
 
     address: Address

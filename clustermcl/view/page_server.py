@@ -68,12 +68,8 @@ def print_link(link: str) -> None:
 class PageServer:
     """A web server that runs in a thread within its ``with`` block, and prints its link.
 
-    Args:
-        address: address to listen at, whose port 0 selects a free port; elsewhere than on
-            loopback, the link contains a token.
-        rooms: a room for each robot; the path ``/`` leads to the first.
-        obeys_commands: whether commands of browsers are accepted.
-        open_browser: whether to open the page in this machine's browser.
+    Port 0 selects a free port. Elsewhere than on loopback, the link contains a token. The path
+    ``/`` leads to the first room.
 
     Raises:
         SettingsError: the address is not of this machine, or in use.

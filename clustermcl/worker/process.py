@@ -136,14 +136,8 @@ def run_workers(invocation: Invocation) -> None:
 class Fleet:
     """The settings files of a fleet, ``NAME.toml``, one for each robot.
 
-    An unusable file is logged, and is no other robot's problem.
-
-    Args:
-        folder: folder of the files.
-        overrides: settings as for ``--set``, which hold for all robots.
-
-    Attributes:
-        problems: why a file cannot be used; empty: it can.
+    An unusable file is logged, and is no other robot's problem. The overrides, as for ``--set``,
+    hold for all robots. `problems` says why a file cannot be used; empty: it can.
 
     Raises:
         SettingsError: there is no settings file.
