@@ -31,6 +31,10 @@ MOST_LOG = 100.0
 """Bound of a log weight relative to the belief: far more is the same, and numbers stay finite."""
 
 
+STANDS_OUT = 0.3
+"""Share of a search with which one place stands out of its look-alikes."""
+
+
 @dataclass(frozen=True)
 class Admission:
     """The result of comparing a search with the clusters."""
@@ -53,6 +57,7 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
+    is_given: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
 
@@ -70,6 +75,8 @@ def admission(
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
+        is_given: a person has said where the robot is. Until the search is more probable than the
+            belief, only a place that stands out enters.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -82,7 +89,9 @@ def admission(
     has_trial = is_over and not holds_own
     on_trial = max(earned, rules.candidate_probability) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
-    eligible = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
+    least = STANDS_OUT if is_given and not holds_own and earned < 1.0 else 0.0
+    enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)
+    eligible = np.flatnonzero(~is_held & enough)
     eligible = eligible[np.argsort(-weight[eligible], kind="stable")]
     total = math.fsum(weight[eligible])
     got = min(1.0, most / total) if total > 0.0 else 1.0

@@ -93,7 +93,9 @@ def weigh(
         odds = update.compared_with_decoy(odds, among, decoy)
     elif awaits_decoy:
         odds = 0.0
-    if held.is_established:
+    if held.given is not None:
+        held.given = held.given.after(odds, new_view)
+    if held.on_map:
         odds = max(odds, 0.0)
     if not math.isnan(elsewhere):
         fits_better = elsewhere - log_scan
@@ -104,7 +106,6 @@ def weigh(
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)
     held.set_log_probabilities(belief.normalised_logs(weighed + seen))
-    held.count_given_views(new_view)
     if seen.any():
         log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
     # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
@@ -241,7 +242,8 @@ class _Update:
         log_here = float(np.logaddexp.reduce(held.log_probabilities()[:-2]))
         if hazard == 0.0:
             return log_here, held.log_elsewhere, held.log_off_map
-        off, back = held.rules.off_map_probability, min(RETURNS * hazard, 1.0)
+        off = 0.0 if held.on_map else held.rules.off_map_probability
+        back = min(RETURNS * hazard, 1.0)
         lifted = log_here + log_of(hazard)
         log_there = np.logaddexp.reduce(
             [held.log_elsewhere, lifted + log_of(1.0 - off), held.log_off_map + log_of(back)]

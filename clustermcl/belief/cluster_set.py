@@ -32,6 +32,8 @@ STILL_PROBABLE = 0.05
 ESTABLISHED_VIEWS = 5.0
 """New views after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
+LARGE_DOUBT = 4.0
+"""Evidence of beam classes against a given place after which the map is searched [nat]."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -65,6 +67,24 @@ class Cluster(msgspec.Struct, frozen=True):
         return math.exp(self.log_probability)
 
 
+class Given(msgspec.Struct, frozen=True):
+    """How a place that a person gave holds: a one-sided CUSUM test of the beams' classes."""
+
+    views: NotNegative = 0.0
+    """New views since then."""
+    doubt: NotNegative = 0.0
+    """Evidence of the classes against it [nat]."""
+
+    def after(self, log_odds: float, new_view: float) -> "Given":
+        """Return the test after a scan, whose classes raise the odds of the place by this."""
+        doubt = max(self.doubt - log_odds, 0.0) if self.views < ESTABLISHED_VIEWS else 0.0
+        return Given(self.views + new_view, doubt)
+
+    @property
+    def is_doubted(self) -> bool:
+        return self.doubt > LARGE_DOUBT
+
+
 Candidate: TypeAlias = tuple[Place, BeganCause]
 """A place that may become a cluster, and its origin. The share of the place is its weight relative
 to the belief, which sums to one before the place enters."""
@@ -83,8 +103,10 @@ class ClusterSet(Part):
     """Quality of the map, learned during the run."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
-    given_views: NotNegative | None = None
-    """New views since the only place was given; None: it was not, or the robot was lost since."""
+    given: Given | None = None
+    """The only place was given, and holds."""
+    on_map: bool = False
+    """A person gave a place, so the robot is on the map; until it is lifted."""
     log_elsewhere: LogProbability = math.nan
     log_off_map: LogProbability = math.nan
 
@@ -274,30 +296,34 @@ class ClusterSet(Part):
         self._normalise()
         return ended
 
-    @property
-    def is_given(self) -> bool:
-        """Whether the only place was given, and holds."""
-        return self.given_views is not None
+    def expect_given(self) -> None:
+        """Prepare an empty set for a given place."""
+        self.given, self.on_map = Given(), True
+        self.log_elsewhere, self.log_off_map = 0.0, -math.inf
 
-    @property
-    def is_established(self) -> bool:
-        """Whether a given place has held so long that beam classes do not speak against it."""
-        return self.given_views is not None and self.given_views >= ESTABLISHED_VIEWS
+    def give_up_given(self, *, is_lifted: bool) -> None:
+        """Prepare the search after a given place has failed.
 
-    def count_given_views(self, new_view: float) -> None:
-        """Add the view of a scan; once a given place is established, it is on the map."""
-        doubtful = self.outside_clusters > self.rules.lost_probability
-        if self.given_views is None or doubtful:
+        Elsewhere gets what the state `localized` leaves it, so that places enter by how well they
+        fit. A robot that was lifted may also be off the map.
+        """
+        self.given = None
+        if is_lifted:
+            self.on_map = False
+            self.forget_where_outside()
             return
-        was_established, self.given_views = self.is_established, self.given_views + new_view
-        if self.is_established and not was_established:
-            self.log_off_map = -math.inf
-            self._normalise()
+        logs = [cluster.log_probability for cluster in self.all()]
+        sure = self.rules.localized_probability
+        least = float(np.logaddexp.reduce(logs)) + log_of(1.0 - sure) - math.log(sure)
+        self.log_elsewhere = max(self.log_elsewhere, least)
+        self._normalise()
 
-    def give_up_given(self) -> None:
-        """Forget that the place was given; off the map has its prior share outside it again."""
-        self.given_views = None
-        self.forget_where_outside()
+    def hold_on(self, first_step: int) -> None:
+        """Take a given place as established if the search from this step on found no better one."""
+        best = self.by_probability()[0]
+        is_certain = best.probability >= self.rules.localized_probability
+        if self.on_map and is_certain and best.born_step < first_step:
+            self.given = Given(ESTABLISHED_VIEWS)
 
     def take_from_elsewhere(self, share: float) -> None:
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""
@@ -360,7 +386,7 @@ class ClusterSet(Part):
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""
         self._is_anywhere()
-        self.fit, self.given_views = UsualFit(), None
+        self.fit, self.given, self.on_map = UsualFit(), None, False
         return self.end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:

@@ -200,7 +200,7 @@ class Ensemble(Part, kw_only=True):
         """
         self._forget(given.sample.step, "forgotten")
         self.seen, self.found = ViewMemory(), False
-        self.clusters.given_views = 0.0
+        self.clusters.expect_given()
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)
         return self.outcome(given.sample.step)
@@ -266,12 +266,13 @@ class Ensemble(Part, kw_only=True):
 
     def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
-        given, fit = self.clusters.is_given, self.clusters.fit
-        fails = given and (self._lost or fit.shortfall > LIFTED)
-        if given and not fails:
+        given, fit = self.clusters.given, self.clusters.fit
+        is_lifted = fit.shortfall > LIFTED
+        fails = given is not None and (given.is_doubted or is_lifted or self._lost)
+        if given is not None and not fails:
             return
         if fails:
-            self.clusters.give_up_given()
+            self.clusters.give_up_given(is_lifted=is_lifted)
         if fails or (fit.has_fallen and not had_fallen):
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
@@ -302,6 +303,7 @@ class Ensemble(Part, kw_only=True):
         else:
             all_in = self._admit_candidates(fresh, step, is_over=is_over)
         if is_over and all_in:
+            self.clusters.hold_on(self.search.first_step)
             self.events += self.search.stop(step, "search over")
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
@@ -357,6 +359,7 @@ class Ensemble(Part, kw_only=True):
             is_over=is_over,
             holds_own=bool(own),
             most=most,
+            is_given=self.clusters.on_map,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
@@ -498,7 +501,7 @@ class Ensemble(Part, kw_only=True):
     @property
     def _lost(self) -> bool:
         rules = self.settings.belief
-        most = rules.localized_probability if self.clusters.is_given else rules.lost_probability
+        most = rules.localized_probability if self.clusters.given else rules.lost_probability
         return self.clusters.outside_clusters > most
 
     @property

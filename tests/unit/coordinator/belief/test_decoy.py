@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import weigh
-from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
+from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet, Given
 from clustermcl.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from clustermcl.filter.settings import (
     BeliefSettings,
@@ -152,7 +152,7 @@ def test_walls_that_have_moved_do_not_lead_a_robot_off_the_map_whose_given_place
     is_given: bool,
 ) -> None:
     made = clusters(0.001)
-    made.given_views = 0.0 if is_given else None
+    made.given, made.on_map = (Given(), True) if is_given else (None, False)
     for step in range(40):
         beams = (58, 0, 1, 1) if step < 5 else (5, 15, 35, 5)
         report = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)

@@ -228,18 +228,28 @@ def test_no_search_runs_beside_a_given_pose_until_it_fails(
     assert (outcome.state == "localized") == (log_elsewhere == -40.0 or not fails)
 
 
-def test_a_given_pose_that_fails_leaves_its_probability_to_the_whole_map() -> None:
-    """Off the map has no average likelihood that could speak against it."""
+@pytest.mark.parametrize("better", [False, True])
+def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended(
+    better: bool,
+) -> None:
+    """The state stays `localized` until then: a changed building looks the same."""
     made = bootstrapped({NORTH: 1.0}, off_map_probability=0.05, least_probability=1e-4)
     made.set_pose(place(0.95, EAST, 0))
-    through = replace(tracked("c1", 1, 1.0, EAST), beam_classes=(0, 10, 50, 0))
+    through = replace(tracked("c1", 1, 1.0, EAST), beam_classes=(5, 15, 35, 5))
     step = 0
-    while made.clusters.is_given:
+    while made.clusters.given is not None:
         step += 1
         assert step < 20
-        outcome = made.advance(step, [replace(through, step=step)])
-    assert outcome.off_map_probability == pytest.approx(0.05 * outcome.elsewhere_probability)
+        outcome = made.advance(step, [replace(through, step=step), elsewhere(step, -2.0)])
+    assert outcome.elsewhere_probability == pytest.approx(0.1)
     assert outcome.searching
+    found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 if better else -5.0)
+    for later in range(step + 1, step + 6):
+        reports = [replace(through, step=later), elsewhere(later, -2.0), found]
+        reports.append(tracked("c2", later, math.exp(5.0 if better else -5.0), SOUTH))
+        outcome = made.advance(later, reports)
+    assert outcome.hypotheses[0].pose == (SOUTH if better else EAST)
+    assert (outcome.state, outcome.off_map_probability) == ("localized", 0.0)
 
 
 def test_a_successor_receives_the_evidence_of_elsewhere() -> None:
