@@ -25,11 +25,7 @@ Moment: TypeAlias = int | time | datetime
 
 
 def parsed_moment(option: str, text: str | None) -> Moment | None:
-    """Parse ``200``, ``11:45:51`` or ``2026-11-20 11:45:51``.
-
-    Raises:
-        SettingsError: the text is none of them.
-    """
+    """Parse ``200``, ``11:45:51`` or ``2026-11-20 11:45:51``."""
     if text is None or text.isdecimal():
         return None if text is None else int(text)
     with suppress(ValueError):

@@ -90,11 +90,7 @@ class Stack:
         self.supervisor.add(self._coordinator)
 
     def check(self) -> None:
-        """Check that all processes run.
-
-        Raises:
-            ProcessEndedError: a process has ended; the message has its last log lines.
-        """
+        """Raise a `ProcessEndedError`, with the last log lines, if a process has ended."""
         for ended in self.supervisor.poll(time.monotonic()):
             raise ProcessEndedError(ended)
 

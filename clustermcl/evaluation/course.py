@@ -72,12 +72,7 @@ class Course:
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
-    """Begin a run.
-
-    Raises:
-        ClusterMclError: a file cannot be used, or the world does not exist; a recording may
-            raise it at its first step.
-    """
+    """Begin a run; a file that cannot be used may raise its error only at the first step."""
     match case.robot:
         case SimulatedRobot() as robot:
             simulation = robot.simulation(seed)

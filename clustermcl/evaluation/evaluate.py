@@ -152,11 +152,7 @@ def _title(recording: str, runs: Sequence[Result]) -> str:
 def case_of(
     robot: SimulatedRobot | RecordedRobot, seeds: int, starts: int | None, steps: int | None
 ) -> tuple[Case, int]:
-    """Return the robot and length of each run, and the number of seeds.
-
-    Raises:
-        SettingsError: options contradict each other.
-    """
+    """Return the robot and length of each run, and the number of seeds; refuse contradictions."""
     simulated = isinstance(robot, SimulatedRobot)
     default = DEFAULT_STEPS if simulated else None  # None: to the recording's end
     if starts is not None:
@@ -184,11 +180,7 @@ def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
 def robot_of(
     recording: str, map_file: str | None, reference: Path | None
 ) -> SimulatedRobot | RecordedRobot:
-    """Return the robot that the options name.
-
-    Raises:
-        SettingsError: options contradict each other, or one is missing.
-    """
+    """Return the robot that the options name; refuse contradictions."""
     named = map_file_of(map_file or "", recording)
     file = Path(named) if named else None
     source = parsed_source(recording)

@@ -88,11 +88,7 @@ def peer_configuration(settings: ZenohSettings) -> Configuration:
 
 
 def router_configuration(settings: ZenohSettings) -> Configuration:
-    """Return the configuration of the router; the official ``zenohd`` accepts it too.
-
-    Raises:
-        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
-    """
+    """Return the configuration of the router; the official ``zenohd`` accepts it too."""
     check_endpoint(settings.router)
     transport = transport_configuration()
     if settings.router.startswith("tls/"):

@@ -54,11 +54,7 @@ class Inbox(Generic[EventT]):
             self.keep(kind, count)
 
     def keep(self, kind: str, count: int) -> None:
-        """Add a kind of state, of which at most `count` are queued.
-
-        Raises:
-            ValueError: `count` is less than one.
-        """
+        """Add a kind of state, of which at most `count`, one or more, are queued."""
         if count < 1:
             raise ValueError("an inbox keeps at least one of each kind")
         with self._lock:
@@ -84,11 +80,7 @@ class Inbox(Generic[EventT]):
             self._append(self._events, event)
 
     def put_newest(self, kind: str, state: EventT) -> None:
-        """Append a state and drop the oldest of its kind if there are too many.
-
-        Raises:
-            KeyError: `keep_newest` does not contain this kind.
-        """
+        """Append a state and drop the oldest of its kind if there are too many."""
         with self._lock:
             waiting = self._states[kind]
             while len(waiting.queue) >= waiting.bound or (

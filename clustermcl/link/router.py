@@ -167,12 +167,7 @@ def _seconds(words: str) -> float:
 
 
 def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
-    """Open the router's session.
-
-    Raises:
-        AlreadyRunningError: another process listens there.
-        SettingsError: an endpoint is malformed, or not an address of this machine.
-    """
+    """Open the router's session; refuse an endpoint that is in use, or not of this machine."""
     try:
         with receiving_threads(MANY_LINKS):
             return zenoh.open(config)

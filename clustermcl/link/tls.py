@@ -33,11 +33,7 @@ _REFUSALS = {
 
 
 def check_files(settings: ZenohSettings) -> None:
-    """Reject unusable certificate files.
-
-    Raises:
-        SettingsError: one cannot be read, is not PEM, or key and certificate do not match.
-    """
+    """Reject certificate files that cannot be read, are not PEM, or do not match."""
     for name in ("tls_ca_certificate", "tls_certificate", "tls_private_key"):
         file = getattr(settings, name)
         if file:
@@ -112,11 +108,7 @@ def _not_yet_valid(certificate: str) -> str:
 
 
 def _address(endpoint: str) -> tuple[str, int]:
-    """Return host and port of an endpoint ``PROTOCOL/HOST:PORT``.
-
-    Raises:
-        ValueError: the port is no number.
-    """
+    """Return host and port of an endpoint ``PROTOCOL/HOST:PORT``; a ValueError: it has no port."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     return host.strip("[]"), int(re.sub(r"[?#].*", "", port))
 

@@ -242,11 +242,7 @@ def _is_ours(record: object) -> bool:
 
 
 def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
-    """Decode a JSON message.
-
-    Raises:
-        RecordingError: the message is not of this type.
-    """
+    """Decode a JSON message; a `RecordingError` says why it is not of this type."""
     try:
         content = conversion.decoded(message.data, kind, msgspec.json)
         problem = problem_of(content)
@@ -313,11 +309,7 @@ def last_map(path: Path) -> GridMap:
 
 
 def map_in(message: LogMessage, path: Path) -> GridMap:
-    """Decode a message with a map.
-
-    Raises:
-        RecordingError: the message is malformed.
-    """
+    """Decode a message with a map; a `RecordingError` says why it is malformed."""
     try:
         return decoded(message, foxglove.MapFields, path).grid_map()
     except ValueError as error:

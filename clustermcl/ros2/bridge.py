@@ -53,9 +53,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
     """Run the node until `stop` is set; wait for the router and the robot if necessary.
 
     Raises:
-        SettingsError: a name or an endpoint is invalid.
         AlreadyRunningError: the robot already has a node of that name.
-        StoppedError: `stop` was set before a robot was found.
     """
     name, names = node_name(settings.ros2), Topics(settings.ros2)
     with ExitStack() as resources:

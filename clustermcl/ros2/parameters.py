@@ -105,12 +105,7 @@ class Parameters:
         return new(result, successful=not reason, reason=reason)
 
     def _set(self, name: str, wanted: Any) -> None:
-        """Set one parameter.
-
-        Raises:
-            SettingsError: the value is out of range.
-            ValueError: it cannot be set, or nav2 does not accept the value.
-        """
+        """Set one parameter, or raise a `SettingsError` or ValueError that says why not."""
         parameter = PARAMETERS.get(name)
         if parameter is None:
             raise ValueError(f"there is no parameter {name}")

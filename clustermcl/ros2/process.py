@@ -34,12 +34,7 @@ def run_ros2_bridge(invocation: Invocation) -> None:
 
 
 def check_ros2(settings: Settings) -> None:
-    """Check that the bridge can run, before any process is started.
-
-    Raises:
-        Ros2NotInstalledError: the libraries for ROS are not installed.
-        SettingsError: a name is not valid in ROS.
-    """
+    """Check that the bridge can run, before any process is started."""
     for package in _PACKAGES:
         if find_spec(package) is None:
             raise Ros2NotInstalledError(package)

@@ -29,11 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 def node_name(settings: Ros2Settings) -> wire.NodeName:
-    """Return the name of the node that the settings describe.
-
-    Raises:
-        SettingsError: a name is not valid in ROS.
-    """
+    """Return the name of the node; refuse settings with a name that is not valid in ROS."""
     namespace = settings.namespace.rstrip("/")
     if namespace and not namespace.startswith("/"):
         namespace = f"/{namespace}"
@@ -60,11 +56,6 @@ def look_at_graph(settings: Settings, name: wire.NodeName, stop: StopFlag) -> bo
     A second node would publish map -> odom too. With the wrong form of keys, publishers appear in
     ROS's graph, but no message arrives. If the settings do not name the form, wait for a node.
     A client sees all tokens at once; a peer sees them once it is linked to every other peer.
-
-    Raises:
-        AlreadyRunningError: the robot has a node of that name.
-        SettingsError: the endpoint cannot be used.
-        StoppedError: `stop` was set before there was a robot.
     """
     robot, hashes = _robot_settings(settings), settings.ros2.type_hashes
     full_name, domain = name.topic(name.name), f"ROS domain {name.domain_id}"
@@ -100,10 +91,6 @@ def open_robot_session(settings: Settings, stop: StopFlag) -> AbstractContextMan
     On the router's machine it is a peer, like ROS nodes, whose direct links survive the router.
     On another machine it is a client: nodes are reachable only through the router, and direct links
     would bypass the access control of a router with TLS.
-
-    Raises:
-        SettingsError: the endpoint cannot be used.
-        StoppedError: `stop` was set before there was a router.
     """
     robot = _robot_settings(settings)
     peer = is_of_this_machine(robot.router)

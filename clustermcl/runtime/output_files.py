@@ -43,11 +43,7 @@ def check_output_file(path: Path) -> None:
 
 
 def write_output_file(path: Path, content: str | bytes) -> None:
-    """Write a file, text in UTF-8.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
+    """Write a file, text in UTF-8; an `OutputError` says why it cannot be written."""
     try:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:

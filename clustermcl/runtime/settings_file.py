@@ -60,11 +60,7 @@ def load_settings(
 
 
 def with_setting(settings: Settings, name: str, value: object, where: str) -> Settings:
-    """Return the settings with one value replaced.
-
-    Raises:
-        SettingsError: the setting is unknown, of the wrong type or out of its range.
-    """
+    """Return the settings with one value replaced; `SettingsError`s as of `load_settings`."""
     _check_known(name, where)
     section, _, key = name.rpartition(".")
     changed = {key: _converted(TABLE[name], value, where)}
@@ -74,11 +70,7 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
 
 
 def content_of(path: Path) -> bytes:
-    """Read a settings file.
-
-    Raises:
-        InputFileError: the file cannot be read, or is larger than `MAX_FILE_BYTES`.
-    """
+    """Read a settings file of at most `MAX_FILE_BYTES`; an `InputFileError` says why not."""
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)

@@ -104,11 +104,7 @@ class Supervisor:
         self._leaving: list[_Child] = []
 
     def add(self, spec: ChildSpec) -> None:
-        """Start a child and keep it alive.
-
-        Raises:
-            ValueError: a child with this name exists.
-        """
+        """Start a child, whose name no other one has, and keep it alive."""
         if any(child.spec.name == spec.name for child in self._children):
             raise ValueError(f"there is a child {spec.name!r} already")
         child = _Child(spec, self._hung_after_s)

@@ -54,11 +54,7 @@ _COMMANDS: dict[str, type[Command]] = {
 
 
 def parsed_request(text: str | bytes, sender: str = SENDER) -> Request:
-    """Parse a request of a browser; `sender` is that of its commands.
-
-    Raises:
-        MalformedMessageError: the text is not a request of the page.
-    """
+    """Parse a request of a browser; `sender` is that of its commands."""
     try:
         fields = decoded(text, dict[str, object], msgspec.json)
         command = _COMMANDS.get(f"{fields.get('type')}/1")

@@ -94,11 +94,7 @@ class RecordedRun:
         self._pieces = self._read(run_log.log_files(path))
 
     def run(self, stop: StopFlag) -> None:
-        """Read the recording in small pieces, and answer browsers, until `stop` is set.
-
-        Raises:
-            RecordingError: the recording cannot be read.
-        """
+        """Read the recording in small pieces, and answer browsers, until `stop` is set."""
         while not stop.is_set():
             goes_on = self.read_for(_AT_A_TIME_S)
             event = self._inbox.get(0.0 if goes_on else _POLL_S)
@@ -109,11 +105,7 @@ class RecordedRun:
                 self.room.publish(changes)
 
     def saved(self) -> str:
-        """Read the whole recording, and return an HTML page that plays it.
-
-        Raises:
-            RecordingError: the recording cannot be read.
-        """
+        """Read the whole recording, and return an HTML page that plays it."""
         self.read_for(math.inf)
         return saved_run(self.picture, self._map)
 

@@ -106,11 +106,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_workers(invocation: Invocation) -> None:
-    """Compile the kernels, fork the workers, and keep them running until the process is stopped.
-
-    Raises:
-        SettingsError: the folder of the fleet is not usable.
-    """
+    """Compile the kernels, fork the workers, and keep them running until the process is stopped."""
     settings, prefix = invocation.settings, invocation.process
     folder, overrides = invocation.arguments.fleet, invocation.arguments.set
     fleet = None if folder is None else Fleet(folder, overrides)
@@ -157,11 +153,7 @@ class Fleet:
                 _log.warning("%s is left out, and tried again: %s", file, error)
 
     def settings(self, file: Path) -> Settings:
-        """Read and check a robot's file.
-
-        Raises:
-            ClusterMclError: the file or a certificate is unusable, or another is of this robot.
-        """
+        """Read and check a robot's file; refuse a second one of the same robot."""
         settings = load_settings(file, self._overrides)
         if settings.zenoh.router.startswith("tls/"):
             check_files(settings.zenoh)  # before the fork, so that one line tells of it

@@ -173,9 +173,6 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
 
     A pose stays at the same place. A site plan with one building costs as much as a map of the
     building.
-
-    Raises:
-        ValueError: as for `GridMap`.
     """
     if cells.ndim != 2 or cells.size <= LARGE_CELLS:
         return GridMap(cells, cell_m, map_from_grid)

@@ -78,11 +78,7 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
 
 
 def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:
-    """Return the landmarks of the file in a map's folder; none if there is no file.
-
-    Raises:
-        LandmarksFileError: as for `load_landmarks`.
-    """
+    """Return the landmarks of the file in a map's folder; none if there is no file."""
     path = Path(map_file).parent / LANDMARKS_FILE
     return load_landmarks(path) if path.exists() else ()
 

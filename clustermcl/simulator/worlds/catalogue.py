@@ -16,23 +16,14 @@ WORLDS = {
 
 
 def world(name: str) -> World:
-    """Return the world with this name.
-
-    Raises:
-        UnknownWorldError: there is no world of this name.
-    """
+    """Return the world with this name; an `UnknownWorldError` lists all."""
     if name not in WORLDS:
         raise UnknownWorldError(name, known=tuple(WORLDS))
     return WORLDS[name]()
 
 
 def simulated_world(robot: Simulated) -> World:
-    """Return the world that a source names: one of the catalogue, or one made of a map file.
-
-    Raises:
-        UnknownWorldError: there is neither a world nor a file of this name.
-        MapFileError: the file cannot be used as a map.
-    """
+    """Return the world that a source names: one of the catalogue, or one made of a map file."""
     name = robot.world
     if name not in WORLDS and (Path(name).suffix or Path(name).exists()):
         return world_from_map(load_map_with_obstacles(name))
