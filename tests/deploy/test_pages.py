@@ -11,9 +11,9 @@ from typing import get_args
 import pytest
 
 from clustermcl.link.access_control import ROLES, rights_of
-from clustermcl.protocol.answers import Freshness, State, Status
-from clustermcl.protocol.health import Health
+from clustermcl.protocol.answers import Freshness, State
 from clustermcl.runtime.settings_table import TABLE
+from tests.unit.evaluation.places import STATUS
 
 REPOSITORY = Path(__file__).parents[2]
 OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
@@ -30,19 +30,9 @@ PYTHON = [
 
 def test_every_metric_is_explained() -> None:
     collector = pytest.importorskip("clustermcl.link.metrics_of_status").StatusCollector
-    health = Health(
-        sender="w", role="worker", version="1", uptime_s=1.0, memory_bytes=1,
-        done={"scans": 1}, rates_per_s={"scans": 1.0}, ages_s={"scans": 1.0}, dropped={"x": 1},
-    )  # fmt: skip
-    status = Status(
-        sender="c", version="1", state="localized", freshness="fresh", age_s=0.1, step=1,
-        steps_applied=1, steps_lost=0, reports_missing=0, map_digest="", clusters=1,
-        searching=False, workers={"w": ()}, counters={}, uptime_s=1.0, processes=(health,),
-        scan_age_s=0.1,
-    )  # fmt: skip
     suffix = {"counter": "_total", "info": "_info"}
     names = {
-        made.name + suffix.get(made.type, "") for made in collector(lambda: status, "").collect()
+        made.name + suffix.get(made.type, "") for made in collector(lambda: STATUS, "").collect()
     }
     assert len(names) > 15
     assert {name for name in names if f"`{name}`" not in OPERATIONS} == set()

@@ -20,7 +20,6 @@ from clustermcl.client import Client
 from clustermcl.commands.stack import COORDINATOR, WORKERS
 from clustermcl.link.session import open_session
 from clustermcl.protocol import keys
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.work import Particles, Reported, TrackReport, reports_in
 from clustermcl.runtime.settings import CoordinatorSettings, WorkerSettings
@@ -28,6 +27,7 @@ from clustermcl.runtime.stop import StopFlag
 from tests.integration.faults.system import IMPATIENT, SIMULATOR, SMALL, System, system
 from tests.integration.untrue_worker import UntrueWorker
 from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
+from tests.unit.coordinator.reports import particles
 
 SIX_WORKERS = replace(SMALL, worker=WorkerSettings(count=6))
 """Four clusters, and a look elsewhere: one stands by."""
@@ -195,16 +195,6 @@ def resident_mb(tested: System) -> float:
     return float(psutil.Process(tested.pid(COORDINATOR)).memory_info().rss) / 1e6
 
 
-def huge_cloud() -> Particles:
-    poses = np.zeros((PARTICLES, 3))
-    return Particles(
-        step=0,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(poses, "float64"),
-        log_weights=ArrayBlob.of(poses[:, 0], "float64"),
-    )
-
-
 def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept() -> None:
     with system() as tested, tested.client as client:
 
@@ -212,7 +202,11 @@ def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept(
             return client.status().counters.get(name, 0)
 
         tested.wait_until_it_tracks()
-        flooder, before_mb, huge = Flooder(tested), resident_mb(tested), huge_cloud()
+        flooder, before_mb, huge = (
+            Flooder(tested),
+            resident_mb(tested),
+            particles(np.zeros((PARTICLES, 3))),
+        )
         for n in range(FLOOD):
             step = (tested.step if n % 2 else 1_000_000) + n
             flooder.report(step, replace(huge, step=step))

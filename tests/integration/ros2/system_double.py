@@ -17,6 +17,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import TrackReport
 from tests.integration.waiting import answered
+from tests.unit.evaluation.places import STATUS
 from tests.unit.ros2.beliefs import belief
 
 
@@ -98,22 +99,8 @@ class SystemDouble:
             query.reply(key, encode(CommandDone(sender="coordinator")))
 
     def _status(self) -> Status:
-        return Status(
-            sender="coordinator",
-            version="1",
-            state=self.state,
-            freshness=self.freshness,  # type: ignore[arg-type] # as the test says
-            age_s=0.1,
-            step=self._step,
-            steps_applied=self._step,
-            steps_lost=0,
-            reports_missing=0,
-            map_digest="d",
-            clusters=1,
-            searching=False,
-            workers={},
-            counters={},
-            uptime_s=1.0,
+        return msgspec.structs.replace(
+            STATUS, state=self.state, freshness=self.freshness, step=self._step, processes=()
         )
 
 

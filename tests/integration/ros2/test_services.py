@@ -9,9 +9,8 @@ from clustermcl.recordings.rigid import IDENTITY
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.message_types import new, request_of, type_hash
 from clustermcl.ros2.messages_out import pose_stamped
-from clustermcl.ros2.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
+from clustermcl.ros2.topics import ADVICE, DIAGNOSTICS, HYPOTHESES, STATE
 from clustermcl.ros2.wire import attachment, data_key
-from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.integration.ros2.conftest import (
     ACTIVE,
     Active,
@@ -122,40 +121,6 @@ def test_diagnostics_show_the_state_and_refused_messages(
 
 def values(message: Any) -> dict[str, str]:
     return {one.key: one.value for one in message.status[0].values}
-
-
-def parameter(name: str, number: int, **value: Any) -> Any:
-    reported = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
-    return new("rcl_interfaces/msg/Parameter", name=name, value=reported)
-
-
-def test_parameters_can_be_read_and_set(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
-    robot = open_robot()
-    robot.put_mounts()
-    start_bridge(Ros2Settings(autostart=True, transform_tolerance_s=0.5))
-
-    def tolerance() -> float:
-        request = new(request_of(types.GET_PARAMETERS), names=["transform_tolerance"])
-        answer = robot.call("/amcl/get_parameters", types.GET_PARAMETERS, request)
-        value: float = answer.values[0].double_value
-        return value
-
-    assert tolerance() == 0.5
-    wanted = [
-        parameter("transform_tolerance", 3, double_value=0.25),
-        parameter("max_particles", 2, integer_value=100),
-    ]
-    events = robot.listen(PARAMETER_EVENTS)
-    request = new(request_of(types.SET_PARAMETERS), parameters=wanted)
-    results = robot.call("/amcl/set_parameters", types.SET_PARAMETERS, request).results
-    assert [one.successful for one in results] == [True, False]
-    assert results[1].reason.startswith("all places share belief.particles")
-    assert tolerance() == 0.25
-    wait_until(lambda: events)
-    assert [one.name for one in events[0].changed_parameters] == ["transform_tolerance"]
-    assert events[0].node == "/amcl"
-    listed = robot.call("/amcl/list_parameters", types.LIST_PARAMETERS).result
-    assert {"alpha1", "initial_pose.x", "transform_tolerance"} <= set(listed.names)
 
 
 def test_a_malformed_service_call_gets_no_answer_and_the_next_one_does(

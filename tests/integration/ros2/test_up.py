@@ -66,21 +66,3 @@ def test_settings_print_a_nav2_file_as_settings_that_can_be_read_again(tmp_path:
     assert again.stdout == "".join(
         line for line in shown.stdout.splitlines(keepends=True) if "has no effect" not in line
     )
-
-
-@pytest.mark.parametrize(
-    ("words", "problem"),
-    [
-        (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS expects letters"),
-        (
-            ["ros2", "--set", "ros2.scan_topic=a//b"],
-            "ros2.scan_topic = 'a//b': ROS expects letters",
-        ),
-    ],
-)
-def test_invalid_ros_settings_are_one_line_of_error(words: list[str], problem: str) -> None:
-    ended = ran(*words)
-    assert ended.returncode == 2
-    assert ended.stderr.startswith(("clustermcl: ", "ros2: "))
-    assert problem in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1

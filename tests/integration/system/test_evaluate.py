@@ -47,15 +47,6 @@ def test_a_run_depends_on_its_seed_and_not_on_the_number_of_parallel_runs(
     assert without_time(alone["runs"]) == without_time(found["runs"])
 
 
-def test_every_start_of_a_simulated_robot_has_a_different_seed(environment: dict[str, str]) -> None:
-    words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
-    found = results(*words, environment=environment)
-    assert [(run["seed"], run["start_step"], run["steps"]) for run in found["runs"]] == [
-        (7, 0, 12),
-        (8, 0, 12),
-    ]
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
     number: int, tmp_path: Path, environment: dict[str, str]

@@ -1,27 +1,21 @@
-import dataclasses
 import logging
 import math
 import re
 from functools import partial
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 
-import numpy as np
 import pytest
-import yaml
 from msgspec.structs import replace
 
-from clustermcl import ClusterMCL, Reading
 from clustermcl.commands import record_landmarks
-from clustermcl.commands.record_landmarks import LandmarkSurvey, run_record_landmarks
+from clustermcl.commands.record_landmarks import run_record_landmarks
 from clustermcl.link.wire import Publisher
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import LandmarksFileError
-from clustermcl.protocol.steps import OdometryReading
 from clustermcl.recordings.maps.landmarks import load_landmarks
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
-from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
 from tests.integration.faults.system import system
@@ -101,44 +95,3 @@ def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:
     file.write_text("landmarks: 7")
     with pytest.raises(LandmarksFileError, match="not a landmarks file"):
         run_record_landmarks(Settings(), file, StopFlag())
-
-
-def test_a_drive_that_records_tags_lets_the_next_one_use_them(tmp_path: Path) -> None:
-    """In a symmetric cross, the first robot knows its start, and the second has the file."""
-    route = ((0.0, 0.0), (0.0, 5.5), (0.0, 0.0), (5.5, 0.0))
-    cross = dataclasses.replace(world("cross_tags"), route=route)
-    survey, mcl = LandmarkSurvey(set()), ClusterMCL(cross.map, settings=SMALL, seed=1)
-    simulation = Simulation(cross, seed=1)
-    mcl.set_pose(simulation.map_from_robot)
-    for tick in islice(simulation, 600):
-        for reading in tick.readings:
-            if isinstance(reading, OdometryReading):
-                survey.on_odometry(reading)
-            if belief := mcl.update(Reading.of(reading)):
-                survey.on_belief(belief)
-        for sight in tick.observations:
-            survey.on_observation(sight)
-    file = tmp_path / "landmarks.yaml"
-    file.write_text(yaml.safe_dump({"landmarks": list(survey.entries())}))
-    found = load_landmarks(file)
-    assert {each.name for each in found} == {each.name for each in cross.landmarks}
-    for each, true in zip(found, sorted(cross.landmarks, key=lambda tag: tag.name), strict=True):
-        assert math.dist((each.x, each.y), (true.x, true.y)) < 0.3
-
-    states = {}
-    for landmarks in ((), found):
-        mcl = ClusterMCL(cross.map, landmarks=landmarks, settings=SMALL, seed=2)
-        for tick in islice(Simulation(cross, seed=2), 300):
-            for sight in tick.observations if landmarks else ():
-                mcl.observe(
-                    sight.mean, np.reshape(sight.covariance, (2, 2)), landmark=sight.landmark,
-                    stamp_ns=sight.stamp_ns, source=sight.sender,
-                )  # fmt: skip
-            for reading in tick.readings:
-                mcl.update(Reading.of(reading))
-        assert mcl.belief is not None
-        pose = mcl.belief.pose
-        is_right = pose is not None and math.dist(pose[:2], tick.map_from_robot[:2]) < 0.5
-        states[bool(landmarks)] = (mcl.belief.state, is_right)
-    assert states[True] == ("localized", True)
-    assert states[False][0] == "ambiguous"

@@ -9,7 +9,6 @@ from tests.integration.alone import outcomes_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import ran
 from tests.integration.system.conftest import SMALL
-from tests.integration.system.test_queries import asked
 from tests.integration.system.test_same_beliefs import STEPS, assert_same_steps
 from tests.integration.worlds import world_of
 
@@ -31,11 +30,3 @@ def test_tags_are_seen_through_all_processes_and_replayed(tmp_path: Path) -> Non
     assert 0 < first < STEPS - 10
     assert {belief.state for belief in beliefs[:first]} <= {"searching", "ambiguous"}
     assert beliefs[-1].state == "localized"
-
-
-def test_advice_leads_to_tags_before_one_was_seen() -> None:
-    with system(TAGS, "--steps", "6") as tested:
-        assert tested.wait_for_the_end()[-1].state == "ambiguous"
-        ways = asked(tested.settings, "advise")["ways"]
-    assert ways
-    assert {name for way in ways for name in way["landmarks"]} == {"east", "north"}

@@ -12,12 +12,12 @@ from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.jobs import running
-from clustermcl.protocol.arrays import ArrayBlob
-from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, Particles, SearchJob, TrackJob
+from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, SearchJob, TrackJob
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
+from tests.unit.coordinator.reports import particles
 
 
 @pytest.fixture(autouse=True)
@@ -46,12 +46,7 @@ def test_an_own_sensor_model_weighs_for_search_tracking_and_elsewhere() -> None:
     grid = hall.map.grid
     model = computed_model(grid, settings.sensor)
     scan, _ = next(simulated_steps(SimulatedSource(Simulation(hall, 0), steps=1), SMALL.bridge, ""))
-    start = Particles(
-        step=0,
-        odom_from_robot=scan.odom_from_robot,
-        map_from_robot=ArrayBlob.of(np.zeros((9, 3)), "float64"),
-        log_weights=ArrayBlob.of(np.zeros(9), "float64"),
-    )
+    start = particles(np.zeros((9, 3)), odom=scan.odom_from_robot)
     jobs: list[Job] = [
         SearchJob(search=0, shard=0, first_step=0),
         TrackJob(cluster=0, start=start, exact=True),

@@ -104,13 +104,20 @@ def scan(step: int, *, x_m: float = 0.0, digest: str = "map", **more: Any) -> Sc
     return replace(usual, **more)
 
 
-def cloud_at(mean: PoseTuple, step: int) -> Particles:
+def particles(
+    poses: Any, log_weights: Any = 0.0, *, step: int = 0, odom: PoseTuple = (0.0, 0.0, 0.0)
+) -> Particles:
+    """Particles at (N, 3) poses; of equal weights unless (N,) logarithms of them are given."""
     return Particles(
         step=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(np.array([mean, mean]), "float64"),
-        log_weights=ArrayBlob.of(np.zeros(2), "float64"),
+        odom_from_robot=odom,
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(np.broadcast_to(log_weights, len(poses)), "float64"),
     )
+
+
+def cloud_at(mean: PoseTuple, step: int) -> Particles:
+    return particles([mean, mean], step=step)
 
 
 def place(share: float, mean: PoseTuple, step: int) -> Place:

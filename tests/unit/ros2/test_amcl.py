@@ -7,10 +7,8 @@ import pytest
 
 from clustermcl.filter.poses import compose, inverse
 from clustermcl.protocol.answers import Relocalize, SetPose
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
-from clustermcl.protocol.work import Particles
 from clustermcl.recordings.rigid import Rigid, flat
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2 import topics
@@ -21,6 +19,7 @@ from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
 from clustermcl.ros2.outputs import Output, Publish, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.sensor_bridge.step_maker import beams_of
+from tests.unit.coordinator.reports import particles
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 
 SECOND = 1_000_000_000
@@ -408,12 +407,8 @@ def test_all_places_are_published_with_their_probabilities() -> None:
 def test_particles_are_moved_by_odometry_and_weighted_by_cluster() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
-    cloud = Particles(
-        step=0,
-        odom_from_robot=(-1.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(np.array([[1.0, 2.0, 0.0], [9.0, 9.0, 0.0]]), "float64"),
-        log_weights=ArrayBlob.of(np.array([0.0, -np.inf]), "float64"),
-    )
+    poses = [(1.0, 2.0, 0.0), (9.0, 9.0, 0.0)]
+    cloud = particles(poses, (0.0, -np.inf), odom=(-1.0, 0.0, 0.0))
     assert published(robot.believe(SECOND), topics.PARTICLE_CLOUD) == []
     robot.amcl.on_particles(1, cloud)
     (data,) = published(robot.believe(SECOND), topics.PARTICLE_CLOUD)

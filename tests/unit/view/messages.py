@@ -10,71 +10,34 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.health import Health, SourceHealth
 from clustermcl.protocol.job_events import Began, JobEvents, NumberedEvent
 from clustermcl.protocol.steps import MapMessage, Scan
-from clustermcl.protocol.work import Particles, TrackReport
+from clustermcl.protocol.work import TrackReport
+from tests.unit.coordinator import reports
+from tests.unit.evaluation import places
 
 
 def hypothesis(cluster: int, probability: float) -> Hypothesis:
-    return Hypothesis(
-        cluster=cluster,
-        probability=probability,
-        log_probability=float(np.log(probability)),
-        pose=(float(cluster), 2.0, 0.5),
-        covariance=(0.4, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.2),
-        effective_sample_size=100.0,
-        age_steps=3,
-    )
+    spread = (0.4, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.2)
+    made = places.place(probability, (float(cluster), 2.0, 0.5), cluster=cluster, covariance=spread)
+    return replace(made, log_probability=float(np.log(probability)), age_steps=3)
 
 
 def belief(step: int, *clusters: int, term: int = 1) -> Belief:
-    return Belief(
-        sender="coordinator",
-        step=step,
-        stamp_ns=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        state="ambiguous",
-        hypotheses=tuple(hypothesis(cluster, 0.9 / len(clusters)) for cluster in clusters),
-        elsewhere_probability=0.1,
-        searching=False,
-        term=term,
-    )
+    shown = [hypothesis(cluster, 0.9 / len(clusters)) for cluster in clusters]
+    made = places.belief(step, "ambiguous", *shown, elsewhere_probability=0.1, term=term)
+    return replace(made, stamp_ns=step)
 
 
 def report(step: int, cluster: int, *, job: str = "", particles: int = 100) -> TrackReport:
-    poses = np.tile((float(cluster), 2.0, 0.5), (particles, 1))
-    snapshot = Particles(
-        step=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(poses, "float64"),
-        log_weights=ArrayBlob.of(np.zeros(particles), "float64"),
-    )
-    return TrackReport(
-        sender="w",
-        job_id=job or f"c{cluster}",
-        epoch=1,
-        step=step,
-        log_weight_sum=0.0,
-        particles=particles,
-        log_likelihood_per_beam=0.0,
-        effective_sample_size=1.0,
-        pose=(0.0, 0.0, 0.0),
-        covariance=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        snapshot=snapshot if particles else None,
-    )
+    mean = (float(cluster), 2.0, 0.5)
+    snapshot = reports.particles(np.tile(mean, (particles, 1)), step=step) if particles else None
+    return reports.tracked(job or f"c{cluster}", step, 1.0, mean, epoch=1, snapshot=snapshot)
 
 
 def scan(step: int, ranges: list[float], *, digest: str = "d1") -> Scan:
-    return Scan(
-        sender="bridge",
-        step=step,
-        stamp_ns=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        robot_from_laser=(1.0, 0.0, 0.0),
-        angle_min_rad=0.0,
-        angle_step_rad=np.pi / 2,
-        range_max_m=10.0,
-        ranges=ArrayBlob.of(np.array(ranges), "float32"),
-        map_digest=digest,
-    )
+    return reports.scan(
+        step, digest=digest, stamp_ns=step, robot_from_laser=(1.0, 0.0, 0.0),
+        angle_step_rad=np.pi / 2, ranges=ArrayBlob.of(np.array(ranges), "float32"),
+    )  # fmt: skip
 
 
 def events(*numbers: int, term: int = 1) -> JobEvents:
@@ -105,23 +68,11 @@ def pose(step: int, **changed: Any) -> PoseAnswer:
     return replace(POSE, **{"step": step, "stamp_ns": step, **changed})
 
 
-STATUS = Status(
-    sender="coordinator",
-    version="1",
-    state="ambiguous",
-    freshness="fresh",
-    age_s=0.1,
-    step=5,
-    steps_applied=6,
-    steps_lost=0,
-    reports_missing=0,
-    map_digest="d1",
-    clusters=2,
-    searching=False,
-    workers={"w-0": ("c1", "c2"), "w-1": ()},
-    counters={"late": 2, "never": 0},
-    uptime_s=9.0,
-)
+STATUS = replace(
+    places.STATUS, version="1", state="ambiguous", age_s=0.1, step=5, steps_applied=6, steps_lost=0,
+    reports_missing=0, map_digest="d1", clusters=2, searching=False, processes=(), uptime_s=9.0,
+    workers={"w-0": ("c1", "c2"), "w-1": ()}, counters={"late": 2, "never": 0},
+)  # fmt: skip
 
 
 def status(*, digest: str = "d1", **changed: Any) -> Status:

@@ -1,19 +1,14 @@
 import numpy as np
 import pytest
 
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.work import Particles
 from clustermcl.view.frames import MAX_PARTICLES, cloud_frame
+from tests.unit.coordinator.reports import particles
 from tests.unit.view.messages import report
 
 
 def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
-    return Particles(
-        step=5,
-        odom_from_robot=(1.0, 2.0, 0.5),
-        map_from_robot=ArrayBlob.of(poses, "float64"),
-        log_weights=ArrayBlob.of(log_weights, "float64"),
-    )
+    return particles(poses, log_weights, step=5, odom=(1.0, 2.0, 0.5))
 
 
 def test_particles_are_given_in_centimetres_and_milliradians() -> None:

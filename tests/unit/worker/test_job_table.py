@@ -47,12 +47,7 @@ def scan(step: int) -> Scan:
 def cloud(step: int = 0) -> Particles:
     rng = np.random.default_rng(1)
     poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.1, (50, 3))
-    return Particles(
-        step=step,
-        odom_from_robot=(0.2 * step, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(poses, "float64"),
-        log_weights=ArrayBlob.of(np.zeros(50), "float64"),
-    )
+    return reports.particles(poses, step=step, odom=(0.2 * step, 0.0, 0.0))
 
 
 def track(job_id: str, start: Particles, *, epoch: int = 1, exact: bool = False) -> Assignment:

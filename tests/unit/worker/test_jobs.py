@@ -16,6 +16,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
 from clustermcl.protocol.steps import mirrored
 from clustermcl.protocol.work import Particles, SearchJob
+from tests.unit.coordinator.reports import particles
 from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
 
 __all__ = ["model"]  # the fixture
@@ -149,12 +150,7 @@ def test_a_split_cluster_reports_its_parts_at_every_second_step(model: SensorMod
     )
     rng = np.random.default_rng(0)
     poses = np.repeat([[2.0, 3.0, 0.0], [4.0, 4.0, 1.0]], 100, axis=0)
-    start = Particles(
-        step=0,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(poses + rng.normal(0.0, 0.02, poses.shape), "float64"),
-        log_weights=ArrayBlob.of(np.zeros(200), "float64"),
-    )
+    start = particles(poses + rng.normal(0.0, 0.02, poses.shape))
     blunt = computed_model(model.grid, SensorSettings(scan_likelihood_exponent=1e-6))
     job = running(track("c0", start, exact=True), blunt, settings, sender="w")
     parts = [job.advance(scan(step)).parts for step in (1, 2)]  # type: ignore[union-attr]
