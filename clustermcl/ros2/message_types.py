@@ -7,8 +7,6 @@ Messages are objects of its classes, with ROS's field names.
 from functools import cache
 from typing import Any
 
-import numpy as np
-from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -129,6 +127,8 @@ _SERVICE_HASHES = {
 _HASH_FORM = "RIHS01_"
 CDR_HEADER = b"\x00\x01\x00\x00"
 """Header of each message: plain CDR, little-endian."""
+_LARGEST_BYTES = 4096
+"""More than any message of zeros has."""
 
 
 @cache
@@ -194,26 +194,7 @@ def decode(data: bytes, ros_type: str) -> Any:
 
 @cache
 def _defaults(ros_type: str) -> dict[str, Any]:
-    return {name: _default(kind) for name, kind in typestore().fielddefs[ros_type][1]}
-
-
-def _default(kind: Any) -> Any:
-    node, about = kind
-    if node == Nodetype.NAME:
-        return new(about)
-    if node == Nodetype.BASE:
-        return _zero(about[0])
-    (inner, name), length = about
-    if inner == Nodetype.BASE and name[0] != "string":
-        return np.zeros(length if node == Nodetype.ARRAY else 0, _dtype(name[0]))
-    return [_default((inner, name)) for _ in range(length)] if node == Nodetype.ARRAY else []
-
-
-def _zero(name: str) -> object:
-    if name == "string":
-        return ""
-    return False if name == "bool" else _dtype(name).type(0).item()
-
-
-def _dtype(name: str) -> np.dtype[Any]:
-    return np.dtype("uint8" if name in ("byte", "octet", "char") else name)
+    """Return the fields of a message of zero bytes in ROS 1's encoding; in CDR no text is empty."""
+    kind, store = typestore().get_msgdef(ros_type), typestore()
+    message, _ = kind.deserialize_ros1(memoryview(bytes(_LARGEST_BYTES)), 0, kind.cls, store)
+    return vars(message)
