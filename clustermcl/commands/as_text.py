@@ -180,7 +180,6 @@ def event_line(numbered: NumberedEvent) -> str:
 
 
 def status_lines(status: Status) -> Iterator[str]:
-    """Yield a status as text: state, steps, map, workers and processes."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = search_text(status.search_progress, runs=status.searching)
     scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "dead_reckoning" else ""
@@ -204,7 +203,6 @@ def status_lines(status: Status) -> Iterator[str]:
 
 
 def _process_lines(process: Health) -> Iterator[str]:
-    """Yield a process's health as text, with the work it did and the messages it dropped."""
     memory = f", {process.memory_bytes / 1e6:.0f} MB" if process.memory_bytes else ""
     silent = f", silent for {process.age_s:.0f} s" if process.age_s > SILENT_AFTER_S else ""
     yield (

@@ -153,7 +153,6 @@ def _run_to_end(
 def _followed(
     run: _Run, stack: Stack, meeting: Settings, stop: StopFlag
 ) -> tuple[DemoSummary, Status]:
-    """Start the processes, and receive beliefs until the last one."""
     stack.start_without_coordinator()
     if run.page is not None:
         _wait_for_page(run.page, 0, stop, stack)
@@ -206,7 +205,6 @@ class _Audience:
         self._output.on_workers(are_ready=True)
 
     def follow(self) -> None:
-        """Receive beliefs until the run ends."""
         run, received_s = self._run, time.monotonic()
         ends_early = run.is_simulated and run.options.steps is None and run.page is None
         while True:

@@ -62,7 +62,6 @@ class DemoOutput:
         return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
 
     def on_workers(self, *, are_ready: bool) -> None:
-        """Show whether the workers are ready."""
         line = (
             "the workers are ready" if are_ready else "the workers start; the first start compiles"
         )
@@ -161,7 +160,6 @@ class DemoSummary:
     def as_object(
         self, status: Status, wall_s: float, wandering: "DemoSummary | None"
     ) -> JsonObject:
-        """Return the last belief, its error, and the numbers of steps as a JSON object."""
         error = self._error()
         return {
             **(json_object(self.belief) if self.belief else {}),
@@ -177,7 +175,6 @@ class DemoSummary:
     def lines(
         self, status: Status, wall_s: float, wandering: "DemoSummary | None" = None
     ) -> Iterator[str]:
-        """Yield the run, the last belief, its error, and the numbers of steps as text."""
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self._ambiguous_steps:

@@ -53,7 +53,6 @@ def check_one_process(settings: Settings) -> None:
 
 
 def run_parts(invocation: Invocation) -> None:
-    """Run all parts until the process is stopped or a part ends."""
     settings, stop = invocation.settings, invocation.stop
     check_one_process(settings)
     compile_kernels(SensorSettings())

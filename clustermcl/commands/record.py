@@ -92,7 +92,6 @@ class Recorder:
         node.open(settings.zenoh.connect_timeout_s)
 
     def write(self, path: Path) -> None:
-        """Write received messages until the flag is set and all messages are written."""
         with closing(self._node), RunLog(path) as self._log:
             handle_until_stopped(self._node)
 

@@ -95,7 +95,6 @@ class Stack:
             raise ProcessEndedError(ended)
 
     def close(self) -> None:
-        """Stop all processes."""
         self.supervisor.stop()
 
     def _child(self, module: str, *arguments: str, name: str | None = None) -> ChildSpec:

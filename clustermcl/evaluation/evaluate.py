@@ -51,7 +51,6 @@ _log = logging.getLogger(__name__)
 def executed(
     run: Run, on_update: Callable[[Scan, Outcome], None] = lambda _scan, _outcome: None
 ) -> RunMeasures:
-    """Execute a run; `on_update` is called after each step."""
     _, steps = run.begun()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
@@ -77,7 +76,6 @@ def run_evaluate(
     output: Path | None = None,
     tum: Path | None = None,
 ) -> None:
-    """Execute all runs, print tables or JSON, and write the results."""
     robot = robot_of(recording, map_file, reference)
     case, seeds = case_of(robot, seeds, starts, steps)
     _check_files(output, tum, max(seeds, starts or 1))

@@ -65,7 +65,6 @@ class StepFacts:
 
     @property
     def error(self) -> PoseError | None:
-        """Error of the estimate; None: there is no estimate."""
         return self.claims[0].error if self.claims else None
 
     @property
@@ -88,7 +87,6 @@ class StepFacts:
 
 
 def facts_of(step: int, stamp_ns: int, outcome: Outcome, truth: PoseTuple | None) -> StepFacts:
-    """Return the facts of a step."""
     return StepFacts(
         step=step,
         stamp_ns=stamp_ns,
@@ -155,7 +153,6 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
 def measures_of(
     facts: Sequence[StepFacts], *, wall_s: float = 0.0, cpu_s: float = 0.0
 ) -> RunMeasures:
-    """Compute the measures of a run."""
     scored = [each for each in facts if each.truth]
     held = [each for each in after_first_search(facts) if each.truth]
     final = scored[-1].error if scored else None

@@ -47,7 +47,6 @@ def load_reference(path: Path | str) -> Trajectory:
 
 
 def tum_line(stamp_ns: int, pose: PoseTuple) -> str:
-    """Return a pose as a line of the TUM format."""
     x, y, heading = pose
     turn = f"{math.sin(heading / 2.0):.9f} {math.cos(heading / 2.0):.9f}"
     return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {x:.6f} {y:.6f} 0 0 0 {turn}\n"

@@ -15,7 +15,6 @@ Columns = dict[str, tuple[str, str]]
 
 
 def write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
-    """Write a CSV file with one row for each run."""
     rows = [{**common, **run} for run in runs]
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")

@@ -87,7 +87,6 @@ def advice(
 
 
 def _exploring(question: Question, roads: Roads | None) -> tuple[Way, ...]:
-    """Return the way to unseen ground, if there is one."""
     poses = unseen_way(question.laser, question.seen, question.radius_m, roads)
     if not len(poses):
         return ()

@@ -68,7 +68,6 @@ class RunningJob(ABC):
         """Apply the scan of a later step, and return the report; steps may be skipped."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Use another model and other settings from the next scan on."""
         self._model, self._settings = model, settings
 
     def handed_on(self) -> work.Assignment:
@@ -80,7 +79,6 @@ class RunningJob(ABC):
         return generator(seed, purpose=purpose, entity=entity, step=step, part=part)
 
     def _head(self, step: int) -> dict[str, Any]:
-        """Return the fields that all reports share."""
         assignment = self.assignment
         return {
             "sender": self._sender,

@@ -46,7 +46,6 @@ class ScanArrays:
 
 
 def scan_beams(scan: Scan, model: SensorModel) -> Beams:
-    """Return the beams of a scan to score."""
     others = tuple(map(scan_of_laser, scan.others))
     measured = scan_of_laser(scan)
     return model.beams(dataclasses.replace(measured, others=others) if others else measured)

@@ -159,7 +159,6 @@ def doubt_of_certificate(file: str, roles: Sequence[str], process: str, robot: s
 
 
 def roles_that_ask(key: str) -> list[str]:
-    """Return the roles that may query a key."""
     return [role for role, rights in _ROLES.items() if key in rights.asks]
 
 

@@ -65,12 +65,10 @@ class HealthReporter:
         )
 
     def dropped(self) -> dict[str, int]:
-        """Return counts of dropped or refused input by cause."""
         lost = self._inbox.dropped()
         return {**self._causes.total, **{f"dropped {what}": count for what, count in lost.items()}}
 
     def publish_if_due(self, publisher: Publisher) -> None:
-        """Publish the health if that was last done at least a second ago."""
         now_s = self._clock()
         if now_s - self._published_s >= _EVERY_S:
             self._published_s = now_s

@@ -92,7 +92,6 @@ class Inbox(Generic[EventT]):
             self._append(waiting, state)
 
     def count_refused(self, kind: str) -> None:
-        """Count a message that the callback refused because of its size."""
         with self._lock:
             self._dropped[f"{kind} too large"] += 1
 

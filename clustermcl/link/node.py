@@ -62,7 +62,6 @@ class Subscription:
         self._subscriber: zenoh.Subscriber[None] | None = None
 
     def declare(self, session: zenoh.Session) -> None:
-        """Receive through this session from now on."""
         self._session = session
         self._subscriber = None if self._paused else self._subscribe(session)
 
@@ -228,12 +227,10 @@ class Node:
         self.declare(lambda session: wire.serve(session, key, self.inbox, limit_bytes))
 
     def watch(self, key: str, handler: Callable[[wire.Token], object]) -> None:
-        """Call `handler` when a liveliness token on `key` appears or disappears."""
         self._on_token = handler
         self.declare(lambda session: wire.watch(session, key, self.inbox))
 
     def watch_link(self, handler: Callable[[wire.Link], object]) -> None:
-        """Call `handler` when the link to the router comes up or is lost."""
         self._on_link = handler
 
     def announce(self, key: str) -> None:

@@ -89,7 +89,6 @@ def _laid_out(value: Any, indent: int = 0) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the file to standard output; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     given = _parser().parse_args(words)
 

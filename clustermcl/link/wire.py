@@ -155,7 +155,6 @@ class Unread:
         self._subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]] | None = None
 
     def declare(self, session: zenoh.Session) -> None:
-        """Receive through this session from now on."""
         self._subscriber = session.declare_subscriber(self._key, handlers.RingChannel(self._count))
 
     def drain(self) -> Iterator[bytes]:

@@ -58,7 +58,6 @@ class Recording:
 
     @property
     def laser_count(self) -> int:
-        """Number of scans among the readings."""
         return sum(isinstance(reading, LaserReading) for reading in self.readings)
 
 

@@ -86,7 +86,6 @@ IDENTITY = Rigid(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def flat(pose: PoseTuple) -> Rigid:
-    """Convert a pose in the plane to a transform in space."""
     x, y, heading = pose
     return Rigid(x, y, 0.0, 0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0))
 

@@ -90,7 +90,6 @@ class Amcl:
         self.is_active, self.choice.held = True, held
 
     def deactivate(self) -> None:
-        """Stop using scans and publishing poses."""
         self.is_active = False
         self._waiting.clear()
 
@@ -102,7 +101,6 @@ class Amcl:
     # --- from ROS
 
     def on_clock(self, message: Any) -> Iterator[Output]:
-        """Handle a `rosgraph_msgs/Clock`."""
         try:
             now_ns = time_of(message.clock)
         except ValueError as problem:

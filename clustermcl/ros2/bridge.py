@@ -117,7 +117,6 @@ class BridgeLoop:
         node.subscribe(keys.ALL_REPORTS, reports, self._on_report, kind=keys.ALL_REPORTS, kept=kept)
 
     def run(self) -> None:
-        """Carry out decisions until the process is stopped."""
         before = self._file.read()
         if before is not None and before.state is not State.UNCONFIGURED:
             self._resume(before)

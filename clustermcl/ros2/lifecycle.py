@@ -67,7 +67,6 @@ class Lifecycle:
         self.state = State.UNCONFIGURED
 
     def available(self) -> list[Transition]:
-        """Return the transitions that can be requested in this state."""
         return [asked for asked, _ in _WAYS if asked.start is self.state]
 
     def change(self, number: int, label: str = "") -> tuple[Transition, ...]:

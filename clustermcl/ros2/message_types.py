@@ -133,7 +133,6 @@ _LARGEST_BYTES = 4096
 
 @cache
 def typestore() -> Typestore:
-    """Return the library's store with all types used here."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in _MESSAGES.items():
         store.register(get_types_from_msg(text, name))

@@ -30,7 +30,6 @@ def header(stamp_ns: int, frame: str) -> Any:
 
 
 def pose(map_from_robot: PoseTuple) -> Any:
-    """Return a `geometry_msgs/Pose`."""
     x, y, _, *turn = flat(map_from_robot)
     return new(
         "geometry_msgs/msg/Pose",
@@ -40,7 +39,6 @@ def pose(map_from_robot: PoseTuple) -> Any:
 
 
 def pose_with_covariance(map_from_robot: PoseTuple, covariance: Covariance) -> Any:
-    """Return a `geometry_msgs/PoseWithCovariance`."""
     wide = np.zeros((6, 6))
     wide[np.ix_(_PLANAR, _PLANAR)] = np.reshape(covariance, (3, 3))
     return new(
@@ -53,7 +51,6 @@ def pose_with_covariance(map_from_robot: PoseTuple, covariance: Covariance) -> A
 def pose_stamped(
     map_from_robot: PoseTuple, covariance: Covariance, stamp_ns: int, frame: str
 ) -> Any:
-    """Return a `geometry_msgs/PoseWithCovarianceStamped`."""
     given = pose_with_covariance(map_from_robot, covariance)
     return new(types.POSE_STAMPED, header=header(stamp_ns, frame), pose=given)
 
@@ -75,7 +72,6 @@ def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: s
 
 
 def path(poses: Iterable[PoseTuple], stamp_ns: int, frame: str) -> Any:
-    """Return a `nav_msgs/Path`."""
     stamped = header(stamp_ns, frame)
     kind = "geometry_msgs/msg/PoseStamped"
     points = [new(kind, header=stamped, pose=pose(one)) for one in poses]

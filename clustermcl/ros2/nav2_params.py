@@ -78,7 +78,6 @@ def _tree(path: Path) -> dict[Any, Any]:
 
 
 def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[str, Any]]:
-    """Return a node's namespace and parameters."""
     found: dict[str, Any] = {}
     namespaces = set()
     for where, parameters in _nodes(tree):

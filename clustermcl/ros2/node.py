@@ -166,7 +166,6 @@ class RosNode:
     def _endpoint(
         self, kind: wire.EndpointKind, topic: str, ros_type: str, qos: wire.Qos
     ) -> tuple[str, str]:
-        """Return key and token of a new endpoint of this node."""
         name, hashed = self._name.topic(topic), type_hash(ros_type, humble=self._humble)
         number = next(self._numbers)
         token = self._name.endpoint_token(self._id, number, kind, name, ros_type, hashed, qos)

@@ -45,12 +45,10 @@ class Parameters:
         return new(response_of(types.GET_PARAMETERS), values=values)
 
     def kinds(self, request: Any) -> Any:
-        """Answer `GetParameterTypes`."""
         numbers = np.array([self._value(name).type for name in request.names], np.uint8)
         return new(response_of(types.GET_PARAMETER_TYPES), types=numbers)
 
     def names(self, request: Any) -> Any:
-        """Answer `ListParameters`."""
         found = [name for name in PARAMETERS if _is_listed(name, request.prefixes, request.depth)]
         prefixes = {name.rpartition(".")[0] for name in found} - {""}
         listed = new(
@@ -59,7 +57,6 @@ class Parameters:
         return new(response_of(types.LIST_PARAMETERS), result=listed)
 
     def describe(self, request: Any) -> Any:
-        """Answer `DescribeParameters`."""
         descriptors = [
             new(
                 "rcl_interfaces/msg/ParameterDescriptor",
@@ -126,7 +123,6 @@ class Parameters:
             self.live = msgspec.structs.replace(self.live, **{parameter.live_name: setting})
 
     def _value(self, name: str) -> Any:
-        """Return a parameter as a `ParameterValue`."""
         parameter = PARAMETERS.get(name)
         if parameter is None:
             return new("rcl_interfaces/msg/ParameterValue", type=_NOT_SET)

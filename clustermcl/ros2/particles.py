@@ -37,7 +37,6 @@ class ClusterParticles:
         self._clouds: dict[int, _Cloud] = {}
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        """Handle the particles in a worker's report."""
         log_weights = particles.log_weights.array()
         self._clouds[cluster] = _Cloud(
             np.array(particles.odom_from_robot),

@@ -26,7 +26,6 @@ def main() -> None:
 
 
 def run_ros2_bridge(invocation: Invocation) -> None:
-    """Run the node until the process is stopped."""
     check_ros2(invocation.settings)
     from clustermcl.ros2.bridge import serve_robot  # noqa: PLC0415 - needs the extra
 

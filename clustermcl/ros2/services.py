@@ -138,7 +138,6 @@ class Services:
         return [Configure(sender=self._sender, settings=wanted)]
 
     def _use(self, taken: list[Any]) -> list[Output]:
-        """Apply parameters that were set, and publish the change."""
         if not taken:
             return []
         self._amcl.use(self._parameters.settings.ros2)
@@ -156,12 +155,10 @@ class Services:
 
 
 def _empty(output: Output) -> Callable[[Any], Answer]:
-    """Return a handler of `Empty` calls, which have one output."""
     return lambda _request: (new(response_of(types.EMPTY)), [output])
 
 
 def _only(respond: Callable[[Any], Any]) -> Callable[[Any], Answer]:
-    """Return a handler of calls that have no outputs."""
     return lambda request: (respond(request), [])
 
 
@@ -170,7 +167,6 @@ def _state(state: State) -> Any:
 
 
 def _described(step: Transition) -> dict[str, Any]:
-    """Return the fields of a transition in ROS's messages."""
     return {
         "transition": new("lifecycle_msgs/msg/Transition", id=step.number, label=step.label),
         "start_state": _state(step.start),

@@ -61,12 +61,10 @@ class Topics:
         self._clock = (CLOCK,) if settings.use_sim_time else ()
 
     def read(self) -> tuple[Topic, ...]:
-        """Return all topics to subscribe to."""
         transforms = (self.tf, self.tf_static)
         return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.observed, *self._clock)
 
     def sent(self) -> tuple[Topic, ...]:
-        """Return all topics to publish."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),

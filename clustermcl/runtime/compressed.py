@@ -89,14 +89,12 @@ def too_long_problem(most: int) -> str:
 
 
 def broken_stream_problem(broken: BaseException) -> str:
-    """Return the message for one of `BROKEN_STREAM_ERRORS`."""
     if isinstance(broken, EOFError):
         return "the compressed file is cut off; copy or download it again"
     return f"the compressed file is damaged ({broken}); copy or download it again"
 
 
 def os_problem(failed: OSError) -> str:
-    """Return the message for a file that cannot be read."""
     if isinstance(failed, FileNotFoundError):
         return "no such file; check the path"
     if isinstance(failed, IsADirectoryError):

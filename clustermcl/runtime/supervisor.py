@@ -194,7 +194,6 @@ class _Child:
         return self._listener.jobs if self._listener is not None else None
 
     def files(self) -> list[int | HasFile]:
-        """Return the files that can be read when the process has ended or given a sign."""
         return [file for file in (self.end, self._listener) if file is not None]
 
     def start(self) -> None:
@@ -245,7 +244,6 @@ class _Child:
         return True
 
     def forget(self) -> None:
-        """Drop the ended process and cancel its restart."""
         self.process, self._start_at_s = None, None
         if self.end is not None:
             os.close(self.end)

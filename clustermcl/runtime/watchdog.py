@@ -94,7 +94,6 @@ class Listener:
         """The number of jobs that the child reported last; None: it has not reported any."""
 
     def variables(self) -> dict[str, str]:
-        """Return the variables for the child's environment."""
         return {
             SOCKET_VARIABLE: "@" + self._socket.getsockname()[1:].decode(),
             INTERVAL_VARIABLE: str(int(self._hung_after_s * 1e6)),

@@ -29,7 +29,6 @@ class Camera:
         landmarks: Sequence[Landmark],
         rng: np.random.Generator,
     ) -> Iterator[Observation]:
-        """Yield what is seen from a pose."""
         for landmark in landmarks:
             at = np.array([landmark.x, landmark.y, 0.0])
             seen = between(np.array(map_from_robot), at)[:2]

@@ -59,7 +59,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_simulator(invocation: Invocation) -> None:
-    """Simulate until the process is stopped."""
     settings, arguments = invocation.settings, invocation.arguments
     robot = parsed_source(settings.bridge.source)
     if not isinstance(robot, Simulated):

@@ -37,7 +37,6 @@ class Tick:
 
     @property
     def readings(self) -> tuple[OdometryReading, LaserReading, OdometryReading]:
-        """All readings in the order of their stamps."""
         return self.odometry[0], self.laser, self.odometry[1]
 
 
@@ -78,7 +77,6 @@ class Simulation:
 
     @property
     def map_from_robot(self) -> PoseTuple:
-        """True pose at the end of the last tick."""
         return self.robot.map_from_robot
 
     def __iter__(self) -> Iterator[Tick]:

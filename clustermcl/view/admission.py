@@ -32,7 +32,6 @@ class Address:
 
     @property
     def netloc(self) -> str:
-        """Host and port as in a link."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
@@ -68,7 +67,6 @@ class Admission:
 
     @property
     def link(self) -> str:
-        """Link of the page, with the token if there is one."""
         token = f"?token={self.token}" if self.token else ""
         return f"http://{self.address.netloc}/{token}"
 

@@ -65,7 +65,6 @@ def map_canvas(grid_map: GridMap) -> tuple[Image.Image, View]:
 
 
 def smoothed(canvas: Image.Image) -> Image.Image:
-    """Return the drawing in the size of the picture."""
     size = (canvas.width // _FINER, canvas.height // _FINER)
     return canvas.resize(size, Image.Resampling.LANCZOS)
 

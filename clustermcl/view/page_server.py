@@ -60,7 +60,6 @@ _SAFE = {
 
 
 def print_link(link: str) -> None:
-    """Print the link of the page to standard error."""
     sys.stderr.write(f"clustermcl: look at {link}\n")
     sys.stderr.flush()
 

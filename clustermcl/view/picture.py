@@ -50,7 +50,6 @@ class Picture:
 
     @property
     def has_wanted_map(self) -> bool:
-        """Whether the map that the system uses is shown."""
         shown = self._frames.get("map")
         return shown is not None and self.wanted_map in ("", shown["digest"])
 
@@ -81,7 +80,6 @@ class Picture:
         return {topic: self._frame(topic) for topic in ("history", *self._frames)}
 
     def on_link(self, link: str) -> None:
-        """Show the state of the connection; see `link`."""
         if link != self.link:
             self._set("system", {**self._frames["system"], "link": link})
             if link != "running":
@@ -104,7 +102,6 @@ class Picture:
             self._set_step({**shown, "truth": truth.pose})
 
     def on_report(self, report: TrackReport) -> None:
-        """Show the particles of a worker's report if the report has any."""
         if report.snapshot is not None and report.cluster is not None:
             self.on_particles(report.cluster, report.snapshot)
 
@@ -132,7 +129,6 @@ class Picture:
             self._show("pose", answer)
 
     def on_status(self, status: Status) -> None:
-        """Show the status of a running system."""
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
         self._show("status", status)

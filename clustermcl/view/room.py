@@ -29,7 +29,6 @@ class Browser:
         """Whether this page drives the simulated robot manually."""
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
-        """Send encoded frames, now or when the page has drawn earlier ones."""
         self._waiting.update(frames)
         self._send_waiting()
 

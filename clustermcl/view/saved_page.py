@@ -46,6 +46,5 @@ def _import_map(files: Mapping[str, str]) -> str:
 
 
 def static_files() -> dict[str, bytes]:
-    """Return the files of the page by their names."""
     folder = importlib.resources.files("clustermcl.view") / "static"
     return {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}

@@ -68,7 +68,6 @@ class StepArchive:
         return found
 
     def everything(self) -> list[ArchiveEntry]:
-        """Return all entries in the order of their steps."""
         packs = [_unpacked(pack) for pack in self._packs]
         return [entry for entries in (*packs, self._newest) for entry in entries]
 

@@ -50,7 +50,6 @@ class RecentReports:
         kept.append(report)
 
     def keep_only(self, job_ids: Iterable[str]) -> None:
-        """Forget the reports of other jobs."""
         self._of = {job_id: self._of[job_id] for job_id in job_ids if job_id in self._of}
 
     def since(self, step: int) -> list[Report]:
@@ -138,7 +137,6 @@ class JobTable:
         self.reports.keep_only(self._jobs)
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Continue all jobs with other settings."""
         for job in self._jobs.values():
             job.use(model, settings)
 
@@ -220,7 +218,6 @@ class JobTable:
 
     @property
     def searches(self) -> bool:
-        """Whether a search has work for `search_on`."""
         return bool(self._searches)
 
     def search_on(self) -> list[Report]:

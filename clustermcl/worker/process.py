@@ -168,7 +168,6 @@ class Fleet:
 def serve(
     name: str, settings: Settings, cache: Path, report_jobs: ReportJobs, stop: StopFlag
 ) -> None:
-    """Serve one robot until the process is stopped."""
     with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
         node.open()
         work_without_preempting()
@@ -222,7 +221,6 @@ class WorkerLoop:
         report_jobs(0)
 
     def run(self) -> None:
-        """Serve until the process is stopped."""
         unread_scans = 0
         while not self._node.stop.is_set():
             event = self._node.turn(self._wait_s())

@@ -65,7 +65,6 @@ class SearchQueue:
             scans.append(scan)
 
     def keep_only(self, jobs: Iterable[RunningJob]) -> None:
-        """Remove the work of searches that have ended."""
         kept = {id(job) for job in jobs}
         self._left = {key: left for key, left in self._left.items() if key in kept}
         if self._searching is not None and id(self._searching) not in kept:

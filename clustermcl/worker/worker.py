@@ -192,7 +192,6 @@ class Worker:
 
     @property
     def jobs(self) -> int:
-        """Number of jobs that this worker has."""
         return len(self._table.summary())
 
     @property
@@ -202,11 +201,9 @@ class Worker:
 
     @property
     def searches(self) -> bool:
-        """Whether there is work for `search`."""
         return self._table.searches
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
-        """Process a coordinator's published state."""
         self._fence.on_checkpoint(checkpoint)
         self._decided = checkpoint.step
         return []
@@ -430,7 +427,6 @@ def _published(reports: list[Report]) -> list[Instruction]:
 
 
 def _cause_of(error: Exception) -> str:
-    """Return the name of the counter for a refused order."""
     match error:
         case MalformedMessageError():
             return error.cause

@@ -84,7 +84,6 @@ class LookAlikeSearch:
         )
 
     def random_view(self) -> View:
-        """Return the scans along a random short path."""
         x, y, heading = self._free_space.random_pose(self._rng)
         way = self._free_space.random_path(x, y, WAY_M, self._rng)
         chosen = way[np.unique(np.linspace(0, len(way) - 1, _SCANS).astype(int))]

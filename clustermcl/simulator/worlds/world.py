@@ -93,7 +93,6 @@ class Canvas:
             self.cells[added] = turned[added]
 
     def add(self, furniture: "Canvas") -> None:
-        """Copy the occupied cells of another canvas."""
         self.cells[furniture.cells == OCCUPIED] = OCCUPIED
 
     def grid_map(self) -> GridMap:
