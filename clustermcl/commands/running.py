@@ -96,7 +96,7 @@ def up(
     common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
         common.refuse_without("several processes", None, view=view, nav2_params=nav2_params)
-        _become("clustermcl.commands.one_process", given)
+        _become("commands.one_process", given)
     from clustermcl.commands.up import run_up  # noqa: PLC0415 - see the package
 
     chosen, notes = common.settings_with_nav2(nav2_params, given.file, given.assignments)
@@ -132,7 +132,7 @@ def router(
     ] = None,
 ) -> None:
     """Run only the router, for several robots."""
-    _become("clustermcl.link.router", given, *([] if config is None else ["--config", str(config)]))
+    _become("link.router", given, *([] if config is None else ["--config", str(config)]))
 
 
 @common.given_command("robot", "router")

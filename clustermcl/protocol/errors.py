@@ -142,8 +142,8 @@ class AlreadyRunningError(ClusterMclError):
 
 def printable(text: str, at_most: int = 200) -> str:
     """Make untrusted text safe to log: one line, no control characters, at most this long."""
-    cut = text if len(text) <= at_most else f"{text[:at_most]}..."
-    return escaped(cut)
+    safe = escaped(text[: at_most + 1])
+    return safe if len(safe) <= at_most else f"{safe[:at_most]}..."
 
 
 def escaped(text: str) -> str:
