@@ -27,11 +27,7 @@ class CannotBootError(Exception):
 
 
 def make_debian(folder: Path) -> None:
-    """Fill a folder with a Debian, our sources, and the packages that they need.
-
-    Raises:
-        CannotBootError: a program, a right or the network is missing.
-    """
+    """Fill a folder with a Debian, our sources, and the packages that they need."""
     if os.geteuid() != 0:
         raise CannotBootError("only root may boot a container")
     missing = [program for program in NEEDED if shutil.which(program) is None]
@@ -76,11 +72,7 @@ def _said(command: list[str]) -> str:
 
 
 class Machine:
-    """A machine without a network that can be booted and rebooted and that runs commands.
-
-    Args:
-        folder: its root file system; its boot messages go to a file next to it.
-    """
+    """A machine without a network that can be booted and rebooted and that runs commands."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -88,11 +80,6 @@ class Machine:
         self._leader = 0
 
     def boot(self) -> None:
-        """Start it, and wait until systemd has started everything.
-
-        Raises:
-            CannotBootError: systemd does not come up.
-        """
         log = self.folder.with_suffix(".log")
         with log.open("wb") as output:
             self._container = subprocess.Popen(
@@ -116,7 +103,6 @@ class Machine:
                 state = self.run("systemctl is-system-running", check=False).strip()
 
     def reboot(self) -> None:
-        """Shut down in order, and boot again."""
         assert self._container is not None
         self.run("systemctl poweroff", check=False)
         self._container.wait(60.0)

@@ -30,7 +30,6 @@ def all_keys() -> list[str]:
 
 
 def granted(right: str) -> list[str]:
-    """What any role has of a right."""
     return [key for role in ROLES for key in getattr(rights_of(role, "worker-0"), right)]
 
 

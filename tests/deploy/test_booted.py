@@ -56,7 +56,6 @@ systemctl enable --now robot-driver
 
 
 def words(page: str, after: str) -> str:
-    """The first block of commands after a text on a page."""
     found = re.search(r"^( *)```bash\n(.*?)^ *```", page_after(page, after), re.DOTALL | re.M)
     assert found is not None
     return found[2]
@@ -72,7 +71,6 @@ class Robot(Machine):
     settings = SETTINGS
 
     def ask(self, question: str) -> dict[str, Any]:
-        """Its answer; empty while there is none."""
         output = self.run(f"{COMMAND} {question} --json --settings {self.settings}", check=False)
         answer: dict[str, Any] = json.loads(output) if output.startswith("{") else {}
         return answer
@@ -84,7 +82,6 @@ class Robot(Machine):
         return known and pose["step"] > since_step and pose["workers"] == 4
 
     def comes_back(self, what: str, begin_s: float, since_step: int = 0) -> None:
-        """Wait until it localizes; return the time since `begin_s`."""
         try:
             wait_until(lambda: self.localizes(since_step), deadline_s=300.0)
         except pytest.fail.Exception:

@@ -37,7 +37,6 @@ def argv(line: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the certificates have been made."""
     require_openssl()
     folder = tmp_path_factory.mktemp("tutorial")
     shutil.copytree(REPOSITORY / "deploy", folder / "deploy")

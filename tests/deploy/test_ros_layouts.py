@@ -40,8 +40,6 @@ def test_rviz_subscribes_to_what_the_bridge_and_the_robot_publish() -> None:
 
 
 class Made:
-    """An object of ROS's launch, with its arguments."""
-
     def __init__(self, *arguments: Any, **named: Any) -> None:
         self.arguments, self.named = arguments, named
 

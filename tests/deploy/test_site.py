@@ -34,7 +34,6 @@ def reference() -> ModuleType:
 
 
 def loaded(name: str) -> ModuleType:
-    """A script of docs/."""
     spec = importlib.util.spec_from_file_location(name, REPOSITORY / f"docs/{name}.py")
     assert spec is not None
     assert spec.loader is not None

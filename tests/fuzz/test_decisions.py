@@ -80,7 +80,6 @@ VARIANCES = st.floats(1e-8, 1e16) | st.floats(0.01, 1.0)
 
 @st.composite
 def observations(draw: st.DrawFn) -> Observation:
-    """Valid observations of any size."""
     landmark, stamp_ns = draw(st.sampled_from(["", "tag", "none"])), draw(st.integers(0, 10**10))
     size = 2 if landmark else draw(st.integers(2, 3))
     sigmas = np.diag(np.sqrt(draw(st.lists(VARIANCES, min_size=size, max_size=size))))
@@ -109,7 +108,6 @@ def observations(draw: st.DrawFn) -> Observation:
 
 @st.composite
 def seen_in_step(draw: st.DrawFn) -> Seen:
-    """Valid observations of a step."""
     one = draw(observations())
     return Seen(
         landmark=one.landmark, mean=one.mean, covariance=one.covariance,

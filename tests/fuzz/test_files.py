@@ -44,7 +44,6 @@ WORDS = NUMBERS | st.sampled_from(
 
 
 def lines(*strategies: st.SearchStrategy[str]) -> st.SearchStrategy[bytes]:
-    """A text of such lines."""
     listed = st.lists(st.one_of(strategies), max_size=12)
     return listed.map(lambda text: "\n".join(text).encode())
 

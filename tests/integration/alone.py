@@ -16,7 +16,6 @@ from tests.integration.worlds import world_of
 
 
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
-    """The outcomes of the settings' simulated robot."""
     world = world_of(settings)
     source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
     scans = (scan for scan, _ in simulated_steps(source, settings.bridge, world.map.digest))

@@ -10,14 +10,7 @@ from tests.integration.waiting import PATIENCE_S, wait_until
 
 
 class RunningProcess:
-    """A child process whose output goes to files, so that it never blocks and can be read.
-
-    Args:
-        command: what it runs.
-        folder: of its output.
-        name: of the files there.
-        options: of `subprocess.Popen`.
-    """
+    """A child process whose output goes to files, so that it never blocks and can be read."""
 
     def __init__(self, command: Sequence[str], folder: Path, name: str, **options: Any) -> None:
         self.out_file, self.err_file = folder / f"{name}.out", folder / f"{name}.err"
@@ -45,11 +38,9 @@ class RunningProcess:
         self._popen.send_signal(number)
 
     def wait(self, timeout_s: float = PATIENCE_S) -> int:
-        """Exit code once it has ended; -9 for SIGKILL and so on."""
         return self._popen.wait(timeout_s)
 
     def wait_for(self, text: str, deadline_s: float = PATIENCE_S) -> None:
-        """Wait until it has written the text to standard output or error."""
         wait_until(lambda: text in self.out or text in self.err, deadline_s)
 
     def kill(self) -> None:

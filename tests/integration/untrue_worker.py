@@ -8,13 +8,7 @@ from clustermcl.protocol.work import OrderAnswer, TakeOver, WorkerState, WorkOrd
 
 
 class UntrueWorker:
-    """Answers in Zenoh's threads for as long as its session lasts.
-
-    Args:
-        session: what it speaks with.
-        name: its own.
-        lift: how far above the coordinator's term it claims another to be.
-    """
+    """Answers in Zenoh's threads for as long as its session lasts."""
 
     def __init__(self, session: zenoh.Session, name: str, lift: int = 0) -> None:
         self._name, self._lift = name, lift

@@ -25,12 +25,7 @@ _POLL_S = 0.005
 
 
 def wait_until(condition: Callable[[], object], deadline_s: float = PATIENCE_S) -> None:
-    """Return as soon as the condition holds; fail the test if it does not hold in time.
-
-    Args:
-        condition: called every few milliseconds.
-        deadline_s: time that the slowest machine may take [s].
-    """
+    """Return as soon as the condition holds; fail the test if it does not hold in time."""
     until_s = time.monotonic() + deadline_s
     nap = threading.Event()
     while not condition():

@@ -28,16 +28,7 @@ def write_room(
     corner: tuple[float, float] = (0.0, 0.0),
     box: tuple[slice, slice] | None = None,
 ) -> Path:
-    """Write the map of a walled room as map_server has it; return its YAML file.
-
-    Args:
-        folder: of the files.
-        name: of the files.
-        cells: rows and columns.
-        cell_m: side of a cell [m].
-        corner: x and y of the lower left cell [m].
-        box: rows and columns of an obstacle; None: there is none.
-    """
+    """Write the map of a walled room as map_server has it; return its YAML file."""
     room = np.zeros(cells, np.int8)
     room[[0, -1], :] = room[:, [0, -1]] = OCCUPIED
     if box is not None:

@@ -36,8 +36,6 @@ WRITING_S = 0.02
 
 
 class CoordinatorNode(Node):
-    """One process that leads or follows."""
-
     def __init__(self, name: str, simulation: "Simulation", offset_s: float, wall_us: int) -> None:
         super().__init__(name, simulation.clock, offset_s)
         self._simulation, self._wall_us = simulation, wall_us
@@ -177,7 +175,6 @@ class CoordinatorNode(Node):
             self.laws.on_pose(self._life, self.coordinator.pose(self.now_ns))
 
     def pass_on(self, event: events.Event | events.TokenChanged | events.LinkChanged) -> None:
-        """Pass an event to the replica, and carry out what follows."""
         if not self._is_running:
             return
         decided = self._replica.handle(event, self.now_ns)

@@ -34,7 +34,6 @@ class LawBrokenError(AssertionError):
 
 
 def demand(holds: object, law: str) -> None:
-    """Raise unless a law holds."""
     if not holds:
         raise LawBrokenError(law)
 
@@ -167,12 +166,7 @@ class WatchedState(CoordinatorState, dict=True):
 
 
 class Laws:
-    """Told of everything that leaves a coordinator.
-
-    Args:
-        clock: true time.
-        replays: whether the events of all lives are replayed in the end.
-    """
+    """Told of everything that leaves a coordinator."""
 
     def __init__(self, clock: Clock, *, replays: bool) -> None:
         self.clock, self.replays = clock, replays

@@ -18,7 +18,6 @@ LEASE_NS = 2 * SECOND
 
 
 def ns(seconds: float) -> int:
-    """Seconds as whole nanoseconds."""
     return int(seconds * SECOND)
 
 
@@ -71,7 +70,6 @@ class Node:
             action()
 
     def later(self, delay_s: float, action: Action) -> None:
-        """Schedule a call in this process, if it is alive then."""
         life = self.life
         self.clock.after(delay_s, lambda: self.take(action) if self.life == life else None)
 
@@ -168,7 +166,6 @@ class Network:
             self._notify_others(node, node.token, alive=False)
 
     def watch(self, node: Node) -> None:
-        """Give a process all present tokens."""
         for token in self.tokens:
             self._handle(node, token, alive=True)
 

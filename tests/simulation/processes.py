@@ -50,11 +50,9 @@ class Bridge(Node):
 
     @property
     def newest_step(self) -> int:
-        """The last one that it made."""
         return self._step - 1
 
     def odometry(self, number: int) -> None:
-        """Where the robot is since its last step."""
         if not self.is_frozen and self.alive:
             pose = scan_of(number).odom_from_robot
             reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)

@@ -28,14 +28,6 @@ WELL_WITHIN_S = 20.0
 
 
 class Simulation:
-    """Everything of one robot.
-
-    Args:
-        seed: decides everything.
-        model: of the map; computing it takes longer than a schedule.
-        schedule: made of a generator of chance; by itself anything may happen.
-    """
-
     def __init__(
         self,
         seed: int,
@@ -75,11 +67,7 @@ class Simulation:
     # --- a schedule
 
     def run(self) -> None:
-        """Live through the faults and the calm after them.
-
-        Raises:
-            LawBrokenError: with the seed.
-        """
+        """Live through the faults and the calm after them."""
         try:
             self._run()
         except LawBrokenError as error:
@@ -110,7 +98,6 @@ class Simulation:
                 life.replay()
 
     def _calm(self) -> None:
-        """No more faults."""
         self._is_calm = True
         network = self.network
         network.loss = network.doubled = 0.0

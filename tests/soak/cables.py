@@ -32,14 +32,6 @@ class Cables(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def set_cables(control: Path, pids: Iterable[int], *, to_router: bool, from_router: bool) -> None:
-    """Cut or mend the links of these processes.
-
-    Args:
-        control: the relay's control socket.
-        pids: process ids; links that these processes open later are included.
-        to_router: whether data to the router passes.
-        from_router: whether data from the router passes.
-    """
     cables = Cables(pids=tuple(pids), to_router=to_router, from_router=from_router)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
         sender.sendto(msgspec.json.encode(cables), str(control))
@@ -77,13 +69,7 @@ class _Cable:
 
 
 class Relay:
-    """All links by process id, with two threads per link.
-
-    Args:
-        listen: socket for processes.
-        router: socket of the router.
-        control: socket for commands.
-    """
+    """All links by process id, with two threads per link."""
 
     def __init__(self, listen: Path, router: Path, control: Path) -> None:
         self._router = router
@@ -97,7 +83,6 @@ class Relay:
         _begin(self._accept)
 
     def receive_command(self, wait_s: float) -> None:
-        """Wait at most `wait_s` [s] for a command and execute it."""
         self._control.settimeout(wait_s)
         with suppress(TimeoutError):
             cables = msgspec.json.decode(self._control.recv(_PIECE_BYTES), type=Cables)
@@ -105,7 +90,6 @@ class Relay:
                 self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
 
     def close(self) -> None:
-        """Accept no more connections."""
         self._closed = True
         self._server.shutdown(socket.SHUT_RDWR)
         self._control.close()
@@ -149,7 +133,6 @@ def _carry(source: socket.socket, target: socket.socket, whole: Event) -> None:
 
 
 def _pid_of(link: socket.socket) -> int:
-    """Return the process id of the peer of a Unix socket."""
     credentials = link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER_CREDENTIALS.size)
     pid: int = _PEER_CREDENTIALS.unpack(credentials)[0]
     return pid

@@ -40,13 +40,7 @@ def temporary_files_in(folder: Path) -> Iterator[Path]:
 
 
 def processes_left(known: Iterable[psutil.Process], folder: Path, wait_s: float = 2.0) -> list[str]:
-    """Return the ids of processes that still run, or have ended but were not reaped.
-
-    Args:
-        known: all processes observed.
-        folder: their folder; it identifies processes never observed, by their command line.
-        wait_s: time allowed for ending [s].
-    """
+    """Return the ids of processes that still run, or have ended but were not reaped."""
     deadline_s = time.monotonic() + wait_s
     while True:
         left = {process for process in known if process.is_running()}
@@ -68,16 +62,6 @@ def clean_end_verdict(
     files: Path,
     stop_s: float,
 ) -> Verdict:
-    """Return the verdict on unexplained exits and on leftovers.
-
-    Args:
-        exits: all exits before the stop [time ns, exit].
-        faults: the injected faults.
-        logs: log files of the processes.
-        processes: result of `processes_left`.
-        files: folder of the processes' temporary files.
-        stop_s: duration of the stop [s].
-    """
     left = sorted(str(path.relative_to(files)) for path in files.rglob("*") if path.is_file())
     breaks = [
         Break(at_ns, f"{ended.name} ended with code {ended.code}: {ended.last_words}")

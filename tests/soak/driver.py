@@ -93,18 +93,13 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
 
 
 class _Clock:
-    """Converts simulated time to Unix time; simulated time stands still while frozen.
-
-    Args:
-        seconds_each: real seconds for one second of simulated time.
-    """
+    """Converts simulated time to Unix time; simulated time stands still while frozen."""
 
     def __init__(self, seconds_each: float) -> None:
         self._seconds_each = seconds_each
         self._zero_ns = time.time_ns()
 
     def stamp_ns(self, simulated_ns: int) -> int:
-        """Return the Unix time of a simulated time, both [ns]."""
         due_ns = self._zero_ns + int(simulated_ns * self._seconds_each)
         late_ns = time.time_ns() - due_ns
         if late_ns > _FROZEN_NS:

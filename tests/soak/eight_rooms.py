@@ -22,7 +22,6 @@ _START = (1.0, 1.0, 0.0)
 
 
 def eight_rooms() -> World:
-    """Return the world of eight rooms without doors; the robot starts in the first."""
     plan = Canvas(COLUMNS * (_WIDTH_M + _GAP_M) + 1.0, ROWS * (_HEIGHT_M + _GAP_M) + 1.0)
     corners = [_corner(number) for number in range(PLACES)]
     for x, y in corners:
@@ -38,16 +37,11 @@ def eight_rooms() -> World:
 
 
 def soak_world(name: str) -> World:
-    """Return this world or one of the catalogue."""
     return eight_rooms() if name == eight_rooms.__name__ else simulated_world(Simulated(name))
 
 
 def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
-    """Return the equivalent poses in all rooms, including the robot's own pose.
-
-    Args:
-        map_from_robot: pose in any room: x [m], y [m], heading [rad].
-    """
+    """Return the equivalent poses in all rooms, including the robot's own pose."""
     x, y, heading = map_from_robot
     corners = [_corner(number) for number in range(PLACES)]
     own_x, own_y = min(
@@ -58,7 +52,6 @@ def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
 
 
 def _corner(number: int) -> tuple[float, float]:
-    """Return a room's lower left corner [m]."""
     row, column = divmod(number, COLUMNS)
     low = np.array([COLUMNS * (_WIDTH_M + _GAP_M), ROWS * (_HEIGHT_M + _GAP_M)]) / -2.0
     x, y = low + np.array([column * (_WIDTH_M + _GAP_M), row * (_HEIGHT_M + _GAP_M)]) + _GAP_M / 2

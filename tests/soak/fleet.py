@@ -27,8 +27,6 @@ _SOCKET = "unixsock-stream/"
 
 @dataclass(frozen=True)
 class Part:
-    """A running process."""
-
     robot: str
     """Empty for the router."""
     role: str
@@ -43,17 +41,7 @@ class Part:
 
 
 class Fleet:
-    """Starts the processes, restarts dead ones, ends them.
-
-    Args:
-        settings: settings of each robot; the first one's have the router's endpoint.
-        folder: for settings, maps, logs and leftovers.
-        world: the simulated robots' world.
-        rate_hz: scans a second of each robot.
-        coordinators: coordinators of each robot; one leads, the others are standbys.
-        cables: whether workers and coordinators reach the router through the relay.
-        pool: whether the robots share their workers.
-    """
+    """Starts the processes, restarts dead ones, ends them."""
 
     def __init__(
         self,
@@ -107,12 +95,10 @@ class Fleet:
             self._supervisor.add(child)
 
     def poll(self) -> None:
-        """Restart processes that are due, and add new exits to `exits`."""
         for ended in self._supervisor.poll(time.monotonic()):
             self.exits.append((time.time_ns(), ended))
 
     def parts(self) -> list[Part]:
-        """Return all running processes under test, including forked workers."""
         names = {pid: name for name, pid in self._supervisor.pids().items() if name != CABLES}
         found = []
         for process in self.processes():
@@ -130,7 +116,6 @@ class Fleet:
         set_cables(self._control, pids, to_router=to_router, from_router=from_router)
 
     def stop(self) -> float:
-        """End all processes; return how long that took [s]."""
         begin_s = time.monotonic()
         self._supervisor.stop()
         return time.monotonic() - begin_s

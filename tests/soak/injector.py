@@ -46,16 +46,12 @@ _DIRECTIONS = {
 
 
 class SetCables(Protocol):
-    """Configures the relay between processes and router."""
-
     def __call__(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
         """Cut or mend the links of these processes."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """The injector's access to the robot's processes."""
-
     parts: Callable[[], list[Part]]
     trackers: Callable[[int], list[str]]
     """Names of the workers that track clusters at a time [ns]."""
@@ -69,12 +65,7 @@ class Targets:
 
 
 class Injector:
-    """Injects each fault when it is due and ends it in time.
-
-    Args:
-        faults: in the order of time.
-        targets: the processes.
-    """
+    """Injects each fault when it is due and ends it in time."""
 
     def __init__(self, faults: Sequence[Fault], targets: Targets) -> None:
         self._waiting, self._targets = list(faults), targets
@@ -83,12 +74,6 @@ class Injector:
         self._stopped: set[psutil.Process] = set()
 
     def tick(self, now_ns: int, start_ns: int) -> list[DoneFault]:
-        """Inject and end the faults that are due; return those that began.
-
-        Args:
-            now_ns: present time.
-            start_ns: origin of the faults' times.
-        """
         for due in [item for item in self._later if item[0] <= now_ns]:
             self._later.remove(due)
             due[1]()
@@ -127,7 +112,6 @@ class Injector:
         return [DoneFault(fault.kind, now_ns, now_ns, sent)] if sent else []
 
     def _kill(self, faults: Sequence[Fault], now_ns: int) -> list[DoneFault]:
-        """Kill a victim of each fault, or none if one has no victim."""
         victims = [self._victim(_KILLED[fault.kind], fault, now_ns) for fault in faults]
         if None in victims:
             return []
@@ -188,7 +172,6 @@ class Injector:
         return True
 
     def _signal(self, process: psutil.Process, number: signal.Signals) -> bool:
-        """Send a signal; return whether the process exists."""
         (self._stopped.add if number is signal.SIGSTOP else self._stopped.discard)(process)
         try:
             process.send_signal(number)

@@ -42,11 +42,6 @@ class NothingLeaks:
         self._router_keys: list[int] = []
 
     def sample(self, processes: Iterable[tuple[str, psutil.Process, bool]]) -> None:
-        """Sample each process, except those that are ending.
-
-        Args:
-            processes: (name, process, whether it is the leading coordinator).
-        """
         for name, process, leads in processes:
             try:
                 with process.oneshot():
@@ -68,7 +63,6 @@ class NothingLeaks:
                 life.files.append(float(files))
 
     def count_router_keys(self, session: zenoh.Session, timeout_s: float = 1.0) -> None:
-        """Count the router's own keys, if it answers."""
         replies = session.get("@/*/router/**", timeout=timeout_s)
         found = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         if counted := sum(any(word in key for word in _COUNTED) for key in found):
@@ -126,11 +120,7 @@ class NothingLeaks:
 
 
 def open_without_namespace(settings: Settings) -> zenoh.Session:
-    """Open a session that can query the router's own keys.
-
-    Raises:
-        zenoh.ZError: there is no router.
-    """
+    """Open a session that can query the router's own keys."""
     configuration = client_configuration(settings.zenoh, settings.robot)
     del configuration["namespace"]
     return zenoh.open(as_zenoh(configuration))

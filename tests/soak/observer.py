@@ -38,13 +38,7 @@ class _Report(msgspec.Struct):
 
 
 class Observer:
-    """A client of one robot that holds it to the promises.
-
-    Args:
-        settings: settings of the robot.
-        world: name of its world; in `eight_rooms` each room must keep a place.
-        stop: ends the wait for a router.
-    """
+    """A client of one robot that holds it to the promises."""
 
     def __init__(self, settings: Settings, world: str, stop: StopFlag) -> None:
         self.outages = Outages()
@@ -83,7 +77,6 @@ class Observer:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the first search is over."""
         return self._truth.is_complete
 
     @property
@@ -93,18 +86,15 @@ class Observer:
 
     @property
     def summary(self) -> str:
-        """One line on the present state."""
         if self._belief is None:
             return "no belief"
         return f"step {self._belief.step}, {len(self._belief.hypotheses)} places"
 
     def trackers(self, now_ns: int) -> list[str]:
-        """Return the names of the workers that track a cluster now."""
         recent = now_ns - _REPORTED_LATELY_NS
         return sorted({worker for worker, at_ns in self._reporters.values() if at_ns >= recent})
 
     def turn(self, wait_s: float) -> None:
-        """Handle everything that has arrived, or wait for the next message."""
         while self.node.turn(wait_s) is not None:
             wait_s = 0.0
         self.node.drain(self._reports, self._on_report)

@@ -72,14 +72,7 @@ class Outages:
     def excuse(
         self, kinds: Collection[Kind], begin_ns: int, end_ns: int, after_s: float = BACK_WITHIN_S
     ) -> bool:
-        """Return whether a fault of these kinds, or its consequences, overlaps a time.
-
-        Args:
-            kinds: kinds of faults that excuse a violation.
-            begin_ns: begin of the time in question.
-            end_ns: end of the time in question.
-            after_s: duration of the consequences after the end of the fault [s].
-        """
+        """Return whether a fault of these kinds, or its consequences, overlaps a time."""
         return any(
             fault.kind in kinds
             and fault.at_ns <= end_ns
@@ -90,8 +83,6 @@ class Outages:
 
 @dataclass(frozen=True)
 class Question:
-    """One query for the pose and its outcome."""
-
     asked_ns: int
     closed_ns: int
     """Time of the answer or of the time-out."""
@@ -99,11 +90,7 @@ class Question:
 
 
 class Answered:
-    """Promise: pose queries are answered, except during outages.
-
-    Args:
-        outages: evaluated by the verdict, because a fault is recorded after the query.
-    """
+    """Promise: pose queries are answered, except during outages."""
 
     def __init__(self, outages: Outages) -> None:
         self._outages = outages
@@ -116,7 +103,6 @@ class Answered:
             self._unanswered.append(question)
 
     def verdict(self) -> Verdict:
-        """Return the verdict on the share answered outside outages of coordinator and network."""
         kinds = NO_COORDINATOR | NO_NETWORK
         breaks = [
             Break(q.asked_ns, f"no answer within {(q.closed_ns - q.asked_ns) / 1e9:.2f} s")
@@ -182,10 +168,6 @@ class StepsOnce:
 
     Excused are steps while the network was down, or while there was no coordinator or no worker.
     A coordinator that takes over may publish a belief again.
-
-    Args:
-        outages: excuses.
-        longest_s: longest time from a scan to its belief [s].
     """
 
     def __init__(self, outages: Outages, longest_s: float) -> None:
@@ -198,7 +180,6 @@ class StepsOnce:
         self._breaks: list[Break] = []
 
     def on_scan(self, at_ns: int, step: int) -> None:
-        """Take a scan; a repeated one is ignored."""
         self._scans.setdefault(step, at_ns)
         _forget_oldest(self._scans)
 
@@ -256,10 +237,6 @@ class TruthHeld:
     A place is held while a cluster is within 1 m and 20 degrees of it, from the first belief on
     that holds all places. Left out: beliefs to which no worker has reported, and the search for a
     kidnapped robot, which has a bound of its own.
-
-    Args:
-        outages: give a search more time.
-        places_of: returns all poses at which a robot sees the same as at its true pose.
     """
 
     def __init__(
@@ -349,7 +326,6 @@ class TruthHeld:
         self._held = held
 
     def _check_search(self, now_ns: int) -> None:
-        """Record once that a kidnapped robot was not found in time."""
         since_ns = self._missed_since_ns
         if since_ns is None:
             return
@@ -367,7 +343,6 @@ def _is_held(belief: Belief, copy: PoseTuple) -> bool:
 
 
 def _quantile(ordered: Sequence[float], share: float) -> float:
-    """Return a quantile of sorted values; 0 if there is none."""
     return ordered[int(share * (len(ordered) - 1))] if ordered else 0.0
 
 

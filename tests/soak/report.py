@@ -17,8 +17,6 @@ _LINE_EVERY_S = 30.0
 
 @dataclass
 class SoakResult:
-    """Everything measured in a soak."""
-
     options: Any
     """A dataclass."""
     faults: list[DoneFault]
@@ -32,12 +30,10 @@ class SoakResult:
         return any(verdict.kept is False for verdict in self.verdicts)
 
     def at_s(self, at_ns: int) -> float:
-        """Return the time since the start [s]."""
         return (at_ns - self.start_ns) / 1e9
 
 
 def print_result(result: SoakResult, console: Console) -> None:
-    """Print the table of promises, then the first violations with their times."""
     minutes = result.at_s(result.end_ns) / 60
     table = Table(title=f"{minutes:.1f} minutes, {len(result.faults)} faults", box=None)
     for column in ("promise", "target", "measured", "kept"):
@@ -56,7 +52,6 @@ def print_result(result: SoakResult, console: Console) -> None:
 
 
 def as_json(result: SoakResult) -> str:
-    """Return all figures as JSON; times are seconds since the start."""
     what = {
         "version": VERSION,
         "options": asdict(result.options),

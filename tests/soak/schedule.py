@@ -70,15 +70,7 @@ class Fault:
 def planned(
     seed: int, *, first_s: float, last_s: float, every_s: float, only: Sequence[Kind] = ()
 ) -> tuple[Fault, ...]:
-    """Return all faults of a soak, dealt from shuffled decks; the first has one of each kind.
-
-    Args:
-        seed: of everything.
-        first_s: no fault is earlier.
-        last_s: nor later.
-        every_s: mean distance of two faults.
-        only: kinds that are done; none named: all.
-    """
+    """Return all faults of a soak, dealt from shuffled decks; the first has one of each kind."""
     rng = np.random.default_rng([seed, 0xFA017])
     deck = _deck(rng, only or tuple(_RULES))
     faults, at_s = [], first_s
@@ -91,7 +83,6 @@ def planned(
 
 
 def _deck(rng: np.random.Generator, kinds: Sequence[Kind]) -> Iterator[Kind]:
-    """Yield kinds endlessly."""
     yield from (kinds[index] for index in rng.permutation(len(kinds)))
     cards = [kind for kind in kinds for _ in range(_RULES[kind].copies)]
     while True:

@@ -54,14 +54,6 @@ class NotReadyError(ClusterMclError):
 def run_soak(
     options: SoakOptions, settings: Settings, stop: StopFlag, progress: Progress
 ) -> SoakResult:
-    """Run the processes, inject the faults and return the verdicts.
-
-    Raises:
-        NotReadyError: the robot did not find its first places.
-        SettingsError: the world needs more clusters.
-        StoppedError: stopped before there was anything to check.
-        ClusterMclError: an input cannot be used, or a process failed at its start.
-    """
     if options.world == eight_rooms.__name__ and settings.belief.max_clusters < PLACES:
         raise SettingsError(
             key="belief.max_clusters",
@@ -101,7 +93,6 @@ def run_soak(
 
 
 def _files_in(folder: Path, settings: Settings) -> Settings:
-    """Return the settings with state and flight recording in a folder."""
     return replace(
         settings,
         coordinator=replace(settings.coordinator, state_folder=str(folder / "state")),
@@ -139,7 +130,6 @@ class _Soak:
         )
 
     def run(self) -> None:
-        """Run until the time is over or the stop flag is set."""
         observer, result = self._observer, self.result
         with closing(observer.node) as node:
             node.open(_ROUTER_WITHIN_S)
@@ -187,7 +177,6 @@ class _Soak:
         )
 
     def _turn(self) -> None:
-        """Restart ended processes and read messages."""
         self._fleet.poll()
         self._observer.turn(_TURN_S)
 
@@ -204,8 +193,6 @@ class _Soak:
 
 @dataclass
 class _Every:
-    """Calls an action once a period."""
-
     period_s: float
     act: Callable[[], object]
     due_ns: int = 0

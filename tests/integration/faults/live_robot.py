@@ -54,12 +54,7 @@ def with_bridge(
 
 
 class Robot:
-    """A simulated robot whose laser can fail; it knows where it really is.
-
-    Args:
-        session: what it publishes with.
-        world_name: where it drives, at `PACE`.
-    """
+    """A simulated robot whose laser can fail; it knows where it really is."""
 
     def __init__(self, session: zenoh.Session, world_name: str) -> None:
         self.has_laser = True
@@ -86,7 +81,6 @@ class Robot:
                     self._laser.put(stamped)
 
     def error(self, answer: PoseAnswer) -> np.ndarray:
-        """Return the (3,) error of an answer: x, y [m], heading [rad]."""
         assert answer.pose is not None
         nearest = min(list(self._truth), key=lambda stamp_ns: abs(stamp_ns - answer.stamp_ns))
         off = np.subtract(answer.pose, self._truth[nearest])

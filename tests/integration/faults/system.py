@@ -88,7 +88,6 @@ class System:
             return client.pose()
 
     def jobs(self) -> dict[str, tuple[str, ...]]:
-        """The jobs of each worker, by its name."""
         return dict(self.status().workers)
 
     def events(self) -> list[JobEvent]:
@@ -96,13 +95,11 @@ class System:
             return [numbered.event for numbered in client.events().events]
 
     def history(self) -> tuple[Scan, ...]:
-        """All scans that the bridge has made."""
         return answered(self.session, keys.scan_history(0, None), ScanHistory).scans
 
     def next_message(
         self, key: str, kind: type[M], is_wanted: Callable[[M], object] = lambda _: True
     ) -> M:
-        """Wait for a message on a key."""
         received: list[M] = []
         subscriber = self.session.declare_subscriber(
             key, lambda sample: received.append(decode(sample.payload.to_bytes(), kind))
@@ -120,7 +117,6 @@ class System:
         return [belief for belief in list(self.beliefs) if belief.step > step]
 
     def gaps_s(self) -> list[float]:
-        """Times between beliefs [s]."""
         received = list(self._received_ns)
         return [(b - a) / 1e9 for a, b in pairwise(received)]
 
@@ -157,7 +153,6 @@ class System:
         return self.stack.supervisor.pids()[name]
 
     def worker_pids(self) -> list[int]:
-        """The worker processes, by their index."""
         children = psutil.Process(self.pid(WORKERS)).children()
         return [child.pid for child in sorted(children, key=lambda child: child.create_time())]
 
@@ -196,13 +191,6 @@ class System:
 
 @contextmanager
 def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> Iterator[System]:
-    """Start everything; all is ended on the way out.
-
-    Args:
-        settings: of all processes.
-        arguments: of the simulator.
-        endpoint: of the router; left out: a socket of its own.
-    """
     with ExitStack() as resources:
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-")))
         cache = msgspec.structs.replace(settings.worker, cache_folder=str(folder / "cache"))

@@ -105,7 +105,6 @@ def test_workers_and_coordinator_killed_together_lose_no_place() -> None:
 
 
 def follows_within_two_seconds(tested: System, term: int) -> None:
-    """Wait for beliefs of a coordinator of a later term."""
     begun_s = time.monotonic()
     wait_until(lambda: tested.beliefs[-1].term > term)
     assert time.monotonic() - begun_s < stretched_s(2.0)

@@ -39,7 +39,6 @@ def assert_same(published: list[Belief], computed: list[Belief]) -> None:
 
 
 def most_lost() -> float:
-    """Return the number of beliefs that a kill -9 may lose on this machine."""
     return STEPS_PER_S * stretched_s(LOST_S)
 
 

@@ -18,7 +18,6 @@ BURST = 4
 
 
 def forge(tested: System, first_step: int, count: int) -> None:
-    """Publish `count` scans from `first_step` on, with increasing stamps."""
     scan = tested.next_message(keys.SCAN, Scan)
     for n in range(count):
         forged = replace(scan, step=first_step + n, stamp_ns=scan.stamp_ns + n * 1_000_000)

@@ -26,7 +26,6 @@ STALE_SOON = replace(SMALL, coordinator=COORDINATOR)
 def poses_until_stale(
     tested: System, publish: Callable[[], None] = lambda: None
 ) -> list[PoseAnswer]:
-    """Publish and query the pose until it is stale; return all answers."""
     poses: list[PoseAnswer] = []
 
     def is_stale() -> bool:

@@ -37,7 +37,6 @@ def sigma_m(pose: PoseAnswer) -> float:
 
 
 def longest_m(covariance: Covariance) -> float:
-    """The largest standard deviation of the position."""
     return ellipse_axes(covariance[0], covariance[1], covariance[4])[0]
 
 

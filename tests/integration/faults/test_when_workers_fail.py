@@ -42,7 +42,6 @@ PARTICLES = 1_000_000
 
 
 def signal_one_that_tracks(tested: System, number: int) -> tuple[str, str, int]:
-    """Send a signal to a worker with a cluster; return its name, its job and its process id."""
     name, (job, *_) = next(
         (name, jobs) for name, jobs in tested.jobs().items() if set(jobs) - {ELSEWHERE}
     )
@@ -169,8 +168,6 @@ def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reck
 
 
 class Flooder:
-    """Publishes reports in the name of a worker that tracks a cluster."""
-
     def __init__(self, tested: System) -> None:
         self._session = tested.session
         self._received: dict[str, TrackReport] = {}
@@ -191,7 +188,6 @@ class Flooder:
 
 
 def resident_mb(tested: System) -> float:
-    """Return the resident memory of the coordinator's process [MB]."""
     return float(psutil.Process(tested.pid(COORDINATOR)).memory_info().rss) / 1e6
 
 

@@ -40,7 +40,6 @@ def by_need(monkeypatch: pytest.MonkeyPatch) -> Iterator[System]:
 
 
 def busy_worker(tested: System) -> int:
-    """Return the process id of a worker with a job."""
     name = next(name for name, jobs in tested.jobs().items() if jobs)
     children = psutil.Process(tested.pid(WORKERS)).children()
     return next(child.pid for child in children if child.name() == name)

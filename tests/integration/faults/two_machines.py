@@ -75,11 +75,6 @@ def second_machine() -> Iterator[Cable]:
 
 
 def ran(*command: str) -> str:
-    """Run a command; return its output.
-
-    Raises:
-        CalledProcessError: it failed.
-    """
     done = subprocess.run(
         command, check=True, capture_output=True, text=True, stdin=subprocess.DEVNULL
     )

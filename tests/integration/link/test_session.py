@@ -31,7 +31,6 @@ def client_command(settings: ZenohSettings) -> list[str]:
 
 
 def end(process: RunningProcess) -> tuple[int, float]:
-    """Exit code, and how long it took [s]."""
     started_s = time.monotonic()
     process.send_signal(signal.SIGTERM)
     return process.wait(), time.monotonic() - started_s

@@ -45,11 +45,7 @@ LOCALIZED_M, LOCALIZED_STEPS = 1.0, 5
 
 
 class Robot:
-    """Compares beliefs and true poses of one robot; those of another have other stamps.
-
-    Args:
-        session: of this robot.
-    """
+    """Compares beliefs and true poses of one robot; those of another have other stamps."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._truth: dict[int, PoseTuple] = {}
@@ -79,7 +75,6 @@ class Robot:
 def localized_robots(
     count: int, at_most_s: float, folder: Path, *, pool: bool = False
 ) -> Iterator[tuple[Fleet, dict[zenoh.Session, Robot]]]:
-    """Start robots, and wait until each is localized."""
     router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
     worker = replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     each = [

@@ -15,7 +15,6 @@ MINUTES = 0.15
 
 @contextmanager
 def other_work(processes: int) -> Iterator[None]:
-    """Keep the machine busy with other work."""
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
     try:
         yield

@@ -35,10 +35,6 @@ def assert_ends_cleanly(seed: int, cache: Path) -> None:
     """Start the whole stack; end it at a moment and in a way that the seed decides.
 
     Half of the moments are while it starts: imports, kernels, connections; half while it works.
-
-    Args:
-        seed: of the moment.
-        cache: for likelihood fields, so that they are made once.
     """
     rng = random.Random(seed)
     after_s = rng.uniform(0.05, 2.0) if rng.random() < 0.5 else rng.uniform(2.0, 7.0)

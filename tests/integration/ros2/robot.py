@@ -40,14 +40,7 @@ SCAN = LaserReading(
 
 
 class RosRobot:
-    """A node `/robot` of a domain: it publishes what a robot does, listens, and calls services.
-
-    Args:
-        session: a client of the router, without a namespace.
-        settings: of the bridge that is its AMCL: the topics' names.
-        name: of this node.
-        humble: it is of ROS 2 Humble.
-    """
+    """A node `/robot` of a domain: it publishes what a robot does, listens, and calls services."""
 
     def __init__(
         self,

@@ -22,12 +22,6 @@ from tests.unit.ros2.beliefs import belief
 
 
 class SystemDouble:
-    """One robot's system.
-
-    Args:
-        session: with the robot's namespace.
-    """
-
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self.lasers: list[LaserReading] = []
@@ -54,7 +48,6 @@ class SystemDouble:
         state: State = "ambiguous",
         term: int = 1,
     ) -> None:
-        """Publish a belief: cluster, probability and pose of each place."""
         self.state = state
         reported = belief(stamp_ns, *places, state=state, term=term)
         self._step += 1
@@ -62,7 +55,6 @@ class SystemDouble:
         self._session.put(keys.BELIEF, encode(reported))
 
     def report(self, report: TrackReport) -> None:
-        """Publish what a worker made of a step."""
         self._session.put("worker/worker-0/report", encode(report))
 
     def ask_for_map(self) -> PoseTuple:

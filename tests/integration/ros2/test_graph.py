@@ -62,12 +62,7 @@ ENDPOINTS |= {f"SS {service} ::,1000:,:,:,," for service in PARAMETERS_SERVED}
 
 
 class Graph:
-    """All tokens of a domain, as another session sees them.
-
-    Args:
-        session: of that other node.
-        domain_id: ROS_DOMAIN_ID.
-    """
+    """All tokens of a domain, as another session sees them."""
 
     def __init__(self, session: zenoh.Session, domain_id: int = 0) -> None:
         self.tokens: set[str] = set()
@@ -84,7 +79,6 @@ class Graph:
             self.gone_at_s.append(time.monotonic())
 
     def of(self, node: str = "amcl", namespace: str = "%") -> list[list[str]]:
-        """The parts of the tokens of one node."""
         split = (token.split("/") for token in list(self.tokens))
         return [parts for parts in split if parts[7:9] == [namespace, node]]
 

@@ -28,12 +28,6 @@ BOND_WITHIN_S = BOND_TIMEOUT_S / 2.0
 
 
 class Manager:
-    """Asks as nav2's lifecycle manager does.
-
-    Args:
-        robot: whose node it speaks through.
-    """
-
     def __init__(self, robot: RosRobot) -> None:
         self._robot = robot
         self.bonds: list[Any] = robot.listen(BOND)

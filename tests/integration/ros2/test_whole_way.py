@@ -74,10 +74,6 @@ class Drive:
     """A simulated robot that waits for the belief after each step, and knows where it is.
 
     When it is at ease, it pauses before and after each reading, as robots do.
-
-    Args:
-        robot: the publisher of the readings.
-        tested: who believes it.
     """
 
     def __init__(self, robot: RosRobot, tested: System) -> None:
@@ -131,11 +127,7 @@ class Drive:
 
 
 class Receipts:
-    """What the bridge says to our system, and when; and when beliefs come.
-
-    Args:
-        tested: the system.
-    """
+    """What the bridge says to our system, and when; and when beliefs come."""
 
     def __init__(self, tested: System) -> None:
         self.readings: list[OdometryReading | LaserReading] = []

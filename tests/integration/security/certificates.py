@@ -15,7 +15,6 @@ SCRIPT = Path(__file__).resolve().parents[3] / "deploy" / "certificates.sh"
 
 
 def require_openssl() -> None:
-    """Skip the module where there is no openssl to make certificates with."""
     if shutil.which("openssl") is None or shutil.which("bash") is None:
         pytest.skip(
             "bash and openssl make the certificates; one is missing", allow_module_level=True
@@ -34,7 +33,6 @@ def make_certificates(folder: Path, *words: str) -> subprocess.CompletedProcess[
 
 
 def client_with(folder: Path, name: str, router: str) -> ZenohSettings:
-    """Settings of the client with the certificate of this name."""
     return ZenohSettings(
         router=router,
         tls_ca_certificate=str(folder / "authority.pem"),
@@ -44,7 +42,6 @@ def client_with(folder: Path, name: str, router: str) -> ZenohSettings:
 
 
 def without_certificate(settings: ZenohSettings) -> ZenohSettings:
-    """The same client without a certificate; it knows the authority."""
     return msgspec.structs.replace(settings, tls_certificate="", tls_private_key="")
 
 

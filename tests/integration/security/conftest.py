@@ -43,14 +43,12 @@ def secure_router(certificates: Path) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def secure_endpoint(certificates: Path) -> Iterator[str]:
-    """Where such a router listens."""
     with secure_router(certificates) as endpoint:
         yield endpoint
 
 
 @pytest.fixture(scope="module")
 def client_of(certificates: Path, secure_endpoint: str) -> Callable[[str], ZenohSettings]:
-    """Settings of the client with the certificate of a name."""
     return lambda name: client_with(certificates, name, secure_endpoint)
 
 

@@ -27,7 +27,6 @@ ClientOf = Callable[[str], ZenohSettings]
 
 
 def refusal(settings: ZenohSettings) -> str:
-    """The error message of a refused connection."""
     with (
         pytest.raises(UnreachableError) as caught,
         open_session(settings, RobotSettings(), StopFlag(), wait_s=1.0),
@@ -38,7 +37,6 @@ def refusal(settings: ZenohSettings) -> str:
 
 @pytest.fixture
 def scratch(certificates: Path, tmp_path: Path) -> Path:
-    """A copy of the certificates, for tests that change them."""
     return shutil.copytree(certificates, tmp_path / "certificates")
 
 

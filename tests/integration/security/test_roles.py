@@ -119,7 +119,6 @@ def serving(session: zenoh.Session, key: str) -> Iterator[None]:
 
 
 def answers(session: zenoh.Session, key: str) -> set[str]:
-    """Return the ids of the sessions that answer on the key."""
     every_queryable, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
     replies = session.get(
         key, timeout=PATIENCE_S, target=every_queryable, consolidation=each_answer

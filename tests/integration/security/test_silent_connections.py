@@ -30,7 +30,6 @@ def endpoint(certificates: Path) -> Iterator[str]:
 
 @pytest.fixture
 def silent(endpoint: str) -> Iterator[list[socket.socket]]:
-    """Connections to the router that send nothing."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     with ExitStack() as held:
         address = (host, int(port))

@@ -35,8 +35,6 @@ def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
 
 
 class Robot:
-    """Publishes readings, and asks what the bridge makes of them."""
-
     def __init__(self, session: zenoh.Session, bridge: RunningProcess | None = None) -> None:
         self._session, self.bridge, self._readings = session, bridge, 0
         self._inbox: Events = Inbox({"health": 10})
@@ -61,7 +59,6 @@ class Robot:
         wait_until(is_taken)
 
     def steps(self) -> list[Scan]:
-        """The bridge's steps up to now."""
         return list(answered(self._session, keys.scan_history(0, None), ScanHistory).scans)
 
     def put(self, key: str, data: bytes) -> None:

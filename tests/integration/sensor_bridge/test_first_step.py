@@ -100,7 +100,6 @@ def test_near_the_highest_possible_step_numbering_restarts(
 
 
 def first_step(start_bridge: StartBridge, open_client: OpenClient) -> int:
-    """The number of the first step that a bridge makes."""
     with answering(open_client(), FIRST):
         robot = start_bridge()
         standing = Standing(robot)

@@ -48,7 +48,6 @@ def patient_links(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def robot(start_bridge: StartBridge) -> Robot:
-    """Of a bridge that was started without a map."""
     return start_bridge()
 
 

@@ -31,8 +31,6 @@ def ran(
 
 
 class TypedCommand(RunningProcess):
-    """A running command with all its child processes."""
-
     def __init__(
         self, command: Sequence[str], folder: Path, environment: dict[str, str] | None
     ) -> None:

@@ -95,12 +95,6 @@ def bad_readings(laser: LaserReading, odometry: OdometryReading) -> Iterator[tup
 
 
 class ForeignSender:
-    """An intruder on the network.
-
-    Args:
-        session: a client like all others.
-    """
-
     def __init__(self, session: zenoh.Session) -> None:
         self.session = session
         self.scans: dict[int, Scan] = {}

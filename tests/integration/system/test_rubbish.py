@@ -62,6 +62,5 @@ EXPECTED = {
 
 
 def uncounted(status: Status) -> dict[str, set[str]]:
-    """Expected causes that no process of the role has counted."""
     missing = {role: causes - dropped_by(status, role).keys() for role, causes in EXPECTED.items()}
     return {role: causes for role, causes in missing.items() if causes}

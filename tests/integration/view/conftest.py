@@ -68,7 +68,6 @@ def folder() -> Iterator[Path]:
 
 @pytest.fixture(scope="module")
 def system(folder: Path) -> Iterator[System]:
-    """Not started yet."""
     made = System(folder)
     yield made
     made.stop()
@@ -76,7 +75,6 @@ def system(folder: Path) -> Iterator[System]:
 
 @pytest.fixture(scope="module")
 def link(folder: Path, system: System) -> Iterator[str]:
-    """Where the page of that system is served."""
     with ExitStack() as ended:
         endpoint = f"zenoh.router={system.settings.zenoh.router}"
         listen = f"127.0.0.1:{free_port()}"
@@ -89,7 +87,6 @@ def link(folder: Path, system: System) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def page(link: str, driver: Any) -> Page:
-    """The page, open in a browser without a screen."""
     return Page(driver, link)
 
 
@@ -103,7 +100,6 @@ def pictures(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def driver() -> Iterator[Any]:
-    """A browser without a screen."""
     with ExitStack() as ended:
         made = started_browser()
         ended.callback(made.quit)

@@ -20,13 +20,6 @@ from tests.integration.waiting import PATIENCE_S, wait_until
 
 
 def opened(link: str, path: str = "live", **options: Any) -> ClientConnection:
-    """Connect to a page's stream, as a browser does that has opened the page.
-
-    Args:
-        link: of the page, with a slash at its end.
-        path: of the stream.
-        options: of the connection.
-    """
     origin: Any = options.pop("origin", link.rstrip("/"))
     return connect(f"ws{link[4:]}{path}", origin=origin, proxy=None, **options)
 
@@ -40,7 +33,6 @@ def frames(page: ClientConnection) -> Iterator[dict[str, Any]]:
 
 
 def frame_of(page: ClientConnection, topic: str) -> dict[str, Any]:
-    """Wait for a topic's next frame."""
     found: dict[str, Any] = next(each[topic] for each in frames(page) if topic in each)
     return found
 
@@ -65,14 +57,12 @@ class Snapshot:
     pixels: NDArray[np.uint8]
 
     def pixel_at(self, x_m: float, y_m: float) -> tuple[int, int, int]:
-        """Colour where a place of the map is drawn."""
         left, top = self.screen_of(x_m, y_m)
         ratio = self.pixels.shape[1] / self.size[0]  # of a phone's fine screen
         red, green, blue = self.pixels[round(top * ratio), round(left * ratio)]
         return int(red), int(green), int(blue)
 
     def screen_of(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Where a place of the map is drawn, by the view's middle and scale."""
         width, height = self.size
         view = self.view
         left = width / 2 + (x_m - view["x"]) * view["scale"]
@@ -87,7 +77,6 @@ class Page:
         driver.get(link)
 
     def actions(self) -> Any:
-        """Actions of keyboard and pointer; `perform` does them."""
         from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
 
         return ActionChains(self.driver)
@@ -97,7 +86,6 @@ class Page:
 
     @property
     def system(self) -> str:
-        """What the page says of the system: ``running``, ``no router`` and so on."""
         visible: str = self.run("return document.documentElement.dataset.link ?? ''")
         return visible
 
@@ -173,7 +161,6 @@ class Page:
         return Snapshot(taken["step"], taken["view"], tuple(taken["size"]), pixels)
 
     def console(self) -> list[str]:
-        """Messages on the browser's console since the last look."""
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def wait_for_places(self, count: int, deadline_s: float = 90.0) -> None:
@@ -185,7 +172,6 @@ class Page:
 
 
 def press(page: Page, keys: str) -> None:
-    """Type keys, as a person does."""
     page.actions().send_keys(keys).perform()
 
 

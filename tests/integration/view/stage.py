@@ -31,7 +31,6 @@ class Actor:
         self.room = Room(name, self._events.put)
 
     def pump(self) -> None:
-        """Answer what browsers have said, and send them what has changed."""
         while not self._events.empty():
             event = self._events.get()
             if isinstance(event.request, Command):
@@ -89,13 +88,11 @@ class Stage(Actor):
         )
 
     def show(self, grid_map: MapMessage) -> None:
-        """A map, reduced as the process does it."""
         self.map = message = reduced(grid_map)
         self.room.map = (message.digest, message.zlib_cells)
         self.picture.on_map(message)
 
     def pump(self) -> None:
-        """Answer the browsers of all robots, and send them what has changed."""
         for other in self.others.values():
             other.pump()
         super().pump()

@@ -20,7 +20,6 @@ from tests.integration.waiting import PATIENCE_S
 
 @pytest.fixture
 def no_router(tmp_path: Path) -> str:
-    """A router's endpoint without a router."""
     return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
 
 
@@ -86,7 +85,6 @@ def test_each_robot_has_a_page_that_may_load_nothing_from_elsewhere(port: int) -
 
 
 def done(page: ClientConnection) -> str:
-    """Send a command; return the reason why it is refused."""
     page.send('{"type": "relocalize"}')
     return str(frame_of(page, "done")["problem"])
 

@@ -46,15 +46,12 @@ def drawn(stage: Stage, driver: Any) -> Iterator[Page]:
 
 
 def page_of(stage: Stage, driver: Any) -> Page:
-    """The stage's page, once it has the map."""
     page = Page(driver, stage.server.link)
     shows(stage, lambda: page.run("return liveView.view.map !== null"))
     return page
 
 
 def shows(stage: Stage, condition: Callable[[], object]) -> None:
-    """Wait until the page shows the stage's last message."""
-
     def pumped() -> object:
         stage.pump()
         return condition()
@@ -82,7 +79,6 @@ def shown_step(page: Page) -> int | None:
 
 
 def believe(stage: Stage, page: Page, what: Belief) -> None:
-    """Publish a belief, and wait until the page shows its step."""
     stage.picture.on_belief(what)
     shows(stage, lambda: shown_step(page) == what.step)
 

@@ -29,7 +29,6 @@ def quiet_console(page: Page) -> Iterator[None]:
 
 @pytest.fixture
 def running(system: System, page: Page) -> Page:
-    """The page once it has found the system."""
     if page.system != "running":
         system.start()
         wait_until(lambda: page.system == "running")

@@ -58,7 +58,6 @@ def stage() -> Iterator[Stage]:
 
 
 def drive(stage: Stage, steps: list[Step], **changed: Any) -> PoseAnswer:
-    """Publish everything up to a step; return its pose, with changes."""
     for scan, truth, belief in steps:
         best = belief.hypotheses[0] if belief.hypotheses else None
         usual = {

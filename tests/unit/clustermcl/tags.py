@@ -68,5 +68,4 @@ def beliefs(
 
 
 def is_right(belief: answers.Belief, tick: Tick) -> bool:
-    """Whether the most probable place is where the robot is."""
     return math.dist(belief.hypotheses[0].pose[:2], tick.map_from_robot[:2]) < 1.0

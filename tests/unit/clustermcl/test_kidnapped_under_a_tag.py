@@ -32,7 +32,6 @@ def first_after_kidnapping(seed: int, *, observes: bool = True) -> tuple[bool, b
 def rights(
     mcl: ClusterMCL, ticks: Iterator[Tick], rng: np.random.Generator, tags: tuple[Landmark, ...]
 ) -> Iterator[bool]:
-    """Yield for each step whether the most probable place is right."""
     for tick in ticks:
         seen = sight(tick, rng, tags=tags)
         for reading in (tick.odometry[0], tick.laser, tick.odometry[1]):

@@ -95,7 +95,6 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
 
 
 def files(folder: Path) -> dict[str, Path]:
-    """A recording of each kind that `evaluate` reads."""
     made = {
         "carmen": [logs.odom(1.0), logs.flaser(1.1, (0.5, 0, 0)), logs.odom(1.2)],
         "robot laser": [logs.robot_laser(1.0, (1.0, 2.0, 3.0), (0.1, 0, 0), (0, 0, 0))],

@@ -19,12 +19,6 @@ BROKEN = "broken_source eye exit"
 
 
 def drive(seed: int, moved_m: float) -> tuple[list[bool], list[float], list[int]]:
-    """Drive past the tag.
-
-    Returns:
-        For each step: whether the belief is right, the weight of its observations,
-        and how many did not count.
-    """
     simulation, rng = Simulation(OFFICE, seed), np.random.default_rng(seed)
     x, y, _ = compose(np.array(simulation.map_from_robot), np.array([1.5, 0.4, 0.0])).tolist()
     tag = Landmark(name="exit", x=x, y=y, sigma=0.05)

@@ -162,7 +162,6 @@ class Living:
 
     @property
     def kept(self) -> Checkpoint | None:
-        """What the file holds."""
         return decode(self.file, Checkpoint) if self.file else None
 
     def _keep(self, checkpoint: Checkpoint) -> None:
@@ -171,13 +170,7 @@ class Living:
             self.file = encode(checkpoint)
 
     def drive(self, step: int, *, stamp_ns: int | None = None, like: int | None = None) -> None:
-        """One step: its scan reaches the workers, and the coordinator if it lives.
-
-        Args:
-            step: its number.
-            stamp_ns: of its scan; None: as of an undisturbed robot.
-            like: the step of which it shows what the robot sees; None: of this one.
-        """
+        """One step: its scan reaches the workers, and the coordinator if it lives."""
         shown = scan_of(step if like is None else like)
         scan = msgspec.structs.replace(shown, step=step, map_digest=self.map_digest)
         if stamp_ns is not None:
@@ -317,14 +310,12 @@ class Living:
         self._queue.append(happen)
 
     def state(self, name: str, take_over: TakeOver = NO_COORDINATOR) -> WorkerState:
-        """A worker's answer to a coordinator that takes over."""
         asked = worker_events.on_state_query(self._question(), take_over)
         (answer,) = asked(self.workers[name])
         assert isinstance(answer.message, WorkerState)
         return answer.message
 
     def particles(self) -> dict[str, bytes]:
-        """The particles of each tracked cluster, as they are now."""
         return {
             held.job_id: held.job.start.map_from_robot.data
             for worker in self.workers

@@ -58,7 +58,6 @@ def work_order(number: int = 1, *, term: int = 0, **more: Any) -> WorkOrder:
 
 
 def resumed(ensemble: Ensemble) -> Ensemble:
-    """Return the ensemble of a coordinator that continues from this one."""
     other = successor_of(ensemble)
     other.use(ensemble.settings)
     return other
@@ -147,7 +146,6 @@ def searched(
 
 
 def found_places(found: Sequence[tuple[float, PoseTuple]], count: int = 2) -> FoundPlaces:
-    """Places with these shares, each with a number of particles at its mean."""
     return FoundPlaces.of(
         (0.0, 0.0, 0.0),
         [share for share, _ in found],

@@ -18,7 +18,6 @@ def never(_job_id: str) -> bool:
 
 
 def after(jobs: Spread, moves: Mapping[str, str]) -> Spread:
-    """Return each worker's jobs after the moves."""
     where = {job_id: worker for worker, own in jobs.items() for job_id in own}
     where |= moves
     return {worker: [j for j, at in where.items() if at == worker] for worker in {*jobs, *WORKERS}}

@@ -24,7 +24,6 @@ NOTHING = WorkerSnapshot(term=0)
 
 @pytest.fixture(scope="module")
 def state(model: SensorModel) -> CheckpointState:
-    """Of a coordinator that tracks several clusters."""
     living = Living(model).drive_on(10)
     return from_bytes(living.kept.state)
 

@@ -167,7 +167,6 @@ class Story:
         return self.coordinator.status(int(at_s * SECOND), {})
 
     def ended(self) -> dict[str, str]:
-        """Why jobs ended, by job."""
         events = [one.event for one in self.coordinator.events().events]
         return {event.job_id: event.cause for event in events if isinstance(event, Ended)}
 

@@ -24,7 +24,6 @@ def recorded(tmp_path: Path) -> RecordedRobot:
 
 
 def truths(robot: RecordedRobot, start_step: int, updates: int | None) -> list[tuple[int, float]]:
-    """Number of each step, and where the robot was."""
     case = Case(robot=robot, updates=updates)
     steps = course_of(case, 0, BridgeSettings(), start_step).steps
     return [(scan.step, truth[0]) for scan, truth in steps if truth is not None]

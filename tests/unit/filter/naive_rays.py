@@ -96,7 +96,6 @@ def density(measured: float, expected: float, max_range_m: float, s: SensorSetti
 
 
 def composed(pose: Pose, b_from_c: Pose) -> Pose:
-    """Chain two poses."""
     x, y, heading = pose
     return np.array(
         [

@@ -35,7 +35,6 @@ def search_in(
 def places_after(
     search: GlobalSearch, cells: Cells, poses: Iterable[Pose], seed: int = 0
 ) -> list[FoundPlace]:
-    """The places that are found from perfect scans at these poses."""
     rng, before = np.random.default_rng(seed), None
     for pose in poses:
         finished(search.advance(before, pose, seen_from(pose, cells), rng))
@@ -44,7 +43,6 @@ def places_after(
 
 
 def curve(steps: int) -> list[Pose]:
-    """Poses of a robot that drives a gentle curve."""
     return [START + step * np.array([0.15, -0.05, 0.05]) for step in range(steps)]
 
 

@@ -6,8 +6,6 @@ from clustermcl.runtime.logs import CauseCounter
 
 
 class Process:
-    """A process whose clock is set by the test."""
-
     def __init__(self) -> None:
         self.now_s = 100.0
         self.health = HealthReporter("a", "worker", CauseCounter(), Inbox({}), lambda: self.now_s)

@@ -23,7 +23,6 @@ def bomb(profile: str) -> bytes:
 
 
 def mcap(profile: str, *records: bytes) -> bytes:
-    """An MCAP file with these records."""
     first, last = record(1, text(profile) + text("")), record(15, bytes(4)) + record(2, bytes(20))
     return b"".join([MCAP, first, *records, last, MCAP])
 
@@ -34,7 +33,6 @@ def channel(topic: str, number: int = 0) -> bytes:
 
 
 def chunk(content: bytes) -> bytes:
-    """A chunk of zstd."""
     return _chunk(zstd.compress(content, 1), len(content))
 
 

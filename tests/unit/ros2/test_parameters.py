@@ -432,7 +432,6 @@ def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> No
 
 
 def set_live(services: Services, *wanted: Any) -> list[Any]:
-    """The actions for changed parameters."""
     request = new(request_of(types.SET_PARAMETERS), parameters=list(wanted))
     response, outputs = services.call("~/set_parameters", request)
     assert all(result.successful for result in response.results)

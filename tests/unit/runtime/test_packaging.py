@@ -17,7 +17,6 @@ def normal(requirement: str) -> str:
 
 
 def pinned(lock: str) -> dict[str, tuple[str, frozenset[str]]]:
-    """Version and hashes of each package in a lock."""
     return {
         name: (version, frozenset(re.findall("sha256:([0-9a-f]{64})", rest)))
         for name, version, rest in re.findall(
@@ -27,7 +26,6 @@ def pinned(lock: str) -> dict[str, tuple[str, frozenset[str]]]:
 
 
 def asked_for(*extras: str) -> set[str]:
-    """What the project itself and some of its extras need."""
     project = PROJECT["project"]
     asked = [*project["dependencies"]]
     for extra in extras:

@@ -4,7 +4,6 @@ from clustermcl.runtime.watchdog import HangDetector
 
 
 def first_hang(signs: set[int], asked: range | list[int], hung_after_s: float = 10.0) -> int | None:
-    """The first second at which the process is said to hang."""
     detector = HangDetector(hung_after_s)
     for now_s in asked:
         if now_s in signs:

@@ -38,7 +38,6 @@ def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> O
 def broken_after(
     sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE
 ) -> bool:
-    """Whether the source is broken after one more observation."""
     sources.on_observation(belief.step, of, seen, seen.share)
     sources.on_belief(belief)
     return sources.is_broken(of)

@@ -18,7 +18,6 @@ NO_ROUTE = np.zeros((0, 2))
 
 
 def wander(ground: GridMap, seed: int, ticks: int) -> tuple[list[PoseTuple], FreeSpace]:
-    """Where a robot was, tick by tick."""
     free_space, rng = FreeSpace(ground), np.random.default_rng(seed)
     robot = Robot(free_space, free_space.random_pose(rng), NO_ROUTE, rng)
     poses = []

@@ -136,8 +136,6 @@ def test_a_question_is_computed_with_the_model_and_the_scan_of_its_step() -> Non
 
 
 class Query:
-    """A query that keeps its answers."""
-
     def __init__(self) -> None:
         self.answers: list[Advice | str] = []
 

@@ -52,7 +52,6 @@ NO_ANSWER = UnreachableError(
 
 
 def handled(worker: Worker, *events: Event) -> list[Instruction]:
-    """The instructions after the last of some events."""
     return [event(worker) for event in events][-1]
 
 

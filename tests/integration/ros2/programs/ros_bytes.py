@@ -44,7 +44,6 @@ def message_class(package: str, _: str, name: str) -> Any:
 
 
 def filled(kind: Any, values: list[Any]) -> Any:
-    """A message with these values, in the order of its fields."""
     message = kind()
     for field, slot, value in zip(
         kind.get_fields_and_field_types(), kind.SLOT_TYPES, values, strict=True

@@ -53,7 +53,6 @@ def test_a_map_without_a_free_cell_is_refused() -> None:
 
 
 def counts_of(settings: FilterSettings, steps: int, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Return the number of particles after each step, from 6,400 at the start."""
     monkeypatch.setattr(mcl, "start_particles", lambda _: 6_400)
     followed = OrdinaryMCL(ROOM_MODEL, settings)
     counts = []

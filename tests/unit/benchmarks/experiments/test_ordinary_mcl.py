@@ -11,7 +11,6 @@ SETTINGS = FilterSettings(belief=BeliefSettings(max_clusters=2, particles=0))
 
 
 def drawn(before: ParticleSet, random_share: float) -> ParticleSet:
-    """Return what resampling makes of a set once it has shrunk."""
     followed = OrdinaryMCL(ROOM, SETTINGS, AMCL_GAINS)
     followed.steps = SHRINKING_STEPS
     assert followed._recovery is not None

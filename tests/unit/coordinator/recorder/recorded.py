@@ -38,7 +38,6 @@ def head(version: str = VERSION) -> Head:
 
 
 def events_in(folder: Path) -> list[Event]:
-    """All that were written, in order."""
     messages = (message for file in files_in(folder) for message in RunLogReader(file).messages())
     decode = msgspec.msgpack.Decoder(list[RecordedEvent]).decode
     batches = [decode(message.data) for message in messages if message.topic == EVENTS]
@@ -46,7 +45,6 @@ def events_in(folder: Path) -> list[Event]:
 
 
 def write_file(path: Path, head: Head | msgspec.Raw, *events: RecordedEvent | msgspec.Raw) -> None:
-    """A file as the recorder writes it."""
     with RunLog(path) as log:
         log.write(HEAD, head, 0, packed=True)
         for event in events:
