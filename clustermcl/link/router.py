@@ -143,20 +143,10 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="Zenoh configuration (JSON5), used unchanged instead of the settings' endpoint",
-    )
-    parser.add_argument(
-        "--look-every",
-        type=_seconds,
-        default=LOOK_EVERY_S,
-        metavar="S",
-        help="interval of probing whether clients can connect; the router exits after three "
-        f"failures in a row (default: {LOOK_EVERY_S:g} s)",
-    )
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="Zenoh configuration (JSON5), used unchanged")
+    look = f"interval of probing whether clients can connect (default: {LOOK_EVERY_S:g} s)"
+    add("--look-every", type=_seconds, default=LOOK_EVERY_S, metavar="S", help=look)
 
 
 def _seconds(words: str) -> float:

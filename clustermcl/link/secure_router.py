@@ -103,35 +103,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="secure_router",
-        description="Write a router's configuration with mutual TLS and access control.",
-        allow_abbrev=False,
-    )
-    parser.add_argument(
-        "--listen", default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--certificates",
-        default=DEFAULT_CERTIFICATES,
-        metavar="FOLDER",
-        help="folder of authority.pem, router.pem and router.key (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="certificates are valid for one robot each, as bridge.NAME; may be repeated",
-    )
-    parser.add_argument(
-        "--worker",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help=f"name of a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated "
-        f"(default: {WORKER})",
-    )
+    about = "Write a router's configuration with mutual TLS and access control."
+    parser = argparse.ArgumentParser("secure_router", description=about, allow_abbrev=False)
+    add, default = parser.add_argument, "(default: %(default)s)"
+    add("--listen", default=DEFAULT_ENDPOINT, metavar="ENDPOINT", help=default)
+    files = f"of authority.pem, router.pem and router.key {default}"
+    add("--certificates", default=DEFAULT_CERTIFICATES, metavar="FOLDER", help=files)
+    robot = "certificates are valid for one robot each, as bridge.NAME; may be repeated"
+    add("--robot", action="append", default=[], metavar="NAME", help=robot)
+    worker = f"name of a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated"
+    add("--worker", action="append", default=[], metavar="NAME", help=worker)
     return parser
 
 

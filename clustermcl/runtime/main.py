@@ -122,18 +122,12 @@ def _parse(
     argv: Sequence[str] | None,
 ) -> argparse.Namespace:
     parser = _Parser(prog=name, description=describe, allow_abbrev=False)
-    parser.add_argument("--settings", type=Path, metavar="FILE", help="settings file (TOML)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=VALUE",
-        help="override one setting of the file; may be repeated",
-    )
-    parser.add_argument(
-        "--name", type=_name, default=name, help=f"name of this process (default: {name})"
-    )
-    parser.add_argument("--version", action="version", version=f"clustermcl {VERSION}")
+    add = parser.add_argument
+    add("--settings", type=Path, metavar="FILE", help="settings file (TOML)")
+    override = "override one setting of the file; may be repeated"
+    add("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", help=override)
+    add("--name", type=_name, default=name, help=f"name of this process (default: {name})")
+    add("--version", action="version", version=f"clustermcl {VERSION}")
     if add_arguments is not None:
         add_arguments(parser)
     return parser.parse_args(argv)

@@ -44,18 +44,11 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--map", metavar="FILE", help="map to localize in (default: the world's own)"
-    )
-    parser.add_argument("--steps", type=int, metavar="N", help="stop after N steps")
-    parser.add_argument(
-        "--by-hand", action="store_true", help="stand still until a client drives the robot"
-    )
-    parser.add_argument(
-        "--advised",
-        action="store_true",
-        help="drive advised ways while several places are possible",
-    )
+    add = parser.add_argument
+    add("--map", metavar="FILE", help="map to localize in (default: the world's own)")
+    add("--steps", type=int, metavar="N", help="stop after N steps")
+    add("--by-hand", action="store_true", help="stand still until a client drives the robot")
+    add("--advised", action="store_true", help="drive advised ways while places are ambiguous")
 
 
 def run_simulator(invocation: Invocation) -> None:

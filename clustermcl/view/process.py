@@ -20,30 +20,13 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    listen = f"127.0.0.1:{DEFAULT_PORT}"
-    parser.add_argument("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
-    parser.add_argument(
-        "--allow-commands", action="store_true", help="allow commands from other machines too"
-    )
-    parser.add_argument("--open", action="store_true", help="open the page in a browser")
-    parser.add_argument(
-        "--by-hand",
-        action="store_true",
-        help="begin with driving the simulated robot by the arrow keys",
-    )
-    parser.add_argument(
-        "--story",
-        default="",
-        metavar="WORLD",
-        help="show the captions of this world (default: none)",
-    )
-    parser.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="overrides robot.name; may be repeated",
-    )
+    add, listen = parser.add_argument, f"127.0.0.1:{DEFAULT_PORT}"
+    add("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
+    add("--allow-commands", action="store_true", help="allow commands from other machines too")
+    add("--open", action="store_true", help="open the page in a browser")
+    add("--by-hand", action="store_true", help="begin with driving by the arrow keys")
+    add("--story", default="", metavar="WORLD", help="show the captions of this world")
+    add("--robot", action="append", default=[], metavar="NAME", help="robot.name; may be repeated")
 
 
 def run_live_view(invocation: Invocation) -> None:

@@ -97,12 +97,9 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--count", type=int, metavar="N", help="worker processes (default: worker.count)"
-    )
-    parser.add_argument(
-        "--fleet", type=Path, metavar="FOLDER", help="serve the robot of each settings file in it"
-    )
+    add = parser.add_argument
+    add("--count", type=int, metavar="N", help="worker processes (default: worker.count)")
+    add("--fleet", type=Path, metavar="FOLDER", help="serve the robot of each settings file in it")
 
 
 def run_workers(invocation: Invocation) -> None:
