@@ -32,25 +32,15 @@ def evaluate(
     ] = None,
     seeds: Annotated[
         int,
-        typer.Option(
-            min=1, max=MOST_RUNS, help="Number of runs; the first has the seed of the settings."
-        ),
+        typer.Option(min=1, max=MOST_RUNS, help="Number of runs; the first has the seed set."),
     ] = 1,
     starts: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            max=MOST_RUNS,
-            help="Number of runs that start at different steps; simulated: number of seeds.",
-        ),
+        typer.Option(min=1, max=MOST_RUNS, help="Number of runs from different steps, or seeds."),
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            max=MOST_STEPS,
-            help="Largest number of steps; default: 300 if simulated, 60 with --starts.",
-        ),
+        typer.Option(min=1, max=MOST_STEPS, help="Most steps: 300 if simulated, 60 with --starts."),
     ] = None,
     jobs: Annotated[
         int | None,

@@ -22,11 +22,7 @@ def demo(
     ] = None,
     map_file: Annotated[
         str | None,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="Map of the recording; without one, a simulated robot drives in this map.",
-        ),
+        typer.Option("--map", metavar="FILE", help="Map of the recording or simulated robot."),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
@@ -165,10 +161,7 @@ def serve_view(
     given: common.Given,
     recording: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[FILE.mcap|FOLDER]",
-            help="A run by 'record' or the flight recorder, instead of a running system.",
-        ),
+        typer.Argument(metavar="[FILE.mcap|FOLDER]", help="A recorded run, not a running system."),
     ] = None,
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -184,12 +177,7 @@ def serve_view(
     allow_commands: common.AllowCommands = False,
     robots: Annotated[
         list[str] | None,
-        typer.Option(
-            "--robot",
-            metavar="NAME",
-            envvar=ROBOT_VARIABLE,
-            help="Overrides robot.name; may be repeated.",
-        ),
+        typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="May be repeated."),
     ] = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
