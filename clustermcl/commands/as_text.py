@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 
 from clustermcl.protocol.advice import Advice, Way
 from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
@@ -77,7 +78,8 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
 def advice_lines(answer: Advice) -> Iterator[str]:
     """Yield the ways as text, best first, or the reason why there is none."""
     if answer.step >= 0:
-        yield f"{len(answer.clusters)} places at step {answer.step}"
+        count = len(answer.clusters)
+        yield f"{count} place{'' if count == 1 else 's'} at step {answer.step}"
     for number, way in enumerate(answer.ways, 1):
         x_m, y_m, _ = (*way.poses, *way.rest)[-1]
         bearing = math.degrees(math.atan2(y_m, x_m))
@@ -177,6 +179,11 @@ def event_line(numbered: NumberedEvent) -> str:
     if numbered.stamp_ns > CLOCK_SET_NS:
         clock = time.strftime("%H:%M:%S ", time.localtime(numbered.stamp_ns // 1_000_000_000))
     return f"{clock}step {numbered.step}: {event_text(numbered.event)}"
+
+
+def event_lines(events: Iterable[NumberedEvent]) -> Iterator[str]:
+    """Yield events as text; what each shard of a search repeats is one line."""
+    return (line for line, _ in groupby(map(event_line, events)))
 
 
 def status_lines(status: Status) -> Iterator[str]:

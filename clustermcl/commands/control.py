@@ -31,7 +31,7 @@ def set_pose(
     sigmas = (position_sigma_m, heading_sigma_deg)
     if not all(map(math.isfinite, (x_m, y_m, heading_deg, *sigmas))) or min(sigmas) <= 0.0:
         raise typer.BadParameter("a pose needs finite numbers and positive standard deviations")
-    pose = (x_m, y_m, math.radians(heading_deg))
+    pose = (x_m, y_m, math.remainder(math.radians(heading_deg), math.tau))
     try:
         with connected(settings) as client:
             client.set_pose(

@@ -202,7 +202,7 @@ class _Audience:
         while len(self._alive) < count:
             self._output.on_workers(are_ready=False)
             self._receive()
-        self._output.on_workers(are_ready=True)
+        self._output.on_workers(are_ready=True, has_page=self._run.page is not None)
 
     def follow(self) -> None:
         run, received_s = self._run, time.monotonic()

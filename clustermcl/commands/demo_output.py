@@ -61,10 +61,11 @@ class DemoOutput:
         shown = lambda: Text(self._shown, no_wrap=True)  # noqa: E731 - one line
         return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
 
-    def on_workers(self, *, are_ready: bool) -> None:
-        line = (
-            "the workers are ready" if are_ready else "the workers start; the first start compiles"
-        )
+    def on_workers(self, *, are_ready: bool, has_page: bool = False) -> None:
+        line = "the workers start; the first start compiles"
+        if are_ready:
+            waits = "; the demo begins when the link is opened" if has_page else ""
+            line = f"the workers are ready{waits}"
         self._shown = f"{self._title}\n{line}"
         self._print_change((are_ready,), line)
 

@@ -77,7 +77,7 @@ def events(
     with connected(settings) as client:
         answer = client.events()
     answer = msgspec.structs.replace(answer, events=tuple(filter(is_shown, answer.events)))
-    print_answer(json_object(answer) if as_json else map(text.event_line, answer.events))
+    print_answer(json_object(answer) if as_json else text.event_lines(answer.events))
 
 
 @client_command

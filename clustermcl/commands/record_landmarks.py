@@ -39,7 +39,8 @@ LEAST_SIGMA_M = 0.02
 FIRST_WITHIN_S = 10.0
 """Time without any observation after which a warning is logged [s]."""
 NOTHING_OBSERVED = (
-    f"no observation has arrived on {keys.OBSERVATION_READING}: does a sensor publish there?"
+    f"no observation has arrived on ROBOT/{keys.OBSERVATION_READING}: does a sensor publish there, "
+    "with this robot's name for ROBOT?"
 )
 _MOST_WAITING = 64
 

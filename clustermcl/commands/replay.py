@@ -74,7 +74,7 @@ class Shown:
 
 def print_replay(folder: Path, shown: Shown) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one."""
-    coordinators, step = 0, -1
+    coordinators, step, printed = 0, -1, ""
     same: Counter[bool | None] = Counter()
     for wall_ns, happening in replayed(folder, VERSION):
         match happening:
@@ -86,7 +86,10 @@ def print_replay(folder: Path, shown: Shown) -> bool:
         clock = datetime.fromtimestamp(wall_ns / 1e9)  # local, like the log
         if shown.includes(happening, step, clock):
             text = escaped(_as_text(happening))
-            typer.echo(f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}")
+            line = f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}"
+            if line != printed:  # shards of a search repeat its end
+                typer.echo(line)
+            printed = line
     typer.echo(_result(same, coordinators))
     return not same[False]
 

@@ -84,7 +84,7 @@ def run_bridge(invocation: Invocation) -> None:
     settings = invocation.settings.bridge
     map_file = map_file_of(settings.map, settings.source)
     if is_published(map_file, settings.source, ros2=invocation.settings.ros2.enabled):
-        _log.info("waiting for a map on %s", keys.MAP_READING)
+        _log.info("waiting for a map on %s/%s", invocation.settings.robot.name, keys.MAP_READING)
         serve_robot(invocation, None, None)
         return
     if not map_file:

@@ -124,7 +124,7 @@ def test_a_demo_waits_for_the_first_browser(
     demo, link = viewed
     with urllib.request.urlopen(link, timeout=PATIENCE_S) as page:
         assert b"Cluster-MCL" in page.read()
-    demo.wait_for("the workers are ready")
+    demo.wait_for("the workers are ready; the demo begins when the link is opened")
     time.sleep(2.0)  # in which several steps would be made
     assert "step 0" not in demo.out
     with opened(link):

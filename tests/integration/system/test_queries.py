@@ -198,7 +198,7 @@ def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Pa
 
 
 def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:
-    done = typed(system, "set-pose", "5.0", "6.0", "86.0")
+    done = typed(system, "set-pose", "5.0", "6.0", "446.0")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "robot 'robot' was set to x 5.00 m  y 6.00 m  heading 86.0 deg\n"
     with Client(system) as client:

@@ -6,6 +6,7 @@ import pytest
 from clustermcl.commands.as_text import (
     advice_lines,
     belief_line,
+    event_lines,
     hypotheses_lines,
     place_text,
     pose_lines,
@@ -15,6 +16,7 @@ from clustermcl.commands.as_text import (
 from clustermcl.protocol.advice import Advice, Way
 from clustermcl.protocol.answers import Hypotheses
 from clustermcl.protocol.health import SourceHealth
+from clustermcl.protocol.job_events import Ended, NumberedEvent
 from tests.unit.clustermcl.test_as_json import ANSWER
 from tests.unit.evaluation.places import STATUS, belief, place
 
@@ -128,3 +130,13 @@ def test_a_way_to_unseen_ground_is_printed_without_information() -> None:
         "  1. to 2.0 m at 90 deg, straight on, to ground that was not seen yet",
         "lost",
     ]
+    alone = Advice(sender="worker-0", step=7, ways=(), clusters=(3,), note="")
+    assert list(advice_lines(alone)) == ["1 place at step 7"]
+
+
+def test_the_end_of_a_search_is_one_line_whatever_the_number_of_its_shards() -> None:
+    ends = [
+        NumberedEvent(number=n, step=3, stamp_ns=0, event=Ended(f"s2.{n}", "search over"))
+        for n in range(4)
+    ]
+    assert list(event_lines(ends)) == ["step 3: search 2 is over"]
