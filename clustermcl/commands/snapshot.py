@@ -24,10 +24,14 @@ def save_snapshot(file: Path, settings: Settings) -> None:
     check_output_file(file)
     with Client(settings, stop=stop_on_signals()) as client:
         grid_map, scan = client.map(), _next_scan(client)
-        places = client.hypotheses().hypotheses
+        answer = client.hypotheses()
+    places, pose = answer.hypotheses, answer.pose
     slots = {place.cluster: slot for slot, place in enumerate(places)}
     frame = {"places": place_frames(places, slots), **scan_frame(scan), "truth": None}
-    drawn_picture(grid_map, frame).save(file)
+    says = {"fresh": pose.state, "none": "no scan yet", "dead_reckoning": "dead reckoning"}
+    count = "1 place" if len(places) == 1 else f"{len(places)} places"
+    title = f"{settings.robot.name}: {says.get(pose.freshness, pose.freshness)}, {count}"
+    drawn_picture(grid_map, frame, title).save(file)
 
 
 def _next_scan(client: Client) -> Scan | None:

@@ -11,6 +11,7 @@ from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.message import ellipse_axes
 from clustermcl.recordings.maps.grid_map import GridMap, coarse
+from clustermcl.view.caption import INK, Key, captioned
 from clustermcl.view.map_reduction import MAX_SIDE
 
 PALETTE = (
@@ -18,7 +19,7 @@ PALETTE = (
 )  # fmt: skip
 """Colours of places by slot, the same as in `palette.js`."""
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
-_SCAN, _INK = "#c0262d", "#1a2027"
+_SCAN = "#c0262d"
 LONG_SIDE_PX = 1400
 """Long side of the map in the picture, without margins."""
 _MARGIN_PX = 24
@@ -26,6 +27,10 @@ _FINER = 2
 """Factor by which the drawing is larger than the picture, for smooth edges."""
 _SIGMAS = 2.0
 _LABELLED = 8
+_LEGEND = (
+    Key("disc", PALETTE[0], "possible place: probability, heading, ellipse of 2 sigma"),
+    Key("disc", _SCAN, "scan, as seen from the most probable place"),
+)
 
 
 class View(NamedTuple):
@@ -39,10 +44,11 @@ class View(NamedTuple):
         return (x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m
 
 
-def drawn_picture(grid_map: GridMap, step: Mapping[str, Any]) -> Image.Image:
+def drawn_picture(grid_map: GridMap, step: Mapping[str, Any], title: str = "") -> Image.Image:
     """Draw the whole map, and the places, the scan and the true pose of a step (see `step_frame`).
 
-    A drawn cell of a very large map stands for several.
+    A drawn cell of a very large map stands for several. With a title, the picture has the date, a
+    scale bar and a legend too.
     """
     canvas, view = map_canvas(grid_map)
     draw = ImageDraw.Draw(canvas, "RGBA")
@@ -53,7 +59,7 @@ def drawn_picture(grid_map: GridMap, step: Mapping[str, Any]) -> Image.Image:
         _draw_truth(draw, view, step["truth"])
     for index, place in reversed(list(enumerate(places))):
         _draw_place(draw, view, place, labelled=index < _LABELLED)
-    return smoothed(canvas)
+    return smoothed(captioned(canvas, view.px_per_m, title, _LEGEND) if title else canvas)
 
 
 def map_canvas(grid_map: GridMap) -> tuple[Image.Image, View]:
@@ -124,9 +130,9 @@ def _draw_scan(
 def _draw_truth(draw: ImageDraw.ImageDraw, view: View, pose: tuple[float, float, float]) -> None:
     x, y = view.at(pose[0], pose[1])
     radius = 38
-    draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=_INK, width=5)
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=INK, width=5)
     c, s = math.cos(pose[2]), -math.sin(pose[2])
-    draw.line((x + radius * c, y + radius * s, x + 60 * c, y + 60 * s), fill=_INK, width=5)
+    draw.line((x + radius * c, y + radius * s, x + 60 * c, y + 60 * s), fill=INK, width=5)
 
 
 def _draw_place(
@@ -148,7 +154,7 @@ def _draw_place(
     draw.polygon(nose, fill=colour)
     if labelled:
         text, font = percent(place["p"]), ImageFont.load_default(size=24)
-        draw.text((x, y - radius - 24), text, fill=_INK, font=font, anchor="mm", stroke_width=5,
+        draw.text((x, y - radius - 24), text, fill=INK, font=font, anchor="mm", stroke_width=5,
                   stroke_fill="white")  # fmt: skip
 
 

@@ -75,9 +75,11 @@ class GridMap:
         """Return the map of an array.
 
         Args:
-            occupancy: (rows, cols) of bool: whether a cell is occupied; or of numbers as in
-                `nav_msgs/OccupancyGrid` [%]: 0 to 25 is free, 65 to 100 occupied, any other
-                unknown. Row 0 has the lowest y: flip an image with `numpy.flipud`.
+            occupancy: (rows, cols) probabilities that a cell is occupied: of bool, or of numbers
+                up to 1, or, if any is above 1, in percent as in `nav_msgs/OccupancyGrid`. Up to
+                25 % is free, from 65 to 100 % occupied, any other, as -1, unknown. So cells of 1
+                are walls where all are 0 or 1. Row 0 has the lowest y: flip an image with
+                `numpy.flipud`.
             cell_m: side of a cell [m].
             origin: (3,) pose of the low corner of cell [0, 0] in the map: x [m], y [m],
                 heading [rad].
@@ -87,7 +89,8 @@ class GridMap:
                 finite.
         """
         values = np.asarray(occupancy)
-        values = np.where(values, 100, 0) if values.dtype == np.bool_ else values
+        if not (values > 1).any():
+            values = values * np.float32(100)
         x, y, heading = np.asarray(origin, np.float64).tolist()
         return cls(cells_of(values), cell_m, (x, y, heading))
 

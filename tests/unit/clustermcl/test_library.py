@@ -395,7 +395,9 @@ def test_a_map_is_made_of_an_array() -> None:
     as_in_ros = np.where(occupied, 100, 0).astype(np.int16)
     as_in_ros[5, 5:] = -1
     with_unknown = GridMap.from_array(as_in_ros, 0.1)
-    assert (grid_map.cells == occupied).all()
+    for as_numbers in (occupied, occupied.astype(np.int8), 0.8 * occupied, 80 * occupied):
+        assert (GridMap.from_array(as_numbers, 0.1).cells == occupied).all()
+    assert (GridMap.from_array(with_unknown.cells, 0.1).cells == with_unknown.cells).all()
     assert (with_unknown.cells[5, 4], with_unknown.cells[5, 5]) == (0, -1)
     assert repr(grid_map) == "<GridMap of 3.0 m x 2.0 m, 30 x 20 cells, 0 landmarks>"
     with pytest.raises(ValueError, match="2-d"):

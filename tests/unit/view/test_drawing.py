@@ -52,6 +52,17 @@ def test_the_scan_is_drawn_from_the_best_place() -> None:
     assert red > green + 80
 
 
+@pytest.mark.parametrize("width_m", [20.0, 1.0])
+def test_a_title_comes_with_a_scale_bar_and_a_legend(width_m: float) -> None:
+    """Of 2 m for a room, and also above a narrow corridor."""
+    cells = np.zeros((40, round(width_m / CELL_M)), np.int8)
+    image = drawn_picture(GridMap(cells, CELL_M, (0.0, 0.0, 0.0)), step(), "robot " * 40)
+    below = np.asarray(image)[-60:]
+    dark = (np.asarray(image)[33:73, image.width // 2 :] < 60).all(axis=2)
+    assert dark.sum(axis=1).max() == pytest.approx(2 * 70, abs=3)
+    assert (below == (192, 38, 45)).all(axis=2).any(), "the scan's colour"
+
+
 FLAT = {**step()["places"][0], "cov": (0.0, 0.0, 0.0, 0.0)}
 
 

@@ -23,7 +23,7 @@ def colours_of(name: str, folder: Path) -> set[tuple[int, ...]]:
         return {colour for _, colour in drawn.getcolors(2**24)}
 
 
-def test_the_picture_shows_how_many_places_look_alike(tmp_path: Path) -> None:
+def test_picture_and_legend_show_how_many_places_look_alike(tmp_path: Path) -> None:
     """The cross has four equal arms; in the hall all places differ."""
     cross, hall = colours_of("cross", tmp_path), colours_of("hall", tmp_path)
     rgb = ImageColor.getrgb
