@@ -1,5 +1,6 @@
 """`clustermcl record-landmarks`: add unknown landmarks that a localized robot sees to a file."""
 
+import gzip
 import logging
 import time
 from collections import Counter
@@ -21,7 +22,7 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.protocol.reading_checks import observation_problem
 from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
-from clustermcl.recordings.maps.landmarks import load_landmarks
+from clustermcl.recordings.maps.landmarks import landmarks_and_entries
 from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
@@ -53,8 +54,8 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list
     Return a line for each name that was observed, and one for the file.
     """
     check_output_file(path)
-    known = {each.name for each in load_landmarks(path)} if path.exists() else set()
-    survey = LandmarkSurvey(known)
+    known, entries = landmarks_and_entries(path) if path.exists() else ((), [])
+    survey = LandmarkSurvey({each.name for each in known})
     with closing(Node("record-landmarks", "recorder", settings, stop, peers=None)) as node:
         listen(node, keys.ODOMETRY, OdometryReading, survey.on_odometry, 4096)
         listen(node, keys.BELIEF, Belief, survey.on_belief, 64)
@@ -67,10 +68,10 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list
                 node.causes.warn(_log, "waiting", NOTHING_OBSERVED, time.monotonic())
 
         handle_until_stopped(node, warn_if_silent)
-    entries = yaml.safe_load(path.read_bytes())["landmarks"] if path.exists() else []
     if added := list(survey.entries()):
         file = {"landmarks": [*entries, *added]}
-        write_output_file(path, yaml.safe_dump(file, sort_keys=False, allow_unicode=True))
+        text = yaml.safe_dump(file, sort_keys=False, allow_unicode=True).encode()
+        write_output_file(path, gzip.compress(text) if path.suffix == ".gz" else text)
     return [*survey.lines(), f"{path}: {len(added)} landmarks added"]
 
 

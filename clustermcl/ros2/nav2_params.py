@@ -4,12 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from clustermcl.protocol.errors import InputFileError
 from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Value
 from clustermcl.runtime.settings_file import content_of
-from clustermcl.runtime.yaml_text import refuse_aliases
+from clustermcl.runtime.yaml_text import yaml_of
 
 _NODE = "amcl"
 _PARAMETERS = "ros__parameters"
@@ -65,13 +63,7 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
 
 
 def _tree(path: Path) -> dict[Any, Any]:
-    try:
-        content = content_of(path)
-        refuse_aliases(content, path, InputFileError)
-        tree = yaml.safe_load(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = " ".join(str(error).split())
-        raise InputFileError(path, f"not YAML: {problem}") from error
+    tree, _ = yaml_of(content_of(path), path, InputFileError)
     if not isinstance(tree, dict):
         raise InputFileError(path, "not a parameter file: it is not a mapping")
     return tree

@@ -1,20 +1,46 @@
-"""Rejects YAML aliases, with which a few lines can expand beyond any memory."""
+"""Reads YAML text without aliases, with which a few lines can expand beyond any memory.
+
+No map needs one, and ROS parameter files cannot have them.
+"""
 
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from clustermcl.protocol.errors import InputFileError
 
 
-def refuse_aliases(content: bytes, path: Path, error: type[InputFileError]) -> None:
-    """Reject aliases: no map needs one, and ROS parameter files cannot have them.
+class _AliasError(yaml.MarkedYAMLError):
+    pass
+
+
+class _Loader(yaml.SafeLoader):
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
+            raise _AliasError(problem_mark=mark)
+        return super().compose_node(parent, index)
+
+
+def yaml_of(content: bytes, path: Path, error: type[InputFileError]) -> tuple[Any, dict[str, int]]:
+    """Return the value of a YAML text, and the line of each key if it is a mapping.
 
     Raises:
-        InputFileError: of the type `error`; names the line.
-        yaml.YAMLError: the text is not YAML.
+        InputFileError: of the type `error`; the text of `path` is not YAML, or has aliases.
     """
-    for event in yaml.parse(content, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            line = event.start_mark.line + 1 if event.start_mark else None
-            raise error(path, "YAML aliases (*) are not read: write the value out", line=line)
+    try:
+        loader = _Loader(content)
+        node = loader.get_single_node()
+        keys = node.value if isinstance(node, yaml.MappingNode) else ()
+        lines = {str(key.value): key.start_mark.line + 1 for key, _ in keys}
+        return (None if node is None else loader.construct_document(node)), lines
+    except yaml.MarkedYAMLError as broken:
+        line = broken.problem_mark.line + 1 if broken.problem_mark else None
+        problem = f"not YAML: {broken.problem}"
+        if isinstance(broken, _AliasError):
+            problem = "YAML aliases (*) are not read: write the value out"
+        raise error(path, problem, line=line) from broken
+    except (yaml.YAMLError, ValueError, RecursionError) as broken:
+        problem = " ".join(str(broken).split())
+        raise error(path, f"not YAML: {problem}") from broken

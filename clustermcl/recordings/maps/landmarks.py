@@ -2,16 +2,16 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import msgspec
-import yaml
 
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 from clustermcl.runtime.compressed import first_bytes, too_long_problem
-from clustermcl.runtime.yaml_text import refuse_aliases
+from clustermcl.runtime.yaml_text import yaml_of
 
 LANDMARKS_FILE = "landmarks.yaml"
 """Name of the file in the map's folder."""
@@ -61,20 +61,27 @@ def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
         LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
             range, or an id is used twice.
     """
-    path = Path(path)
+    return landmarks_and_entries(Path(path))[0]
+
+
+def landmarks_and_entries(path: Path) -> tuple[tuple[Landmark, ...], list[Any]]:
+    """Read a landmarks file; return its landmarks, and its entries as written.
+
+    Raises:
+        LandmarksFileError: as for `load_landmarks`.
+    """
     content = first_bytes(path, _MAX_BYTES + 1, LandmarksFileError)
     if len(content) > _MAX_BYTES:
         raise LandmarksFileError(path, too_long_problem(_MAX_BYTES))
+    written, _ = yaml_of(content, path, LandmarksFileError)
     try:
-        refuse_aliases(content, path, LandmarksFileError)
-        entries = converted(yaml.safe_load(content), _File).landmarks
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = f"not a landmarks file: {error}"
-        raise LandmarksFileError(path, problem) from None
+        entries = converted(written, _File).landmarks
+    except (ValueError, RecursionError) as error:
+        raise LandmarksFileError(path, f"not a landmarks file: {error}") from None
     if len(entries) > MAX_LANDMARKS:
         problem = f"{len(entries)} landmarks; at most {MAX_LANDMARKS} are possible"
         raise LandmarksFileError(path, problem)
-    return _landmarks(path, entries)
+    return _landmarks(path, entries), written["landmarks"]
 
 
 def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:

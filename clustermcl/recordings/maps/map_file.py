@@ -24,6 +24,8 @@ _log = logging.getLogger(__name__)
 def load_map(path: Path | str) -> GridMap:
     """Read a map; its format is recognised by its content, also if packed by gzip or xz.
 
+    Its remarks are logged.
+
     Args:
         path: a map_server YAML file, a run log, or a ROS bag with a map;
             ``BAG#TOPIC`` selects one of several maps of a bag.
@@ -55,12 +57,12 @@ def _loaded(path: Path, topic: str) -> GridMap:
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:
-    """Read a map for localization.
+    """Read a map for localization, without logging its remarks.
 
     Raises:
         MapFileError: the map cannot be read, or has no occupied cell.
     """
-    grid_map = load_map(path)
+    grid_map = _loaded(*_split_topic(Path(path)))
     if not np.any(grid_map.cells == OCCUPIED):
         problem = "no obstacle: no cell is occupied, so a scan has nothing to be compared with"
         raise MapFileError(Path(path), problem)

@@ -19,7 +19,6 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 import numpy as np
-import yaml
 from PIL import Image, UnidentifiedImageError
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
@@ -28,7 +27,7 @@ from clustermcl.protocol.errors import MapFileError
 from clustermcl.protocol.message import Finite, PoseTuple
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 from clustermcl.runtime.compressed import read_decompressed
-from clustermcl.runtime.yaml_text import refuse_aliases
+from clustermcl.runtime.yaml_text import yaml_of
 
 MAX_HEADER_BYTES = 64 * 1024
 _STRIP_ROWS = 512
@@ -125,21 +124,10 @@ def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, i
         raise MapFileError(
             path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
         )
-    try:
-        refuse_aliases(content, path, MapFileError)
-        loader = yaml.SafeLoader(content)
-        node = loader.get_single_node()
-        if not isinstance(node, yaml.MappingNode):
-            problem = "not a map: no map_server YAML file"
-            raise MapFileError(path, problem)
-        lines = {str(key.value): key.start_mark.line + 1 for key, _ in node.value}
-        return loader.construct_mapping(node, deep=True), lines
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else None
-        raise MapFileError(path, f"not YAML: {error.problem}", line=line) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        first_line = str(error).splitlines()[0]
-        raise MapFileError(path, f"not a YAML text: {first_line}") from error
+    values, lines = yaml_of(content, path, MapFileError)
+    if not isinstance(values, dict):
+        raise MapFileError(path, "not a map: no map_server YAML file")
+    return values, lines
 
 
 def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:

@@ -1,3 +1,4 @@
+import gzip
 import logging
 import math
 import re
@@ -30,8 +31,8 @@ def test_seen_landmarks_are_added_to_the_file(
     router: ZenohSettings, open_client: OpenClient, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    file = tmp_path / "landmarks.yaml"
-    file.write_text("landmarks: [{class: pillar, x: 1.0, y: 2.0}]")
+    file = tmp_path / "landmarks.yaml.gz"
+    file.write_bytes(gzip.compress(b"landmarks: [{class: pillar, x: 1.0, y: 2.0}]"))
     settings = replace(Settings(), zenoh=router)
     session = open_client()
     belief_to, odometry_to, observation_to = (
@@ -51,6 +52,7 @@ def test_seen_landmarks_are_added_to_the_file(
     with running(partial(run_record_landmarks, settings, file)):
         wait_until(is_seen_enough)
     pillar, door = load_landmarks(file)
+    assert gzip.decompress(file.read_bytes()).startswith(b"landmarks:"), "packed as before"
     assert (pillar.name, door.name) == ("pillar", "door")
     assert (door.x, door.y) == pytest.approx((1.0 + 0.8776, 2.0 + 0.4794), abs=0.001)
     assert "not a valid Observation" in caplog.text

@@ -45,6 +45,12 @@ def test_places_that_look_alike_are_printed_as_json(two_rooms: Path) -> None:
     assert len(report["remarks"]) == 2
 
 
+def test_a_remark_on_a_map_is_given_once(two_rooms: Path, caplog: pytest.LogCaptureFixture) -> None:
+    two_rooms.write_text(two_rooms.read_text().replace("0.0]", ".nan]"))
+    result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "1"])
+    assert (result.output + caplog.text).count("its yaw is not a number") == 1
+
+
 def test_an_unreadable_file_is_refused(two_rooms: Path) -> None:
     missing = CliRunner().invoke(app, ["check", "nowhere.yaml"])
     assert isinstance(missing.exception, MapFileError)

@@ -61,7 +61,7 @@ def test_of_a_covariance_the_largest_standard_deviation_is_used(tmp_path: Path) 
         ("landmarks: [{class: a, x: 1, y: 2}, {id: a, x: 3, y: 2}]", "the id 'a' is used before"),
         ("landmarks: [&a {id: a, x: 1, y: 2}, *a]", "aliases"),
         ("landmarks: [" + "{class: a, x: 1, y: 2}, " * 501 + "]", "501 landmarks; at most 500"),
-        ("landmarks: [", "not a landmarks file"),
+        ("landmarks: [", "not YAML"),
     ],
 )
 def test_a_wrong_file_is_refused_with_its_reason(tmp_path: Path, content: str, words: str) -> None:
