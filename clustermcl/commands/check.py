@@ -47,8 +47,7 @@ def run_check(
     """
     if report_file is not None:
         if report_file.suffix.lower() != ".png":
-            problem = f"--report {report_file}: the picture is a .png file"
-            raise SettingsError(key="--report", problem=problem)
+            raise SettingsError(f"--report {report_file}: the picture is a .png file")
         check_output_file(report_file)
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:

@@ -57,8 +57,7 @@ def relocalize(
 ) -> None:
     """Drop all places, and search everywhere or in a region."""
     if near is not None and region:
-        problem = "--near and --region exclude each other: give one"
-        raise SettingsError(key="--near", problem=problem)
+        raise SettingsError("--near and --region exclude each other: give one")
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle needs two finite numbers and a positive radius")
     with connected(settings) as client:

@@ -265,8 +265,7 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
     """Check the inputs, before any process is started."""
     page = None if options.view_at is None else parsed_address(options.view_at)
     if page is not None and not (page.is_loopback and page.port):
-        problem = "--listen: a demo needs a loopback address and a port"
-        raise SettingsError(key="--listen", problem=problem)
+        raise SettingsError("--listen: a demo needs a loopback address and a port")
     source = options.recording or _WORLD
     if options.map_file and not options.recording:  # has a "/", so it is no name of a world
         source = f"{SIMULATED}{Path(options.map_file).absolute()}"
@@ -285,8 +284,7 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
         case Recorded(path):
             return _recorded(path, _Run(options, settings, page, f"recording {path}"))
         case Live():
-            problem = "--recording: a live robot has no end; start 'clustermcl up'"
-            raise SettingsError(key="--recording", problem=problem)
+            raise SettingsError("--recording: a live robot has no end; start 'clustermcl up'")
         case choice:
             assert_never(choice)
 
@@ -294,11 +292,9 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Run:
 def _simulated(robot: Simulated, run: _Run) -> _Run:
     options, settings = run.options, run.settings
     if options.reference is not None:
-        problem = "--reference: a simulated robot knows where it is; leave it out"
-        raise SettingsError(key="--reference", problem=problem)
+        raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
     if options.by_hand and options.advised:
-        problem = "--advised: the robot drives by itself, so leave out --drive"
-        raise SettingsError(key="--advised", problem=problem)
+        raise SettingsError("--advised: the robot drives by itself, so leave out --drive")
     FreeSpace(simulated_world(robot).truth)  # raises if the robot fits nowhere
     arguments = ["--steps", str(options.steps or (_VIEWED_STEPS if run.page else _STEPS))]
     if options.map_file:
@@ -326,7 +322,7 @@ def _recorded(path: str, run: _Run) -> _Run:
     }
     for problem, is_wrong in wrong.items():
         if is_wrong:
-            raise SettingsError(key=problem.split()[0].rstrip(":"), problem=problem)
+            raise SettingsError(problem)
     load_map_with_obstacles(bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     recorded_source(path, bridge)  # raises if no scan can be used

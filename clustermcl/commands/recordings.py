@@ -160,8 +160,7 @@ def replay(
     from clustermcl.commands.replay import Shown, parsed_moment, print_replay  # noqa: PLC0415 - see the package
 
     if at and (first or last):
-        problem = "--at with --from or --to: leave one out"
-        raise SettingsError(key="--at", problem=problem)
+        raise SettingsError("--at with --from or --to: leave one out")
     shown = Shown(
         first=parsed_moment("--from", first),
         last=parsed_moment("--to", last),

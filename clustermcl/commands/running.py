@@ -143,8 +143,7 @@ def worker(
 ) -> None:
     """Run more workers, on this machine or another one, for a robot or a fleet."""
     if fleet is not None and any(each.startswith("robot.name=") for each in given.assignments):
-        problem = "--robot with --fleet: the files of the fleet name its robots; leave one out"
-        raise SettingsError(key="--fleet", problem=problem)
+        raise SettingsError("--fleet: its files name the robots; leave out --robot")
     words = ["--name", name, *([] if count is None else ["--count", str(count)])]
     words += [] if fleet is None else ["--fleet", str(fleet)]
     _become("worker", given, *words)
@@ -183,8 +182,7 @@ def serve_view(
     """Show a running system or a recorded run in the browser."""
     common.refuse_without("a recording", recording, map=map_file, save=save_file)
     if recording is not None and robots:
-        problem = "--robot: a recording is of one robot; leave it out"
-        raise SettingsError(key="--robot", problem=problem)
+        raise SettingsError("--robot: a recording is of one robot; leave it out")
     if recording is None:
         flags = {"--allow-commands": allow_commands, "--open": open_browser}
         words = [flag for flag, is_given in flags.items() if is_given]

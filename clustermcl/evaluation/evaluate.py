@@ -117,13 +117,11 @@ def run_evaluate(
 def _check_files(output: Path | None, tum: Path | None, runs: int) -> None:
     if output is not None:
         if output.suffix.lower() != ".csv":
-            problem = f"--output {output}: must end in .csv; --json prints JSON"
-            raise SettingsError(key="--output", problem=problem)
+            raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
         check_output_file(output)
     if tum is not None:
         if runs > 1:
-            problem = f"--tum {tum}: a file has one run; leave out --seeds and --starts"
-            raise SettingsError(key="--tum", problem=problem)
+            raise SettingsError(f"--tum {tum}: a file has one run; leave out --seeds and --starts")
         check_output_file(tum)
 
 
@@ -156,8 +154,7 @@ def case_of(
     if starts is not None:
         default = DEFAULT_STEPS_OF_A_START
         if simulated and seeds > 1:
-            problem = "--seeds: every start of a simulated robot has a seed of its own; omit it"
-            raise SettingsError(key="--seeds", problem=problem)
+            raise SettingsError("--seeds: every start of a simulated robot has its own; omit it")
         seeds = starts if simulated else seeds
     return Case(robot=robot, updates=steps or default), seeds
 
@@ -170,8 +167,8 @@ def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
     """
     last = max(steps - steps_each, 0)
     if starts > last + 1:
-        problem = f"--starts {starts}: {steps} steps allow {last + 1} starts of {steps_each} steps"
-        raise SettingsError(key="--starts", problem=problem)
+        allowed = f"{last + 1} starts of {steps_each} steps"
+        raise SettingsError(f"--starts {starts}: {steps} steps allow {allowed}")
     return tuple(round(index * last / max(starts - 1, 1)) for index in range(starts))
 
 
@@ -184,12 +181,10 @@ def robot_of(
     source = parsed_source(recording)
     if isinstance(source, Simulated):
         if reference:
-            problem = "--reference: a simulated robot knows where it is; leave it out"
-            raise SettingsError(key="--reference", problem=problem)
+            raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
         return SimulatedRobot(world=source.world, map=file)
     if file is None:
-        problem = "--map is missing: a recording needs the map it was made in"
-        raise SettingsError(key="--map", problem=problem)
+        raise SettingsError("--map is missing: a recording needs the map it was made in")
     return RecordedRobot(recording=Path(recording), map=file, reference=reference)
 
 

@@ -243,8 +243,7 @@ def _check(robots: Sequence[str], workers: Sequence[str]) -> None:
             raise SettingsError(key="--robot" if name in robots else "--worker", problem=problem)
     for name in workers:
         if name != WORKER and not name.startswith(f"{WORKER}-"):
-            problem = f"worker {name!r}: call it worker or worker-NAME"
-            raise SettingsError(key="--worker", problem=problem)
+            raise SettingsError(f"--worker {name}: call it worker or worker-NAME")
         for other in workers:
             if other.startswith(f"{name}-"):
                 raise SettingsError(

@@ -170,9 +170,7 @@ def check_endpoint(endpoint: str) -> None:
     else:
         problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
     if problem:
-        raise SettingsError(
-            key="zenoh.router", problem=f"zenoh.router = {endpoint!r} is not an endpoint: {problem}"
-        )
+        raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
 
 
 def transport_configuration() -> Configuration:

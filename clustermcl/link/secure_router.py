@@ -43,8 +43,7 @@ def secure_router_configuration(
     """
     check_endpoint(endpoint)
     if not endpoint.startswith("tls/"):
-        problem = f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT"
-        raise SettingsError(key="--listen", problem=problem)
+        raise SettingsError(f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT")
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [patient(endpoint)]}

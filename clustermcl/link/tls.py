@@ -41,8 +41,7 @@ def check_files(settings: ZenohSettings) -> None:
     certificate, key = settings.tls_certificate, settings.tls_private_key
     if bool(certificate) != bool(key):
         given, missing = ("tls_certificate", "tls_private_key")[:: 1 if certificate else -1]
-        problem = f"zenoh.{given} is set and zenoh.{missing} is not: give both"
-        raise SettingsError(key=f"zenoh.{missing}", problem=problem)
+        raise SettingsError(f"zenoh.{missing} is not set, but zenoh.{given} is: give both")
     _context(settings)
 
 

@@ -45,13 +45,15 @@ class SettingsError(ClusterMclError):
     """A setting or an option is unknown, of the wrong type, out of range, or unusable.
 
     Args:
-        key: the setting, such as ``bridge.map``, or the option, such as ``--map``.
         problem: a sentence that names the key.
+        key: the setting, such as ``bridge.map``, or the option, such as ``--map``; by default the
+            first word of the problem.
         where: the file, or ``--set``; None: unknown.
     """
 
-    def __init__(self, *, key: str, problem: str, where: str | None = None) -> None:
-        self.key, self.problem, self.where = key, problem, where
+    def __init__(self, problem: str, *, key: str = "", where: str | None = None) -> None:
+        self.key = key or problem.split(maxsplit=1)[0].rstrip(":")
+        self.problem, self.where = problem, where
         super().__init__(problem if where is None else f"{where}: {problem}")
 
 

@@ -45,8 +45,7 @@ def node_name(settings: Ros2Settings) -> wire.NodeName:
     wrong += [] if not namespace or _NAMES.fullmatch(namespace[1:]) else ["namespace"]
     for key in wrong:
         value = getattr(settings, key)
-        problem = f"ros2.{key} = {value!r}: ROS expects letters, digits and _ between slashes"
-        raise SettingsError(key=f"ros2.{key}", problem=problem)
+        raise SettingsError(f"ros2.{key} = {value!r}: ROS expects letters, digits, _ and slashes")
     return wire.NodeName(settings.domain_id, namespace, settings.node_name)
 
 

@@ -55,8 +55,8 @@ def run_simulator(invocation: Invocation) -> None:
     settings, arguments = invocation.settings, invocation.arguments
     robot = parsed_source(settings.bridge.source)
     if not isinstance(robot, Simulated):
-        problem = f"{settings.bridge.source!r} is not a simulation: give sim:WORLD or sim:MAP.yaml"
-        raise SettingsError(key="bridge.source", problem=problem)
+        problem = f"bridge.source = {settings.bridge.source!r} is not a simulation"
+        raise SettingsError(f"{problem}: give sim:WORLD or sim:MAP.yaml")
     world = simulated_world(robot)
     simulation = Simulation(world, settings.seed)
     source = SimulatedSource(simulation, steps=arguments.steps)

@@ -230,5 +230,5 @@ def _listening(address: Address) -> socket.socket:
             family=socket.AF_INET6 if ":" in address.host else socket.AF_INET,
         )
     except OSError as error:
-        problem = f"{address.netloc}: {error.strerror or error}; name another with --listen"
+        problem = f"--listen {address.netloc}: {error.strerror or error}; name another"
         raise SettingsError(key="--listen", problem=problem) from error

@@ -140,8 +140,7 @@ class Fleet:
         self._overrides, self._files = overrides, dict[tuple[str, str], Path]()
         self.problems = dict.fromkeys(sorted(folder.glob("*.toml")), "")
         if not self.problems:
-            problem = f"{folder} is not a folder with settings files (*.toml), one for each robot"
-            raise SettingsError(key="--fleet", problem=problem)
+            raise SettingsError(f"--fleet {folder}: not a folder of settings files (*.toml)")
         for file in self.problems:
             try:
                 self.settings(file)
@@ -157,7 +156,7 @@ class Fleet:
         robot = settings.robot.name
         first = self._files.setdefault((settings.zenoh.router, robot), file)
         if first != file:
-            problem = f"{first} and {file} are both of robot {robot!r}: remove one"
+            problem = f"--fleet: {first} and {file} are both of robot {robot!r}: remove one"
             raise SettingsError(key="--fleet", problem=problem)
         return settings
 

@@ -85,7 +85,7 @@ def test_the_rules_of_a_worker_name_each_of_its_processes() -> None:
     [
         ([], ["worker", "worker-a"], "'worker' would cover the processes of 'worker-a'"),
         ([], ["worker-a", "worker-a-b"], "'worker-a' would cover the processes of 'worker-a-b'"),
-        ([], ["hangar"], "worker 'hangar': call it worker or worker-NAME"),
+        ([], ["hangar"], "--worker hangar: call it worker or worker-NAME"),
         (["r/1"], ["worker"], "'r/1' is not a valid name"),
         (["*"], ["worker"], "is not a valid name"),
     ],

@@ -65,11 +65,11 @@ def test_a_router_with_certificates_in_its_settings_requires_client_certificates
         ),
         (
             lambda _: {"tls_private_key": ""},
-            r"zenoh\.tls_certificate is set and zenoh\.tls_private_key is not",
+            r"zenoh\.tls_private_key is not set, but zenoh\.tls_certificate is",
         ),
         (
             lambda _: {"tls_certificate": ""},
-            r"zenoh\.tls_private_key is set and zenoh\.tls_certificate is not",
+            r"zenoh\.tls_certificate is not set, but zenoh\.tls_private_key is",
         ),
     ],
 )
