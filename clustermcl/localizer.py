@@ -26,13 +26,13 @@ from clustermcl.protocol import answers
 from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, advice_question
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import AnyCause, Cause, Named, key_of
 from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import decoded
 from clustermcl.protocol.errors import CommandRefusedError, StateFileError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import checked_pose
-from clustermcl.protocol.reading_checks import NO_RETURNS
 from clustermcl.protocol.steps import Landmark, LaserReading, Observation, PositionField, Scan
 from clustermcl.readings import Reading
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -43,9 +43,6 @@ from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.settings_table import TABLE, value_of
-from clustermcl.sensor_bridge.pending_observations import UNKNOWN_LANDMARK
-from clustermcl.sensor_bridge.refused import CLOCK_RESTARTED, ODOMETRY_JUMPED
-from clustermcl.sensor_bridge.stages import NO_ODOMETRY, OUTLIER, STAMP_STEPS_BACK
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
 if TYPE_CHECKING:
@@ -54,17 +51,7 @@ if TYPE_CHECKING:
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _STATE_VERSION = 4
-_WARNINGS = {
-    NO_RETURNS: "a scan has no range between range_min and range_max (both in metres)",
-    STAMP_STEPS_BACK: "a reading is over 1 s older than one before: give readings in their order",
-    CLOCK_RESTARTED: "the clock was set back",
-    OUTLIER: "time or odometry jumped, and the next readings do not confirm it",
-    ODOMETRY_JUMPED: "odometry jumped (faster than 10 m/s or 10 rad/s), taken as no motion",
-    NO_ODOMETRY: "there is no odometry of the time of a scan or an observation",
-    UNKNOWN_LANDMARK: "a landmark is not on the map",
-}
-"""What each cause of `ClusterMCL.dropped` means."""
-_FULL_TURN = "heading beyond a full turn"
+_FULL_TURN = Named("heading beyond a full turn")
 _FARTHEST_M = 100.0
 """Walls are nearer, or inside of the map."""
 MAX_STATE_BYTES = 2**28
@@ -194,7 +181,7 @@ class ClusterMCL(RobotCommands):
     @property
     def dropped(self) -> Counter[str]:
         """Number of readings that could not be used, by cause."""
-        return self._maker.dropped
+        return Counter({key_of(cause): n for cause, n in self._maker.dropped.items()})
 
     def __repr__(self) -> str:
         return f"<ClusterMCL in {self.map}: {self.belief or 'no step yet'}>"
@@ -290,13 +277,14 @@ class ClusterMCL(RobotCommands):
 
     def _warn_of_dropped(self, of: object) -> None:
         for cause in self._maker.dropped.keys() - self._warned:
-            told = _WARNINGS.get(cause), self._maker.dropped.details.get(cause), str(of)
+            means = cause.means if isinstance(cause, Cause) else ""
+            told = means, self._maker.dropped.details.get(cause), str(of)
             self._warn(cause, ": ".join(filter(None, told)))
 
-    def _warn(self, cause: str, text: str) -> None:
+    def _warn(self, cause: AnyCause, text: str) -> None:
         if cause not in self._warned:
             self._warned.add(cause)
-            warnings.warn(f"{cause.replace('_', ' ')}, shown once: {text}", stacklevel=4)
+            warnings.warn(f"{key_of(cause).replace('_', ' ')}, shown once: {text}", stacklevel=4)
 
     def _check_ranges(self, scan: LaserReading) -> None:
         ranges = scan.ranges.array()

@@ -1,7 +1,6 @@
 """`clustermcl record`: write map, scans, odometry and beliefs of a running system to a file."""
 
 import logging
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
@@ -14,6 +13,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import ask
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.causes import Named
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
@@ -121,7 +121,7 @@ class Recorder:
             session, timeout_s = self._node.session, _HISTORY_TIMEOUT_S
             return ask(session, selector, ScanHistory, timeout_s=timeout_s).scans
         except ClusterMclError as error:
-            self._node.causes.warn(_log, "steps lost", error, time.monotonic())
+            self._node.warn(_log, Named("steps lost"), error)
             return ()
 
     def _write_map(self, scan: Scan) -> None:
@@ -129,4 +129,4 @@ class Recorder:
             message = ask(self._node.session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
             self._log.on_map(from_message(message), scan.stamp_ns)
         except ClusterMclError as error:
-            self._node.causes.warn(_log, "no map", error, time.monotonic())
+            self._node.warn(_log, Named("no map"), error)

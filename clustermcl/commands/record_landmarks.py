@@ -19,6 +19,7 @@ from clustermcl.filter.poses import between, compose
 from clustermcl.link.node import Node
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.causes import Named
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.protocol.reading_checks import observation_problem
 from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReading
@@ -65,7 +66,7 @@ def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list
 
         def warn_if_silent() -> None:
             if not survey.observed and time.monotonic() > due_s:
-                node.causes.warn(_log, "waiting", NOTHING_OBSERVED, time.monotonic())
+                node.warn(_log, Named("waiting"), NOTHING_OBSERVED)
 
         handle_until_stopped(node, warn_if_silent)
     if added := list(survey.entries()):

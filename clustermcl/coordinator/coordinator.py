@@ -27,7 +27,7 @@ from clustermcl.coordinator.instructions import (
     SendOrder,
 )
 from clustermcl.coordinator.recovery import ORDERS_AFTER_NS, LastPlace, StateRecovery, Term
-from clustermcl.coordinator.state import NO_ROOM, CoordinatorState
+from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.coordinator.step_collector import is_bulky, without_snapshot
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.advice import Advice, AdviceQuestion, advice_question
@@ -39,6 +39,7 @@ from clustermcl.protocol.answers import (
     SetPose,
     Status,
 )
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import Scan
@@ -141,7 +142,7 @@ class Coordinator(Part):
                 return []
             case events.OrderAnswered(worker, answer):
                 if answer.problem:
-                    self.state.count("order refused")  # the worker's log contains the reason
+                    self.state.count(Cause.ORDER_REFUSED)  # the worker's log contains the reason
                 self._on_worker_term(answer.term, now_ns)
                 self.state.placement.on_order_answer(worker, answer)
                 return []
@@ -182,10 +183,10 @@ class Coordinator(Part):
             return []
         newest = state.collector.newest_scan or state.collector.applied
         if is_huge_jump(scan, newest):
-            state.count("scan far ahead")
+            state.count(Cause.SCAN_AHEAD)
             return self._on_stray_scan(scan, newest, now_ns, fetched=fetched)
         if not state.collector.on_scan(scan, now_ns):
-            state.count("scan repeated or late")
+            state.count(Cause.SCAN_LATE)
             return self._on_stray_scan(scan, state.collector.applied, now_ns, fetched=fetched)
         self.step_resets.reset()
         state.pose.scan(scan, now_ns, fetched=fetched)
@@ -269,7 +270,7 @@ class Coordinator(Part):
         if len(early) < EARLY_REPORTS and bulky < EARLY_BULKY_REPORTS:
             early.append((without_snapshot(report), worker))
         else:
-            self.state.count(NO_ROOM)
+            self.state.count(Cause.NO_ROOM)
 
     # --- commands and time
 
@@ -335,7 +336,7 @@ class Coordinator(Part):
         questions = self.recovery.questions(self.term.number, applied_step, now_ns)
         instructions = list[Instruction](questions)
         if self.term.begun and self.term.rises_above_workers(now_ns):
-            self.state.count("term raised above a worker's")
+            self.state.count(Cause.TERM_RAISED)
             self.state.changed = True  # the term is a part of what is published
         if not self.term.begun and self.recovery.is_over(now_ns):
             instructions += self._begin(now_ns)

@@ -11,6 +11,7 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from clustermcl.belief.part import FEW, Part
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import Id, Number
 from clustermcl.protocol.names import LONGEST_NAME, NAME_PATTERN
 from clustermcl.protocol.work import (
@@ -194,12 +195,12 @@ class Jobs(Part):
 
     # --- which reports count, and how long they are waited for
 
-    def refusal_of(self, report: Report, worker: str) -> str:
-        """Return why a worker's report does not count; empty if it does."""
+    def refusal_of(self, report: Report, worker: str) -> Cause | None:
+        """Return why a worker's report does not count, or None."""
         job = self.placed.get(report.job_id)
         if job is None or job.worker is None or job.epoch != report.epoch:
-            return "report of an old epoch"
-        return "" if job.worker == worker else "report of another worker's job"
+            return Cause.OLD_EPOCH
+        return None if job.worker == worker else Cause.OTHER_JOB
 
     def placed_ns(self, job_id: str) -> int:
         """Return when the job was given to its worker [ns].

@@ -47,6 +47,7 @@ from clustermcl.link.wire import Asked, Link, Received, Token, alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
 from clustermcl.protocol.answers import Relocalize, SetPose, Status
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import MapMismatchError, printable
 from clustermcl.protocol.health import Health
@@ -224,7 +225,7 @@ class Loop:
         if has_too_large_snapshot(report, settings):
             # The report itself counts: the worker may have begun the job with earlier settings.
             detail = f"{worker}, job {printable(report.job_id)}"
-            self._warn("snapshot with too many particles", detail)
+            self._node.warn(_log, Cause.LARGE_SNAPSHOT, detail)
             report = without_snapshot(report)
         self._on(ReportArrived(worker, report))
 
@@ -233,10 +234,9 @@ class Loop:
         if key != keys.BRIDGE_HEALTH:
             health = msgspec.structs.replace(health, sender=keys.worker_name(key))
         if not self._processes.on_health(key, health, time.monotonic_ns()):
-            self._warn("too many processes", f"{key}, more than {MAX_PROCESSES} processes")
-
-    def _warn(self, cause: str, detail: object) -> None:
-        self._node.causes.warn(_log, cause, detail, time.monotonic())
+            self._node.warn(
+                _log, Cause.TOO_MANY_PROCESSES, f"{key}, more than {MAX_PROCESSES} processes"
+            )
 
     # --- queries
 

@@ -29,6 +29,7 @@ from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings, filter_with, section_with
 from clustermcl.protocol.answers import Relocalize, SetPose
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import EndedCause
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import Scan, mirrored
@@ -36,7 +37,6 @@ from clustermcl.protocol.work import Checkpoint, Place, Report, TrackJob
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
-NO_ROOM = "report far ahead, or too many wait"
 """Counter of reports that the coordinator refuses to keep."""
 
 
@@ -96,8 +96,8 @@ class CoordinatorState(Part):
             PoseTracker(sender, settings, DeadReckoning(filter_settings.motion, bridge)),
         )
 
-    def count(self, cause: str, times: int = 1) -> None:
-        self.counters[cause] = self.counters.get(cause, 0) + times
+    def count(self, cause: Cause) -> None:
+        self.counters[cause] = self.counters.get(cause, 0) + 1
 
     @property
     def applied_step(self) -> int:
@@ -136,7 +136,7 @@ class CoordinatorState(Part):
         if self.map_changes.has_changed(scan, self.map_digest):
             self._change_map(scan)
         if scan.map_digest != self.map_digest:
-            self.count("scan of another map")
+            self.count(Cause.OTHER_MAP)
         return scan.map_digest == self.map_digest
 
     @property
@@ -172,14 +172,14 @@ class CoordinatorState(Part):
             self.count(refusal)
             return
         if not self.collector.has_room_for(report, is_recovered=now_ns is None):
-            self.count(NO_ROOM)
+            self.count(Cause.NO_ROOM)
             return
         in_time = self.collector.on_report(report, now_ns)
         self.placement.on_report(report, in_time=in_time)
         # A new cluster's job reports on the scans since its search, which no step waits for.
         late = (step == report.step and report.job_id in jobs for step, jobs in self.unreported)
         if not in_time and any(late):
-            self.count("report late")
+            self.count(Cause.REPORT_LATE)
 
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
         self.collector.begin_after(first_step - 1)
@@ -233,7 +233,7 @@ class CoordinatorState(Part):
         history, ground = self.pose.history, self._free_ground
         given = self.commands.carry_out_waiting(self.ensemble, applied, history, ground)
         if isinstance(given, str):
-            self.count("pose off the map refused")
+            self.count(Cause.POSE_OFF_MAP)
             return False
         return self._follow_command(given, applied)
 
@@ -272,12 +272,12 @@ class CoordinatorState(Part):
 
     def on_steps_restarted(self, scan: Scan) -> None:
         """Search for the robot: the bridge was restarted, and numbers steps from a new start."""
-        self.count("steps restarted")
+        self.count(Cause.STEPS_RESTARTED)
         self._search_again(scan, "steps restarted")
 
     def _change_map(self, scan: Scan) -> None:
         """Use the bridge's new map: keep the places if so configured, or search again."""
-        self.count("map changed")
+        self.count(Cause.MAP_CHANGED)
         self.map_digest = scan.map_digest
         applied = self.collector.applied
         if not (self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)):
@@ -351,7 +351,7 @@ class CoordinatorState(Part):
         try:
             state = state_in(checkpoint)
         except ValueError:
-            self.count("checkpoint that cannot be read")
+            self.count(Cause.OLD_FORMAT)
             return None
         applied = state.collector.applied
         newest = self.collector.newest_scan
@@ -359,10 +359,10 @@ class CoordinatorState(Part):
             self.commands.resume(state.commands)
             return None
         if self.map_digest not in ("", state.map_digest):
-            self.count("checkpoint of another map")
+            self.count(Cause.OLD_MAP)
             return None
         if newest and applied and newest.step < applied.step and newest.stamp_ns > applied.stamp_ns:
-            self.count("checkpoint of other step numbers")
+            self.count(Cause.OLD_STEPS)
             return None
         self._restore(state, checkpoint.term, now_ns)
         self.founded = checkpoint.founded or len(self.ensemble.clusters) > 0
@@ -383,7 +383,7 @@ class CoordinatorState(Part):
         self.event_log = state.event_log
         self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
         for cause, times in state.counters.items():
-            self.count(cause, times)
+            self.counters[cause] = self.counters.get(cause, 0) + times
         self.changed = True
         applied = state.collector.applied
         if applied is not None:

@@ -19,6 +19,7 @@ from clustermcl.link.health import HealthReporter
 from clustermcl.link.inbox import Inbox
 from clustermcl.link.session import open_session, refusal
 from clustermcl.link.stale_session import STALE, StaleSessionDetector
+from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import MalformedMessageError, UnreachableError
 from clustermcl.protocol.message import SMALL_BYTES, Message
@@ -107,8 +108,8 @@ class Node:
     ) -> None:
         self.name, self.stop, self.robot = name, stop, settings.robot.name
         self.inbox: Inbox[Any] = Inbox({})
-        self.causes = CauseCounter()
-        self.health = HealthReporter(name, role, self.causes, self.inbox)
+        self._causes = CauseCounter()
+        self.health = HealthReporter(name, role, self._causes, self.inbox)
         self.heap = HeapTrimmer()
         self.on_other: Callable[[Any], object] = lambda _event: None
         """Handler of events that other parts of the process put into the inbox."""
@@ -344,7 +345,11 @@ class Node:
         except MalformedMessageError as error:
             if isinstance(event, wire.Asked):
                 event.refuse(str(error))
-            self.causes.warn(_log, error.cause, error, time.monotonic())
+            self.warn(_log, error.cause, error)
+
+    def warn(self, log: logging.Logger, cause: AnyCause, detail: object) -> None:
+        """Count one fault in the health, and log each cause at most once a minute."""
+        self._causes.warn(log, cause, detail, time.monotonic())
 
     def _handle(self, event: object) -> None:
         is_call = isinstance(event, Call) and event.from_peer

@@ -7,6 +7,8 @@ A wrong argument inside the code raises `ValueError`.
 import json
 from pathlib import Path
 
+from clustermcl.protocol.causes import Named
+
 
 class ClusterMclError(Exception):
     """Base class of all errors that a user can cause or fix."""
@@ -74,9 +76,9 @@ class MalformedMessageError(ClusterMclError):
         super().__init__(f"not a valid {expected}: {self.problem}")
 
     @property
-    def cause(self) -> str:
+    def cause(self) -> Named:
         """Name of its counter; contains no text from the wire."""
-        return f"malformed {self.expected}: {self.kind}"
+        return Named(f"malformed {self.expected}: {self.kind}")
 
 
 class MapMismatchError(ClusterMclError):

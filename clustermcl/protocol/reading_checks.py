@@ -6,6 +6,7 @@ from collections.abc import Sequence, Set
 import numpy as np
 from numpy.typing import NDArray
 
+from clustermcl.protocol.causes import Cause, key_of
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
 from clustermcl.protocol.steps import (
@@ -20,12 +21,6 @@ from clustermcl.protocol.steps import (
     Seen,
 )
 
-MALFORMED = "malformed"
-NOT_FINITE = "not_finite"
-BAD_GEOMETRY = "bad_geometry"
-NO_BEAMS = "no_beams"
-TOO_MANY_BEAMS = "too_many_beams"
-NO_RETURNS = "no_returns"
 MAX_LASERS = 16
 """Lasers of one robot."""
 MAX_LASER_NAME = 128
@@ -38,52 +33,59 @@ _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
-def odometry_problem(reading: OdometryReading) -> str | None:
+def odometry_problem(reading: OdometryReading) -> Cause | None:
     """Return the defect that makes an odometry reading unusable, or None."""
     return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
-def laser_problem(reading: LaserReading | Scan) -> str | None:
+def scan_problem(scan: Scan) -> str | None:
+    """Return the defect that makes a step unusable, or None."""
+    problem = stamp_problem(scan.stamp_ns) or pose_problem(scan.odom_from_robot)
+    if len(scan.others) >= MAX_LASERS:
+        problem = problem or Cause.MALFORMED
+    problem = problem or beams_problem(scan)
+    if problem := problem or next(filter(None, map(beams_problem, scan.others)), None):
+        return key_of(problem)
+    names = {landmark.name for landmark in scan.landmarks}
+    return next(filter(None, (_seen_problem(each, names) for each in scan.observations)), None)
+
+
+def laser_problem(reading: LaserReading) -> Cause | None:
     """Return the defect that makes a scan unusable, or None."""
     odom_from_robot = reading.odom_from_robot or reading.robot_from_laser
     if problem := stamp_problem(reading.stamp_ns) or pose_problem(odom_from_robot):
         return problem
-    if isinstance(reading, Scan):
-        if len(reading.others) >= MAX_LASERS:
-            return MALFORMED
-        others = (beams_problem(other) for other in reading.others)
-        names = {landmark.name for landmark in reading.landmarks}
-        seen = (_seen_problem(each, names) for each in reading.observations)
-        return beams_problem(reading) or next(filter(None, (*others, *seen)), None)
     if math.isnan(reading.range_min_m):
-        return NOT_FINITE
+        return Cause.NOT_FINITE
     if len(reading.laser) > MAX_LASER_NAME:
-        return MALFORMED
+        return Cause.MALFORMED
     return beams_problem(reading, reading.range_min_m)
 
 
-def numbers_of(reading: OdometryReading | LaserReading, problem: str) -> str:
+def numbers_of(reading: OdometryReading | LaserReading, problem: Cause) -> str:
     """Return the numbers of an unusable reading, from which its defect can be seen."""
     pose = reading.odom_from_robot
     numbers = f"stamp {reading.stamp_ns / 1e9:.3f} s" + (f", odometry {pose}" if pose else "")
     if isinstance(reading, OdometryReading):
         return numbers
     count, step = math.prod(reading.ranges.shape), reading.angle_step_rad
-    in_degrees = problem == BAD_GEOMETRY and 0.0 < abs(step) * (count - 1) <= 364.0
+    in_degrees = problem == Cause.BAD_GEOMETRY and 0.0 < abs(step) * (count - 1) <= 364.0
     return (
         f"{count} beams, angle step {step:.4g} rad{' (degrees?)' if in_degrees else ''}, ranges of "
         f"{reading.range_min_m:.4g} to {reading.range_max_m:.4g} m, {numbers}"
     )
 
 
-def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0) -> str | None:
+def beams_problem(
+    laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0
+) -> Cause | None:
     """Return the defect that makes one laser's measurement unusable, or None."""
     if problem := pose_problem(laser.robot_from_laser):
         return problem
     try:
         ranges = laser.ranges.array()
     except MalformedMessageError:
-        return MALFORMED
+        return Cause.MALFORMED
     return _geometry_problem(laser, ranges.shape) or _ranges_problem(
         ranges, range_min_m, laser.range_max_m
     )
@@ -128,40 +130,40 @@ def _seen_problem(seen: Seen, names: Set[str]) -> str | None:
     return observation_problem(seen)
 
 
-def stamp_problem(stamp_ns: int) -> str | None:
-    """Return `NOT_FINITE` for a stamp outside the range of a robot's clock, else None."""
-    return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
+def stamp_problem(stamp_ns: int) -> Cause | None:
+    """Return `Cause.NOT_FINITE` for a stamp outside the range of a robot's clock, else None."""
+    return None if abs(stamp_ns) < _MAX_STAMP_NS else Cause.NOT_FINITE
 
 
-def pose_problem(pose: PoseTuple) -> str | None:
-    """Return `NOT_FINITE` for a pose that is not finite or out of range, else None."""
+def pose_problem(pose: PoseTuple) -> Cause | None:
+    """Return `Cause.NOT_FINITE` for a pose that is not finite or out of range, else None."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
-    return None if usable else NOT_FINITE
+    return None if usable else Cause.NOT_FINITE
 
 
 def _geometry_problem(
     reading: LaserReading | Scan | LaserBeams, shape: Sequence[int]
-) -> str | None:
+) -> Cause | None:
     if len(shape) != 1:
-        return MALFORMED
+        return Cause.MALFORMED
     beams = shape[0]
     if beams == 0:
-        return NO_BEAMS
+        return Cause.NO_BEAMS
     if beams > MAX_BEAMS:
-        return TOO_MANY_BEAMS
+        return Cause.TOO_MANY_BEAMS
     if not (math.isfinite(reading.angle_min_rad) and math.isfinite(reading.angle_step_rad)):
-        return NOT_FINITE
+        return Cause.NOT_FINITE
     field_rad = abs(reading.angle_step_rad) * (beams - 1)
     if (beams > 1 and field_rad == 0.0) or field_rad > 1.01 * math.tau:
-        return BAD_GEOMETRY
+        return Cause.BAD_GEOMETRY
     return None
 
 
 def _ranges_problem(
     ranges: NDArray[np.floating], range_min_m: float, range_max_m: float
-) -> str | None:
+) -> Cause | None:
     if math.isnan(range_max_m):
-        return NOT_FINITE
+        return Cause.NOT_FINITE
     # One return is enough, and mostly one of the first few is well within the limits. Checking
     # these as plain numbers takes a quarter of the time of the array operation below.
     least, most = 1.001 * range_min_m, 0.999 * range_max_m
@@ -171,4 +173,4 @@ def _ranges_problem(
         range_max_m = math.copysign(math.inf, range_max_m)  # its value as a float32
     # NaN and infinity fail `< range_max_m`, even if that is infinite.
     returned = (ranges > 0.0) & (ranges >= range_min_m) & (ranges < range_max_m)
-    return None if returned.any() else NO_RETURNS
+    return None if returned.any() else Cause.NO_RETURNS

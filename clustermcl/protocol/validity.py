@@ -11,11 +11,12 @@ import numpy as np
 
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.found_places import FoundPlaces, found_places_problem
 from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix
-from clustermcl.protocol.reading_checks import laser_problem, observation_problem, pose_problem
+from clustermcl.protocol.reading_checks import observation_problem, pose_problem, scan_problem
 from clustermcl.protocol.steps import Observation, Scan, ScanHistory
 from clustermcl.protocol.work import (
     Assignment,
@@ -40,11 +41,11 @@ def problem_of(message: object) -> str | None:
 def _problems(message: object) -> Iterator[str | None]:
     match message:
         case Scan():
-            yield laser_problem(message)
+            yield scan_problem(message)
         case Observation():
             yield observation_problem(message)
         case ScanHistory(scans=scans):
-            yield from map(laser_problem, scans)
+            yield from map(scan_problem, scans)
         case WorkOrder(begin=begin):
             yield from map(assignment_problem, begin)
         case TrackReport(snapshot=snapshot, parts=parts):
@@ -82,7 +83,7 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     variances = (covariance[0], covariance[4], covariance[8])
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
-    return pose_problem(mean)
+    return key_of(problem) if (problem := pose_problem(mean)) else None
 
 
 def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:

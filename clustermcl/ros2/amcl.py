@@ -10,6 +10,7 @@ from clustermcl.filter.poses import compose
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, Relocalize
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.protocol.reading_checks import pose_problem
@@ -104,7 +105,7 @@ class Amcl:
         try:
             now_ns = time_of(message.clock)
         except ValueError as problem:
-            yield Refused("clock refused", str(problem))
+            yield Refused(Cause.CLOCK_REFUSED, str(problem))
             return
         before_ns, self.clock_ns = self.clock_ns, now_ns
         if before_ns is not None and now_ns < before_ns:
@@ -115,17 +116,17 @@ class Amcl:
         for one in message.transforms:
             parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
             if (parent, child) == (self.settings.global_frame, self.settings.odom_frame):
-                yield Refused("map to odom from another node", f"{parent!r} -> {child!r} in tf")
+                yield Refused(Cause.OTHER_LOCALIZER, f"{parent!r} -> {child!r} in tf")
                 continue
             try:
                 link = rigid_of(one.transform.translation, one.transform.rotation)
                 stamp_ns = time_of(one.header.stamp)
             except ValueError as problem:
-                yield Refused("transform refused", f"{parent!r} -> {child!r}: {problem}")
+                yield Refused(Cause.TRANSFORM_REFUSED, f"{parent!r} -> {child!r}: {problem}")
                 continue
             match self._frames.add(stamp_ns, parent, child, link, fixed=fixed):
                 case Kept.NO:
-                    yield Refused("late transform", f"{parent!r} -> {child!r} at {stamp_ns} ns")
+                    yield Refused(Cause.LATE_TRANSFORM, f"{parent!r} -> {child!r} at {stamp_ns} ns")
                 case Kept.CLOCK_SET_BACK:
                     yield from self._on_clock_set_back(f"tf from {parent!r} to {child!r}", 0)
         yield from self._odometry()
@@ -150,16 +151,16 @@ class Amcl:
         frame = frame_name(message.header.frame_id)
         if frame != self.settings.global_frame:
             expected = self.settings.global_frame
-            yield Refused("map of another frame", f"{frame!r}, not {expected!r}; used anyway")
+            yield Refused(Cause.MAP_OTHER_FRAME, f"{frame!r}, not {expected!r}; used anyway")
         try:
             grid_map = grid_map_of(message)
         except ValueError as problem:
-            yield Refused("map refused", str(problem))
+            yield Refused(Cause.MAP_REFUSED, str(problem))
             return
         if grid_map.digest != self._map_digest:
             self._map_digest = grid_map.digest
             for remark in grid_map.remarks:
-                yield Refused("map of probabilities", remark)
+                yield Refused(Cause.MAP_ODDS, remark)
             occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
             yield MapReading(
                 sender=self.settings.node_name,
@@ -176,7 +177,7 @@ class Amcl:
         try:
             yield given_pose(message, self.settings, self._frames)
         except ValueError as problem:
-            yield Refused("initial pose refused", str(problem))
+            yield Refused(Cause.POSE_REFUSED, str(problem))
 
     def on_observed(self, message: Any, topic: str, now_ns: int) -> Iterator[Output]:
         """Handle a message of another sensor, see `Observing`; it may wait for its transforms."""
@@ -232,7 +233,7 @@ class Amcl:
             ahead = compose(np.array(advice.odom_from_robot), np.array(advice.ways[0].poses))
             poses = list(map(pose_tuple, ahead))
         if advice.note:
-            yield Refused("advice", advice.note)
+            yield Refused(Cause.ADVICE, advice.note)
         message = path(poses, advice.stamp_ns, self.settings.odom_frame)
         yield Publish(topics.ADVICE, message)
 
@@ -250,11 +251,11 @@ class Amcl:
         except TransformMissingError:  # one of several links begins later
             return
         if pose_problem(pose):
-            yield Refused("odometry refused", f"{pose} is out of range")
+            yield Refused(Cause.ODOMETRY_REFUSED, f"{pose} is out of range")
             return
         if self._place.on_odometry(stamp_ns, pose):
             self._frames.keep_newest()  # do not interpolate across the jump
-            yield Refused("odometry jumped", f"to {pose}; map -> odom compensates for it")
+            yield Refused(Cause.ODOMETRY_JUMPED, f"to {pose}; map -> odom compensates for it")
         if self.is_active:
             sender = self.settings.node_name
             yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
@@ -282,4 +283,4 @@ class Amcl:
         if where == "/clock":
             self._frames.forget_moving()
         by = f" by {back_ns / 1e9:.3f} s" if back_ns else ""
-        yield Refused("clock set back", f"{where} goes back{by}")
+        yield Refused(Cause.CLOCK_SET_BACK, f"{where} goes back{by}")

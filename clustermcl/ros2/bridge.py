@@ -22,6 +22,7 @@ from clustermcl.protocol.answers import (
     Status,
     Update,
 )
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Reported, TrackReport
@@ -179,7 +180,7 @@ class BridgeLoop:
 
     def _on_message(self, event: FromRos) -> None:
         if event.problem:
-            self._refused(Refused("not a ROS message", f"{event.topic.name}: {event.problem}"))
+            self._refused(Refused(Cause.NOT_ROS, f"{event.topic.name}: {event.problem}"))
             return
         message = decode(event.payload, event.topic.ros_type)
         amcl, now_ns = self._amcl, time.monotonic_ns()
@@ -238,12 +239,12 @@ class BridgeLoop:
             keys.ADVICE,
             Advice,
             lambda advice: self._do(self._amcl.on_advice(advice)),
-            lambda problem: self._refused(Refused("no advice", problem or "no answer")),
+            lambda problem: self._refused(Refused(Cause.NO_ADVICE, problem or "no answer")),
             timeout_s=_ADVICE_TIMEOUT_S,
         )
 
     def _refused(self, refused: Refused) -> None:
-        self._node.causes.warn(_log, refused.cause, refused.detail, time.monotonic())
+        self._node.warn(_log, refused.cause, refused.detail)
 
     def _every_second(self) -> None:
         now_s = time.monotonic()
@@ -281,11 +282,11 @@ class BridgeLoop:
     def _command(self, command: Command) -> None:
         def on_done(done: CommandDone) -> None:
             if done.problem:
-                self._refused(Refused("command refused", f"{command.key}: {done.problem}"))
+                self._refused(Refused(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}"))
 
         def on_failure(problem: str) -> None:
             detail = f"{command.key}: {problem or 'no answer'}"
-            self._refused(Refused("command not carried out", detail))
+            self._refused(Refused(Cause.COMMAND_LOST, detail))
 
         self._node.ask(
             command.key,

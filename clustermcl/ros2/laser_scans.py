@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.reading_checks import laser_problem, numbers_of
 from clustermcl.protocol.steps import LaserReading
 from clustermcl.recordings.headers import frame_name, time_of
@@ -47,5 +48,5 @@ def laser_reading(scan: Any, frames: TransformTree, settings: Ros2Settings) -> L
         upside_down=is_upside_down(frame, base_from_laser),
     )
     if problem := laser_problem(reading):
-        raise ValueError(f"{problem.replace('_', ' ')}: {numbers_of(reading, problem)}")
+        raise ValueError(f"{key_of(problem).replace('_', ' ')}: {numbers_of(reading, problem)}")
     return reading

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
+from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.ros2.topics import Topic
 
@@ -30,8 +31,7 @@ class Bond:
 class Refused:
     """Something unusable: counted by its cause, and logged in one line."""
 
-    cause: str
-    """Name of the counter."""
+    cause: AnyCause
     detail: str
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from clustermcl.protocol.causes import Named
 from clustermcl.protocol.steps import LaserReading, Observation
 from clustermcl.recordings.transforms import TransformMissingError
 from clustermcl.ros2.outputs import Refused
@@ -62,10 +63,10 @@ class TfQueue:
                 else:
                     yield self._without_transform(one, now_ns)
             except ValueError as problem:
-                yield Refused(f"{one.what} refused", f"{one.source}: {problem}")
+                yield Refused(Named(f"{one.what} refused"), f"{one.source}: {problem}")
 
     def _without_transform(self, one: _Waiting, now_ns: int) -> Refused:
         since_ns = self._missing_since_ns.get(one.source, one.since_ns)
         waited = f"waited for {(now_ns - since_ns) / 1e9:.1f} s"
-        cause = f"{one.what} without transform: {one.missing.cause}"
+        cause = Named(f"{one.what} without transform: {one.missing.cause}")
         return Refused(cause, f"{one.source}, {waited}: {one.missing}")

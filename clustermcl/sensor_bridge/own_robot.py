@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.poses import wrap_angle
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import printable
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.reading_checks import laser_problem
 from clustermcl.protocol.steps import LaserReading
-from clustermcl.sensor_bridge.refused import OWN_ROBOT, Refused
+from clustermcl.sensor_bridge.refused import Refused
 
 FARTHEST_M, SAME_M = 0.45, 0.05
 """Largest range of a part of the robot, and largest difference from its median [m]."""
@@ -99,7 +100,7 @@ class OwnRobot:
         if new.any():
             self.found |= bool(np.mean(mask) > HARMLESS)
             longest_m = float(usual[mask[candidates]].max())
-            self._dropped.add(OWN_ROBOT, _sentence(reading, mask, longest_m))
+            self._dropped.add(Cause.OWN_ROBOT, _sentence(reading, mask, longest_m))
 
 
 def _motion(before: PoseTuple, after: PoseTuple) -> tuple[float, float]:

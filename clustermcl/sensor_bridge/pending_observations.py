@@ -14,6 +14,7 @@ from clustermcl.filter.observations.observation import Observation as Placed
 from clustermcl.filter.observations.position_fields import PositionField as Cells
 from clustermcl.filter.poses import between, compose
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import AnyCause, Cause, Named
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.reading_checks import observation_problem
 from clustermcl.protocol.steps import (
@@ -25,15 +26,8 @@ from clustermcl.protocol.steps import (
     Seen,
 )
 from clustermcl.sensor_bridge.sources import Senders, Source, Sources, source_name
-from clustermcl.sensor_bridge.stages import MAX_AHEAD_NS, NO_ODOMETRY
+from clustermcl.sensor_bridge.stages import MAX_AHEAD_NS
 
-UNKNOWN_LANDMARK = "unknown_landmark"
-OBSERVATION_AHEAD = "observation_from_the_future"
-TOO_MANY_OBSERVATIONS = "too_many_observations"
-TOO_MANY_SOURCES = "too_many_sources"
-OTHER_MAP = "field_of_another_map"
-TOO_FAR = "observation_too_far_back"
-BROKEN_SOURCE = "broken_source"
 MAX_WAITING = 64
 """Observations that wait for odometry; of more, those with the latest stamps are dropped."""
 VIEW_M = 0.5
@@ -78,7 +72,7 @@ class PendingObservations:
     """
 
     def __init__(
-        self, landmarks: Sequence[Landmark], dropped: Counter[str], map_digest: str = ""
+        self, landmarks: Sequence[Landmark], dropped: Counter[AnyCause], map_digest: str = ""
     ) -> None:
         self._landmarks, self._dropped = tuple(landmarks), dropped
         self._map_digest = map_digest
@@ -93,18 +87,18 @@ class PendingObservations:
         """Queue an observation until odometry of its time has arrived."""
         newest_ns = self._trajectory.newest_ns
         if observation.landmark and observation.landmark not in self._names:
-            self._dropped[UNKNOWN_LANDMARK] += 1
+            self._dropped[Cause.UNKNOWN_LANDMARK] += 1
         elif observation.field and observation.field.map_digest not in ("", self._map_digest):
-            self._dropped[OTHER_MAP] += 1
+            self._dropped[Cause.OTHER_FIELD] += 1
         elif newest_ns is not None and observation.stamp_ns > newest_ns + MAX_AHEAD_NS:
-            self._dropped[OBSERVATION_AHEAD] += 1
+            self._dropped[Cause.AHEAD] += 1
         elif not self._senders.admits(observation.sender, newest_ns or 0):
-            self._dropped[TOO_MANY_SOURCES] += 1
+            self._dropped[Cause.MANY_SOURCES] += 1
         else:
             self._waiting.append(observation)
         if len(self._waiting) > MAX_WAITING:  # so that no clock ahead takes the places of others
             self._waiting.remove(max(self._waiting, key=lambda each: each.stamp_ns))
-            self._dropped[TOO_MANY_OBSERVATIONS] += 1
+            self._dropped[Cause.TOO_MANY] += 1
 
     def moved(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
         """Process odometry; return whether something was seen that had not been seen before."""
@@ -134,12 +128,12 @@ class PendingObservations:
             )
             # A step with an impossible observation would be refused by every worker.
             if observation_problem(seen) is not None:
-                self._dropped[TOO_FAR] += 1
+                self._dropped[Cause.TOO_FAR_BACK] += 1
                 continue
             is_broken = self.sources.is_broken(source)
             self.sources.on_observation(step, source, here, 0.0 if is_broken else seen.share)
             if is_broken:
-                self._dropped[f"{BROKEN_SOURCE} {source_name(source)}"] += 1
+                self._dropped[Named(f"reading refused: broken source {source_name(source)}")] += 1
             else:
                 usable.append(seen)
                 nat += weight * self.sources.most_nat(here)
@@ -155,7 +149,7 @@ class PendingObservations:
         """Place an observation by odometry; return the share of it that is new."""
         pose = self._trajectory.pose_at(observation.stamp_ns)
         if pose is None:
-            self._dropped[NO_ODOMETRY] += 1
+            self._dropped[Cause.NO_ODOMETRY] += 1
             return 0.0
         mean, odom_from_robot, place = np.array(observation.mean), np.array(pose), None
         if observation.landmark:
@@ -170,7 +164,7 @@ class PendingObservations:
             return 0.0
         fields = sum(each.field is not None for _, each, _, _ in self._placed)
         if len(self._placed) >= MAX_OBSERVATIONS or (observation.field and fields >= MAX_FIELDS):
-            self._dropped[TOO_MANY_OBSERVATIONS] += 1
+            self._dropped[Cause.TOO_MANY] += 1
             return 0.0
         self._past.append(replace(sight, share=share))
         if place is None:

@@ -14,6 +14,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status, Update
+from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import (
     AlreadyRunningError,
@@ -52,7 +53,7 @@ from clustermcl.runtime.sources import (
 )
 from clustermcl.sensor_bridge.flow_control import FlowControl
 from clustermcl.sensor_bridge.recorded import Source, recorded_source
-from clustermcl.sensor_bridge.refused import Refused, cause_text
+from clustermcl.sensor_bridge.refused import Refused
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
 POLL_S = 0.1
@@ -170,7 +171,7 @@ class Bridge:
         self._flow = FlowControl(settings.rate if source else 1.0)
         self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
         self._maker: StepMaker | None = None
-        self._refused: Counter[str] = Counter()
+        self._refused = Counter[AnyCause]()
         self._has_coordinator = False
         self._next: Reading | Observation | None = None
         self._steps_left = source.steps if source else None
@@ -271,7 +272,7 @@ class Bridge:
 
     def _maker_of(self, reading: Reading | Observation) -> StepMaker | None:
         if self._map is None:
-            self._warn("reading before the map", f"stamp {reading.stamp_ns} ns")
+            self._node.warn(_log, Cause.BEFORE_MAP, f"stamp {reading.stamp_ns} ns")
             return None
         if self._maker is None:
             self._maker = self._new_maker(self._map)
@@ -281,7 +282,7 @@ class Bridge:
         if dropped != self._refused:
             for cause in (dropped - self._refused).elements():
                 detail = dropped.details.get(cause, f"stamp {stamp_ns} ns")
-                self._warn(cause_text(cause), detail)
+                self._node.warn(_log, cause, detail)
             self._refused = Counter(dropped)
 
     def _finish(self) -> None:
@@ -392,7 +393,7 @@ class Bridge:
             last = int(str(parameters.get("last", str(2**62))))
         except ValueError:
             asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
-            self._warn("malformed question for scans", printable(str(parameters)))
+            self._node.warn(_log, Cause.BAD_QUESTION, printable(str(parameters)))
             return
         scans = tuple(scan for scan in self._history if first <= scan.step <= last)
         asked.answer(ScanHistory(sender=self._node.name, scans=scans))
@@ -411,6 +412,3 @@ class Bridge:
             if self._maker is not None:
                 self._maker.gate.open_next()
         asked.answer(CommandDone(sender=self._node.name))
-
-    def _warn(self, cause: str, detail: str) -> None:
-        self._node.causes.warn(_log, cause, detail, time.monotonic())

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.steps import Observation, Reading, Scan
 from clustermcl.recordings.recording import Recording, open_recording
@@ -67,6 +68,6 @@ def steps_of(recording: Recording, settings: BridgeSettings, map_digest: str) ->
         made = True
         yield scan
     if not made:
-        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
+        causes = ", ".join(f"{key_of(cause)}: {count}" for cause, count in maker.dropped.items())
         problem = f"none of its {recording.laser_count} scans can be used ({causes})"
         raise RecordingError(recording.path, problem)

@@ -3,19 +3,15 @@
 from collections import Counter
 from typing import Any
 
+from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.job_events import Remark
 from clustermcl.protocol.steps import MAX_REMARKS
 
-CLOCK_RESTARTED = "clock_restarted"
-ODOMETRY_JUMPED = "odometry_jumped"
-SILENT = "_silent"
-"""End of the causes ``laser_silent`` and ``odometry_silent``."""
-OWN_ROBOT = "robot_before_its_laser"
 REPEATED_AFTER_NS = 60_000_000_000
 """Steps carry a cause again only after this time by the robot's clock [ns]."""
 
 
-class Refused(Counter[str]):
+class Refused(Counter[AnyCause]):
     """Readings that were not used, by cause; also jumps, restarts of the clock, and gaps.
 
     Attributes:
@@ -24,11 +20,11 @@ class Refused(Counter[str]):
 
     def __init__(self, *counts: Any) -> None:
         super().__init__(*counts)
-        self.details: dict[str, str] = {}
-        self._remarked = Counter[str]()
-        self._remarked_ns: dict[str, int] = {}
+        self.details: dict[AnyCause, str] = {}
+        self._remarked = Counter[AnyCause]()
+        self._remarked_ns: dict[AnyCause, int] = {}
 
-    def add(self, cause: str, detail: str) -> None:
+    def add(self, cause: Cause, detail: str) -> None:
         self[cause] += 1
         self.details[cause] = detail
 
@@ -43,12 +39,5 @@ class Refused(Counter[str]):
                 self._remarked[cause], self._remarked_ns[cause] = count, stamp_ns
                 times = f"{new} times" if new > 1 else ""
                 detail = ", ".join(filter(None, (self.details.get(cause, ""), times)))
-                remarks.append(Remark(cause=cause_text(cause), detail=detail))
+                remarks.append(Remark(cause=cause, detail=detail))
         return tuple(remarks)
-
-
-def cause_text(cause: str) -> str:
-    """Return a cause as it is counted in the bridge's health."""
-    text = cause.replace("_", " ")
-    is_bridged = cause in (CLOCK_RESTARTED, ODOMETRY_JUMPED, OWN_ROBOT) or cause.endswith(SILENT)
-    return text if is_bridged else f"reading refused: {text}"

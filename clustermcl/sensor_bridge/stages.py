@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.filter.poses import compose, inverse, wrap_angle
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import MAX_DETAIL_CHARACTERS
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
@@ -25,12 +26,7 @@ from clustermcl.protocol.reading_checks import (
     odometry_problem,
 )
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
-from clustermcl.sensor_bridge.refused import CLOCK_RESTARTED, ODOMETRY_JUMPED, SILENT, Refused
-
-STAMP_STEPS_BACK = "stamp_steps_back"
-NO_ODOMETRY = "no_odometry"
-OUTLIER = "outlier_in_time_or_place"
-TOO_MANY_LASERS = "too_many_lasers"
+from clustermcl.sensor_bridge.refused import Refused
 
 MAX_AHEAD_NS = 10_000_000_000
 """A stamp further ahead of the newest one [ns] is used only if later readings agree."""
@@ -111,7 +107,7 @@ class Clock:
         self._dropped = dropped
         self.newest_ns: int | None = None
         self._late_in_a_row, self._late_s = 0, 0.0
-        self._last_ns: dict[tuple[str, str], int] = {}
+        self._last_ns: dict[tuple[Cause, str], int] = {}
         """Stamp of the newest reading of odometry, and of each laser [ns]."""
 
     def __call__(self, reading: Reading) -> Iterator[Item]:
@@ -126,23 +122,23 @@ class Clock:
         if self._late_in_a_row == 1:
             self._late_s = (self.newest_ns - stamp_ns) / 1e9
         if self._late_in_a_row < RESTART_AFTER:
-            self._dropped[STAMP_STEPS_BACK] += 1
+            self._dropped[Cause.STEPS_BACK] += 1
             return
-        self._dropped.add(CLOCK_RESTARTED, f"{self._late_s:.1f} s back")
+        self._dropped.add(Cause.CLOCK_RESTARTED, f"{self._late_s:.1f} s back")
         self.newest_ns, self._late_in_a_row = stamp_ns, 0
         self._last_ns.clear()
         yield ClockRestarted()
         yield reading
 
     def _check_gap(self, reading: Reading) -> None:
-        kind, name = "odometry", ""
+        cause, name = Cause.ODOMETRY_SILENT, ""
         if isinstance(reading, LaserReading):
-            kind, name = "laser", reading.laser
-        last_ns = self._last_ns.get((kind, name), reading.stamp_ns)
-        self._last_ns[kind, name] = max(last_ns, reading.stamp_ns)
+            cause, name = Cause.LASER_SILENT, reading.laser
+        last_ns = self._last_ns.get((cause, name), reading.stamp_ns)
+        self._last_ns[cause, name] = max(last_ns, reading.stamp_ns)
         if (gap_ns := reading.stamp_ns - last_ns) > SILENT_NS:
             which = f"{name}, " if name else ""
-            self._dropped.add(kind + SILENT, f"{which}for {gap_ns / 1e9:.1f} s")
+            self._dropped.add(cause, f"{which}for {gap_ns / 1e9:.1f} s")
 
 
 class OutlierFilter:
@@ -190,9 +186,9 @@ class OutlierFilter:
             self._first_laser = reading.laser
         return reading.laser == self._first_laser
 
-    def _problem_of_laser(self, reading: LaserReading) -> str | None:
+    def _problem_of_laser(self, reading: LaserReading) -> Cause | None:
         if reading.laser not in self._lasers and len(self._lasers) >= MAX_LASERS:
-            return TOO_MANY_LASERS
+            return Cause.TOO_MANY_LASERS
         if self._is_first(reading):
             self._outliers_in_a_row = 0
             return None
@@ -202,7 +198,7 @@ class OutlierFilter:
             return None
         self._outliers_in_a_row += 1
         if self._outliers_in_a_row < RESTART_AFTER:
-            return OUTLIER
+            return Cause.OUTLIER
         self._first_laser, self._outliers_in_a_row = reading.laser, 0
         return None
 
@@ -222,7 +218,7 @@ class OutlierFilter:
 
     def _drop(self, outliers: list[Reading]) -> None:
         if outliers:
-            self._dropped[OUTLIER] += len(outliers)
+            self._dropped[Cause.OUTLIER] += len(outliers)
             self._held = [held for held in self._held if held not in outliers]
 
     def _continues_held(self, reading: Reading) -> bool:
@@ -264,7 +260,7 @@ class OdometryContinuity:
         if self.jumped(reading.stamp_ns, pose) and last is not None:
             moved_m, turned = math.dist(last[1][:2], pose[:2]), wrap_angle(pose[2] - last[1][2])
             detail = f"by {moved_m:.2f} m and {abs(math.degrees(turned)):.0f} deg"
-            self._dropped.add(ODOMETRY_JUMPED, detail)
+            self._dropped.add(Cause.ODOMETRY_JUMPED, detail)
         if self._ours_from_theirs is None:
             return [reading]
         return [replace(reading, odom_from_robot=self.continuous(pose))]
@@ -331,7 +327,7 @@ class Synchroniser:
                 if pose is None:
                     pose = self._buffer.pose_at(reading.stamp_ns)
                     if pose is None:
-                        self._dropped[NO_ODOMETRY] += 1
+                        self._dropped[Cause.NO_ODOMETRY] += 1
                         continue
                     reading = replace(reading, odom_from_robot=pose)
                 yield reading

@@ -282,14 +282,11 @@ class WorkerLoop:
                 case FetchScans():
                     self._fetch_scans(instruction)
                 case Warn(cause, detail):
-                    self._warn(cause, detail)
+                    self._node.warn(_log, cause, detail)
                 case Advise():
                     self._adviser.advise(instruction)
         for reported in in_few_messages(reports):
             self._reports.put(reported)
-
-    def _warn(self, cause: str, detail: object) -> None:
-        self._node.causes.warn(_log, cause, detail, time.monotonic())
 
     def _fetch_map(self) -> None:
         def on_failure(refused: str) -> None:

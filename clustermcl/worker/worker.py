@@ -10,6 +10,7 @@ from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
 from clustermcl.protocol.advice import Advice, AdviceQuestion
+from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import encode
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import (
@@ -80,8 +81,7 @@ class FetchScans:
 class Warn:
     """Count a fault, and log each cause at most once a period."""
 
-    cause: str
-    """Name of the counter, without details."""
+    cause: AnyCause
     detail: str
 
 
@@ -237,7 +237,7 @@ class Worker:
             return []
         if self._is_of_another_map(scan):
             detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
-            return [Warn("scan of another map", detail)]
+            return [Warn(Cause.OTHER_MAP, detail)]
         if not self._is_prepared(scan):
             self._held.append(scan)
             return self._continue()
@@ -280,7 +280,7 @@ class Worker:
 
     def on_no_history(self, missing: MissingScans, problem: str) -> list[Instruction]:
         """Continue without past scans, because `FetchScans` failed."""
-        return [Warn("no scan history", problem), *self.on_history(missing, ())]
+        return [Warn(Cause.NO_HISTORY, problem), *self.on_history(missing, ())]
 
     def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
         """Process the past scans that `FetchScans` requested."""
@@ -308,7 +308,7 @@ class Worker:
 
     def _overtaken(self, question: Any, order: WorkOrder) -> list[Instruction]:
         detail = f"order {order.order} after {self._fence.newest}"
-        return [Warn("order overtaken", detail), Answer(question, self._answer())]
+        return [Warn(Cause.ORDER_OVERTAKEN, detail), Answer(question, self._answer())]
 
     def _continue(self) -> list[Instruction]:
         """Follow the waiting order and take the held scans, or request what they need.
@@ -426,13 +426,13 @@ def _published(reports: list[Report]) -> list[Instruction]:
     return [PublishReport(report) for report in reports]
 
 
-def _cause_of(error: Exception) -> str:
+def _cause_of(error: Exception) -> AnyCause:
     match error:
         case MalformedMessageError():
             return error.cause
         case MapMismatchError():
-            return "order for another map"
+            return Cause.ORDER_OTHER_MAP
         case OldTermError():
-            return "order of an old term"
+            return Cause.OLD_TERM
         case _:
-            return "order refused"
+            return Cause.ORDER_REFUSED

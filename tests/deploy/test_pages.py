@@ -12,6 +12,7 @@ import pytest
 
 from clustermcl.link.access_control import ROLES, rights_of
 from clustermcl.protocol.answers import Freshness, State
+from clustermcl.protocol.causes import Cause
 from clustermcl.runtime.settings_table import TABLE
 from tests.unit.evaluation.places import STATUS
 
@@ -26,6 +27,11 @@ PYTHON = [
     for file in REPOSITORY.rglob("*.py")
     if not any(part.startswith(".") for part in file.relative_to(REPOSITORY).parts)
 ]
+
+
+@pytest.mark.parametrize("cause", Cause, ids=lambda cause: cause.name)
+def test_the_table_of_causes_has_their_sentences(cause: Cause) -> None:
+    assert f"| `{cause}` | {cause.means} | " in OPERATIONS
 
 
 def test_every_metric_is_explained() -> None:

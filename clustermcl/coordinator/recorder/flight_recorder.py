@@ -18,6 +18,7 @@ from clustermcl.coordinator.events import Event, HistoryArrived, ScanArrived
 from clustermcl.coordinator.instructions import Instruction, PublishBelief, PublishEvents
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, Ring
+from clustermcl.protocol.causes import Cause
 from clustermcl.recordings.foxglove import Json, grid, log_line
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
@@ -35,7 +36,6 @@ RETRY_S = 10.0
 """Time between two attempts to write to a disk that fails [s]."""
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
-LOST = "event not recorded"
 _CANNOT_WRITE = "the flight recorder cannot write, and will try again"
 
 _Entry: TypeAlias = (
@@ -71,7 +71,7 @@ class FlightRecorder:
     def lost(self) -> dict[str, int]:
         """Number of events that were not recorded, by cause."""
         count = self._dropped + self._unwritten
-        return {LOST: count} if count else {}
+        return {Cause.NOT_RECORDED: count} if count else {}
 
     def handle(self, event: Event, now_ns: int) -> list[Instruction]:
         """Pass an event to the coordinator; as `Coordinator.handle`."""

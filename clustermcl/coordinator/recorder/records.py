@@ -23,6 +23,7 @@ from clustermcl.coordinator.instructions import (
     PublishEvents,
 )
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.job_events import Began, Remark, event_text, probability_of
 from clustermcl.protocol.message import Covariance, PoseTuple
@@ -76,7 +77,7 @@ def happened(event: events.Event) -> Iterator[Happened]:
         case events.LinkChanged(up):
             yield Happened("link is back" if up else "link lost", "to the router")
         case events.OrderAnswered(worker, answer) if answer.problem:
-            yield Happened("order refused", f"by {worker}: {answer.problem}")
+            yield Happened(Cause.ORDER_REFUSED, f"by {worker}: {answer.problem}")
         case events.CommandArrived(command):
             yield _of_remark(command_remark(command))
         case events.ScanArrived(scan):

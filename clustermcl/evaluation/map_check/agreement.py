@@ -17,10 +17,10 @@ from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs import in_process
 from clustermcl.jobs.scan_arrays import scan_beams
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Reading, Scan, mirrored
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.sensor_bridge.refused import OWN_ROBOT, cause_text
 
 FITS_WITHIN_M = 0.2
 FITS_SHARE = 0.98
@@ -107,7 +107,7 @@ def agreement_of(
         run.append((in_map, by_odometry, scan.stamp_ns))
         longest = max(longest, run, key=len)
     found = np.array([each[:2] for each in longest]).reshape(-1, 2, 3)
-    told = [r.detail for scan in steps for r in scan.remarks if r.cause == cause_text(OWN_ROBOT)]
+    told = [r.detail for scan in steps for r in scan.remarks if r.cause == Cause.OWN_ROBOT]
     mounts = {mount: shares for mount, shares in by_mount.items() if len(shares) >= LEAST_STEPS}
     decoys = in_process.outcomes(map(mirrored, steps[:DECOY_STEPS]), model, settings)
     decoy_localized = [outcome.state == "localized" for _, outcome in decoys]

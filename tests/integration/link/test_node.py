@@ -135,7 +135,7 @@ def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenC
     node.in_background(refused, lambda _done: None)
     wait_until(lambda: turning(node) and problems)
     assert "Update" in problems[0] or "update" in problems[0]
-    assert len(node.causes.total) == 1
+    assert len(node.health.dropped()) == 1
 
 
 def test_a_new_session_declares_everything_and_reports_no_lost_link(

@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from clustermcl import ClusterMCL, Reading
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.sensor_bridge.refused import OWN_ROBOT
 from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
@@ -51,7 +51,7 @@ def test_beams_that_end_on_the_robot_are_left_out_and_named() -> None:
     for step in steps:
         at_posts = [step.ranges.array()[post] for post in POSTS]
         assert all((ranges == 0.0).all() == (step.step >= found) for ranges in at_posts)
-    assert maker.dropped == {OWN_ROBOT: 1}
+    assert maker.dropped == {Cause.OWN_ROBOT: 1}
     (told,) = [remark.detail for step in steps for remark in step.remarks]
     assert told == (
         "80 of 360 beams, -160 to -140, -70 to -51, 20 to 40, 111 to 130 deg in its frame, "
@@ -68,14 +68,14 @@ def test_walls_beside_a_robot_are_not_taken_for_it() -> None:
 def test_a_scan_of_nothing_but_the_robot_is_dropped() -> None:
     maker = StepMaker(BridgeSettings(), "map", "test")
     steps = steps_with_posts(maker)
-    before = maker.dropped["no_returns"]
+    before = maker.dropped[Cause.NO_RETURNS]
     (tick,) = ticks(1)
     empty = replace(tick.laser, ranges=ArrayBlob.of([math.inf] * 360, "float32"))
     last = steps[-1]
     pose = (last.odom_from_robot[0] + 1.0, *last.odom_from_robot[1:])
     late = replace(with_posts(empty), stamp_ns=last.stamp_ns + 10**9, odom_from_robot=pose)
     assert maker.on_reading(late) is None
-    assert maker.dropped["no_returns"] == before + 1
+    assert maker.dropped[Cause.NO_RETURNS] == before + 1
 
 
 @pytest.mark.parametrize("least_m", [0.0, 0.3])

@@ -3,6 +3,7 @@ from typing import get_args
 
 import pytest
 
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.job_events import (
@@ -59,7 +60,7 @@ def test_many_events_of_one_cause_share_a_line() -> None:
 def test_every_cause_survives_encoding_and_has_a_text() -> None:
     began = [Began("c1", cause, 0.5) for cause in get_args(BeganCause)]
     ended = [Ended("c1", cause, ("c2",), 0.5) for cause in get_args(EndedCause)]
-    message = message_of(*began, *ended, Remark(cause="laser silent"))
+    message = message_of(*began, *ended, *(Remark(cause=cause) for cause in Cause))
     assert decode(encode(message), JobEvents) == message
     assert len({event_text(event) for event in (*began, *ended)}) == len(began) + len(ended)
 

@@ -10,7 +10,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import MAX_ITEMS, decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
-from clustermcl.protocol.reading_checks import NO_RETURNS, laser_problem
+from clustermcl.protocol.reading_checks import scan_problem
 from clustermcl.protocol.steps import Landmark, OdometryReading, Scan, ScanHistory, Seen, TruePose
 from clustermcl.protocol.work import (
     Assignment,
@@ -235,7 +235,7 @@ def test_a_scan_is_usable_if_at_least_one_beam_returned(returned: int | None) ->
         ranges[returned] = 29.999
     blob = ArrayBlob.of(ranges, "float32")
     message = msgspec.structs.replace(scan(3), range_max_m=30.0, angle_step_rad=0.01, ranges=blob)
-    assert laser_problem(message) == (NO_RETURNS if returned is None else None)
+    assert scan_problem(message) == ("no_returns" if returned is None else None)
 
 
 def test_a_step_that_observes_a_landmark_without_its_position_is_refused() -> None:
@@ -245,7 +245,7 @@ def test_a_step_that_observes_a_landmark_without_its_position_is_refused() -> No
     )  # fmt: skip
     tag = Landmark(name="tag", x=1.0, y=2.0, sigma=0.1)
     step = msgspec.structs.replace(scan(3), observations=(seen,), landmarks=(tag,))
-    assert laser_problem(step) is None
-    assert laser_problem(msgspec.structs.replace(step, landmarks=())) == (
+    assert scan_problem(step) is None
+    assert scan_problem(msgspec.structs.replace(step, landmarks=())) == (
         "a landmark that is not on the map"
     )

@@ -11,6 +11,7 @@ from clustermcl.filter.observations.likelihood import log_likelihood_ratio
 from clustermcl.filter.observations.observation import Landmarks
 from clustermcl.filter.observations.observation import Observation as Placed
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import (
@@ -23,16 +24,9 @@ from clustermcl.protocol.steps import (
 from clustermcl.sensor_bridge.pending_observations import (
     MAX_NAT,
     MAX_WAITING,
-    OBSERVATION_AHEAD,
-    OTHER_MAP,
-    TOO_FAR,
-    TOO_MANY_OBSERVATIONS,
-    TOO_MANY_SOURCES,
-    UNKNOWN_LANDMARK,
     PendingObservations,
 )
 from clustermcl.sensor_bridge.sources import LEAST_OUTLIER_PROBABILITY, NEW_SENDERS
-from clustermcl.sensor_bridge.stages import NO_ODOMETRY
 
 SECOND = 1_000_000_000
 TAGS = (Landmark(name="tag", x=1.0, y=2.0, sigma=0.1),)
@@ -50,9 +44,9 @@ def driven(sights: PendingObservations, until_s: int, speed: float = 1.0) -> Non
         sights.moved(second * SECOND, (speed * second, 0.0, 0.0))
 
 
-def sights_after_5_s() -> tuple[PendingObservations, Counter[str]]:
+def sights_after_5_s() -> tuple[PendingObservations, Counter[AnyCause]]:
     """With the counter of what is dropped, by its cause."""
-    dropped = Counter[str]()
+    dropped = Counter[AnyCause]()
     sights = PendingObservations(TAGS, dropped)
     driven(sights, 5)
     return sights, dropped
@@ -114,7 +108,7 @@ def test_unusable_observations_are_counted_by_cause() -> None:
     for observation in (seen(5.0, name="nobody"), seen(60.0), seen(-60.0)):
         sights.on_observation(observation)
     driven(sights, 6)
-    assert dropped == {UNKNOWN_LANDMARK: 1, OBSERVATION_AHEAD: 1, NO_ODOMETRY: 1}
+    assert dropped == {Cause.UNKNOWN_LANDMARK: 1, Cause.AHEAD: 1, Cause.NO_ODOMETRY: 1}
 
 
 def test_a_flood_of_observations_is_bounded() -> None:
@@ -123,7 +117,7 @@ def test_a_flood_of_observations_is_bounded() -> None:
         sights.on_observation(seen(5.5, x=3.0 * number))
     driven(sights, 6)
     assert len(sights.take(0, (6.0, 0.0, 0.0))) == MAX_OBSERVATIONS
-    assert dropped == {TOO_MANY_OBSERVATIONS: 1000 - MAX_OBSERVATIONS}
+    assert dropped == {Cause.TOO_MANY: 1000 - MAX_OBSERVATIONS}
     assert MAX_WAITING < 1000
 
 
@@ -135,7 +129,7 @@ def test_clocks_that_are_ahead_take_no_place_from_other_sensors() -> None:
     sights.on_observation(seen(5.5))
     driven(sights, 6)
     assert len(sights.take(0, (6.0, 0.0, 0.0))) == 1
-    assert dropped == {TOO_MANY_OBSERVATIONS: 101 - MAX_WAITING}
+    assert dropped == {Cause.TOO_MANY: 101 - MAX_WAITING}
 
 
 def fix(sender: str, **change: object) -> Observation:
@@ -189,11 +183,11 @@ def test_more_than_a_few_new_senders_a_minute_are_dropped() -> None:
     sights, dropped = sights_after_5_s()
     for number in range(50_000):
         sights.on_observation(fix(f"name {number}"))
-    assert dropped[TOO_MANY_SOURCES] == 50_000 - NEW_SENDERS
+    assert dropped[Cause.MANY_SOURCES] == 50_000 - NEW_SENDERS
     sights.on_observation(fix("name 0"))
     driven(sights, 65)
     sights.on_observation(fix("a late one", stamp_ns=65 * SECOND))
-    assert dropped == {TOO_MANY_SOURCES: 50_000 - NEW_SENDERS}
+    assert dropped == {Cause.MANY_SOURCES: 50_000 - NEW_SENDERS}
 
 
 @pytest.mark.parametrize(
@@ -262,7 +256,7 @@ def test_a_field_reaches_the_step_and_its_error_grows_with_the_motion_since() ->
 
 
 def test_fields_of_another_map_and_too_many_fields_are_dropped() -> None:
-    dropped = Counter[str]()
+    dropped = Counter[AnyCause]()
     sights = PendingObservations((), dropped, "map")
     for digest in ("map", "other"):
         of_map = msgspec.structs.replace(field(np.zeros((1, 1))), map_digest=digest)
@@ -271,7 +265,7 @@ def test_fields_of_another_map_and_too_many_fields_are_dropped() -> None:
         sights.on_observation(region(0.0, sender=str(number)))
     driven(sights, 0)
     assert len(sights.take(0, (0.0, 0.0, 0.0))) == MAX_FIELDS
-    assert dropped == {OTHER_MAP: 1, TOO_MANY_OBSERVATIONS: 1}
+    assert dropped == {Cause.OTHER_FIELD: 1, Cause.TOO_MANY: 1}
 
 
 def test_fields_at_one_place_repeat_a_systematic_error() -> None:
@@ -284,11 +278,11 @@ def test_fields_at_one_place_repeat_a_systematic_error() -> None:
 
 
 def test_an_observation_moved_out_of_range_does_not_spoil_the_step() -> None:
-    dropped = Counter[str]()
+    dropped = Counter[AnyCause]()
     sights = PendingObservations(TAGS, dropped)
     sights.on_observation(seen(0.0, x=1e8 - 0.5))
     sights.on_observation(seen(0.0))
     driven(sights, 1, speed=-1.0)
     (kept,) = sights.take(0, (-1.0, 0.0, 0.0))
     assert kept.mean == pytest.approx((3.0, 0.0))
-    assert dropped == {TOO_FAR: 1}
+    assert dropped == {Cause.TOO_FAR_BACK: 1}

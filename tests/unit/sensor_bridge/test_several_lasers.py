@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.reading_checks import MAX_LASERS
 from clustermcl.protocol.steps import LaserReading, Reading
@@ -104,7 +105,7 @@ def test_a_second_laser_with_a_wrong_clock_changes_no_step(
     quiet, maker = [one for one in drive() if not is_rear(one)], a_maker()
     disturbed = made_of(*map(wrong, drive()), maker=maker)
     assert [msgspec.structs.replace(one, remarks=()) for one in disturbed] == made_of(*quiet)
-    assert maker.dropped == {"outlier_in_time_or_place": sum(map(is_rear, drive()))}
+    assert maker.dropped == {Cause.OUTLIER: sum(map(is_rear, drive()))}
 
 
 def test_with_odometry_in_each_scan_another_laser_takes_over_from_a_silent_one() -> None:
@@ -122,7 +123,7 @@ def test_too_many_lasers_are_counted() -> None:
     maker = a_maker()
     readings = [laser(f"laser {n}", n / 100, FRONT) for n in range(MAX_LASERS + 2)]
     made_of(odometry_reading(0.0), *readings, odometry_reading(0.5), maker=maker)
-    assert maker.dropped["too_many_lasers"] == 2
+    assert maker.dropped[Cause.TOO_MANY_LASERS] == 2
 
 
 # --- what a laser says of itself ----------------------------------------------------------------
@@ -135,4 +136,4 @@ def test_ranges_below_the_lasers_minimum_are_no_returns() -> None:
     near = msgspec.structs.replace(reading, range_min_m=3.0)
     maker = a_maker()
     assert made_of(near, maker=maker) == []
-    assert maker.dropped == {"no_returns": 1}
+    assert maker.dropped == {Cause.NO_RETURNS: 1}

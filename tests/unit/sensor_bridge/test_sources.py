@@ -101,7 +101,7 @@ def test_a_flood_of_senders_is_bounded() -> None:
             -1
         ]
     assert [sources.is_broken((f"eye{number}", "tag")) for number in (4, 5)] == [False, True]
-    assert len(source_name(("e\n" * 200, "tag"))) < 70
+    assert len(source_name(("e\n" * 200, "tag"))) < 100
 
 
 def test_what_a_source_states_is_believed_once_it_was_compared() -> None:

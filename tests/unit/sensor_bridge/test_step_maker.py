@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Reading, Scan
@@ -109,16 +110,16 @@ def test_the_last_scan_uses_the_odometry_before_it() -> None:
 def test_a_scan_without_odometry_near_its_time_is_dropped() -> None:
     maker = a_maker()
     assert made_of(laser_reading(1.0), odometry_reading(9.0), maker=maker) == []
-    assert maker.dropped == {"no_odometry": 1}
+    assert maker.dropped == {Cause.NO_ODOMETRY: 1}
     assert made_of(laser_reading(9.5), maker=maker) == []
-    assert maker.dropped == {"no_odometry": 2, "laser_silent": 1}
+    assert maker.dropped == {Cause.NO_ODOMETRY: 2, Cause.LASER_SILENT: 1}
 
 
 def test_the_oldest_waiting_scan_is_dropped_when_too_many_wait() -> None:
     maker = a_maker()
     for i in range(MAX_WAITING_SCANS + 3):
         assert maker.on_reading(laser_reading(i / 10)) is None
-    assert maker.dropped == {"no_odometry": 3}
+    assert maker.dropped == {Cause.NO_ODOMETRY: 3}
 
 
 def test_several_steps_that_become_ready_at_once_are_all_made() -> None:
@@ -152,23 +153,23 @@ def changed(**fields: object) -> LaserReading:
 @pytest.mark.parametrize(
     ("reading", "cause"),
     [
-        (with_ranges([]), "no_beams"),
-        (with_ranges([1.0] * 20_001), "too_many_beams"),
-        (with_ranges([math.nan] * 3), "no_returns"),
-        (with_ranges([0.0, -1.0, 10.0, math.inf]), "no_returns"),
-        (changed(range_max_m=math.nan), "not_finite"),
-        (changed(range_max_m=-1.0), "no_returns"),
-        (changed(angle_min_rad=math.nan), "not_finite"),
-        (changed(angle_step_rad=math.inf), "not_finite"),
-        (changed(angle_step_rad=0.0), "bad_geometry"),
-        (changed(angle_step_rad=5.0), "bad_geometry"),
-        (changed(robot_from_laser=(0.0, math.nan, 0.0)), "not_finite"),
-        (changed(odom_from_robot=(0.0, 0.0, math.inf)), "not_finite"),
-        (changed(odom_from_robot=(1e300, 0.0, 0.0)), "not_finite"),
-        (changed(stamp_ns=2**62), "not_finite"),
-        (changed(ranges=ArrayBlob(dtype="float32", shape=(3,), data=b"123")), "malformed"),
-        (changed(ranges=ArrayBlob.of(np.ones((2, 2)), "float32")), "malformed"),
-        (odometry_reading(0.0, (math.nan, 0.0, 0.0)), "not_finite"),
+        (with_ranges([]), Cause.NO_BEAMS),
+        (with_ranges([1.0] * 20_001), Cause.TOO_MANY_BEAMS),
+        (with_ranges([math.nan] * 3), Cause.NO_RETURNS),
+        (with_ranges([0.0, -1.0, 10.0, math.inf]), Cause.NO_RETURNS),
+        (changed(range_max_m=math.nan), Cause.NOT_FINITE),
+        (changed(range_max_m=-1.0), Cause.NO_RETURNS),
+        (changed(angle_min_rad=math.nan), Cause.NOT_FINITE),
+        (changed(angle_step_rad=math.inf), Cause.NOT_FINITE),
+        (changed(angle_step_rad=0.0), Cause.BAD_GEOMETRY),
+        (changed(angle_step_rad=5.0), Cause.BAD_GEOMETRY),
+        (changed(robot_from_laser=(0.0, math.nan, 0.0)), Cause.NOT_FINITE),
+        (changed(odom_from_robot=(0.0, 0.0, math.inf)), Cause.NOT_FINITE),
+        (changed(odom_from_robot=(1e300, 0.0, 0.0)), Cause.NOT_FINITE),
+        (changed(stamp_ns=2**62), Cause.NOT_FINITE),
+        (changed(ranges=ArrayBlob(dtype="float32", shape=(3,), data=b"123")), Cause.MALFORMED),
+        (changed(ranges=ArrayBlob.of(np.ones((2, 2)), "float32")), Cause.MALFORMED),
+        (odometry_reading(0.0, (math.nan, 0.0, 0.0)), Cause.NOT_FINITE),
     ],
 )
 def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, cause: str) -> None:
@@ -181,9 +182,9 @@ def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, caus
 def test_refusals_say_numbers() -> None:
     maker = a_maker()
     made_of(changed(angle_step_rad=57.3), maker=maker)
-    assert "angle step 57.3 rad (degrees?)" in maker.dropped.details["bad_geometry"]
+    assert "angle step 57.3 rad (degrees?)" in maker.dropped.details[Cause.BAD_GEOMETRY]
     made_of(changed(range_max_m=0.0), maker=maker)
-    assert "ranges of 0 to 0 m" in maker.dropped.details["no_returns"]
+    assert "ranges of 0 to 0 m" in maker.dropped.details[Cause.NO_RETURNS]
 
 
 def test_a_scan_with_one_return_is_used() -> None:
@@ -198,7 +199,7 @@ def test_a_reading_may_be_a_little_late_but_not_more() -> None:
     poses = {10.0: 0.0, 9.1: 1.0, 8.9: 2.0, 10.5: 3.0}
     steps = made_of(*(laser_reading(t, (x, 0.0, 0.0)) for t, x in poses.items()), maker=maker)
     assert [step.odom_from_robot[0] for step in steps] == [0.0, 1.0, 3.0]
-    assert maker.dropped == {"stamp_steps_back": 1}
+    assert maker.dropped == {Cause.STEPS_BACK: 1}
 
 
 def test_a_clock_that_was_set_back_is_followed_after_a_while() -> None:
@@ -207,7 +208,7 @@ def test_a_clock_that_was_set_back_is_followed_after_a_while() -> None:
     readings = [laser_reading(i / 10, (i / 10, 0.0, 0.0)) for i in range(2 * RESTART_AFTER)]
     steps = made_of(*readings, maker=maker)
     assert steps[0].stamp_ns == readings[RESTART_AFTER - 1].stamp_ns
-    assert maker.dropped == {"stamp_steps_back": RESTART_AFTER - 1, "clock_restarted": 1}
+    assert maker.dropped == {Cause.STEPS_BACK: RESTART_AFTER - 1, Cause.CLOCK_RESTARTED: 1}
 
 
 def test_a_jump_of_odometry_is_removed() -> None:
@@ -217,7 +218,7 @@ def test_a_jump_of_odometry_is_removed() -> None:
     steps = made_of(*before, *restarted, maker=maker)
     # the robot drove on: 50, 51, no motion over the jump, one metre more
     assert [step.odom_from_robot[0] for step in steps] == pytest.approx([50.0, 51.0, 52.0])
-    assert maker.dropped == {"odometry_jumped": 1}
+    assert maker.dropped == {Cause.ODOMETRY_JUMPED: 1}
 
 
 def faulty_drive(fault: str) -> list[Reading]:
@@ -302,7 +303,7 @@ def test_a_clock_that_was_set_ahead_is_followed_at_once_and_nothing_is_lost() ->
     steps = made_of(*readings[:10], *set_ahead, maker=maker)
     undisturbed = [step.odom_from_robot for step in made_of(*readings)]
     assert [step.odom_from_robot for step in steps] == undisturbed
-    assert maker.dropped == {"laser_silent": 1}, "as far as stamps tell"
+    assert maker.dropped == {Cause.LASER_SILENT: 1}, "as far as stamps tell"
 
 
 def test_readings_minutes_apart_are_no_outliers() -> None:
@@ -328,7 +329,7 @@ def test_a_jump_is_a_motion_that_no_robot_can_make(
     maker.on_reading(odometry_reading(0.0))
     maker.on_reading(odometry_reading(elapsed_s, pose))
     maker.finish()
-    assert maker.dropped["odometry_jumped"] == jumps
+    assert maker.dropped[Cause.ODOMETRY_JUMPED] == jumps
 
 
 # --- a robot that stands -----------------------------------------------------------------------

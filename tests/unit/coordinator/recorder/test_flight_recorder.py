@@ -11,10 +11,11 @@ from msgspec.structs import replace
 
 from clustermcl.coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from clustermcl.coordinator.recorder import flight_recorder
-from clustermcl.coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
+from clustermcl.coordinator.recorder.flight_recorder import MAX_QUEUED, FlightRecorder
 from clustermcl.coordinator.recorder.records import Happened, without_bulk
 from clustermcl.coordinator.recorder.replay import CoordinatorActs
 from clustermcl.coordinator.recorder.ring import FILES, Ring, files_in
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.work import TrackReport
 from clustermcl.recordings import run_log
 from tests.unit.coordinator.recorder.recorded import (
@@ -68,12 +69,12 @@ def test_a_slow_disk_causes_a_gap_whose_events_are_counted(tmp_path: Path) -> No
     recorded = recordings.made[0]
     for now_ns in range(MAX_QUEUED + 500):  # no thread writes meanwhile
         recorded.recorder.handle(TimePassed(), now_ns)
-    lost = recorded.recorder.lost[LOST]
+    lost = recorded.recorder.lost[Cause.NOT_RECORDED]
     assert lost >= 500
     recorded.recorder.flush()
     for _ in range(3):
         recorded.handle(TimePassed(), 10_000)
-    assert recorded.recorder.lost == {LOST: lost}
+    assert recorded.recorder.lost == {Cause.NOT_RECORDED: lost}
     gap = Happened("not recorded", f"{lost} events before {7:017d}-000001.mcap")
     assert gap in recordings.replay()
     assert len(events_in(tmp_path)) == MAX_QUEUED + 503 - lost
@@ -92,12 +93,12 @@ def test_a_folder_that_cannot_be_written_is_logged_once_and_tried_again(
     assert recorded.term.begun, "the coordinator does its work"
     assert len(caplog.records) == 1
     assert "cannot write" in caplog.text
-    assert recorded.recorder.lost == {LOST: 20}
+    assert recorded.recorder.lost == {Cause.NOT_RECORDED: 20}
     folder.unlink()
     recorded.handle(TimePassed(), 21)
     recorded.handle(TimePassed(), 22)
-    assert recorded.recorder.lost[LOST] <= 21
-    assert len(events_in(folder)) + recorded.recorder.lost[LOST] == 22
+    assert recorded.recorder.lost[Cause.NOT_RECORDED] <= 21
+    assert len(events_in(folder)) + recorded.recorder.lost[Cause.NOT_RECORDED] == 22
 
 
 def test_a_disk_that_becomes_full_is_logged_and_localization_continues(
@@ -108,7 +109,7 @@ def test_a_disk_that_becomes_full_is_logged_and_localization_continues(
     recorded = RecordedCoordinator(STARTED, ring)
     with caplog.at_level(logging.WARNING):
         recorded.handle(TimePassed(), 0)
-    assert recorded.recorder.lost == {LOST: 1}
+    assert recorded.recorder.lost == {Cause.NOT_RECORDED: 1}
     assert len(caplog.records) == 1
 
 
@@ -124,7 +125,7 @@ def test_a_full_disk_is_not_filled_with_empty_files(
     recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000))
     for now_ns in range(10):
         recorded.handle(TimePassed(), now_ns)
-    assert recorded.recorder.lost == {LOST: 10}
+    assert recorded.recorder.lost == {Cause.NOT_RECORDED: 10}
     assert list(tmp_path.iterdir()) == []
 
 
@@ -186,7 +187,7 @@ def test_a_removed_folder_is_made_again_and_missing_events_are_counted(
         for now_ns in range(5, 15):
             recorded.handle(TimePassed(), now_ns)
     assert "was removed" in caplog.text
-    lost = recorder.lost[LOST]
+    lost = recorder.lost[Cause.NOT_RECORDED]
     assert len(events_in(folder)) + lost == 10, "at once, and what is not in it is counted"
     assert lost <= 2
     gap = Happened("not recorded", f"{5 + lost} events before {7:017d}-000001.mcap")
