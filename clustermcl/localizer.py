@@ -85,8 +85,7 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         from clustermcl.view.frames import step_frame  # noqa: PLC0415
 
         slots = {place.cluster: place.cluster for place in self.hypotheses}
-        frame = step_frame(self, slots, self.scan, None)
-        return drawn_picture(self.map, frame)
+        return drawn_picture(self.map, step_frame(self, slots, self.scan, None))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw `picture` in axes of matplotlib, with x and y in metres.

@@ -104,8 +104,7 @@ def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     yield f"step {belief.step}: {belief.state}{search}{note}"
     shown = shown_places(belief)[:_SHOWN_PLACES]
     for place in shown:
-        where = place_text(place.pose, place.covariance)
-        yield _row(f"c{place.cluster}", place.probability, where)
+        yield _row(f"c{place.cluster}", place.probability, place_text(place.pose, place.covariance))
     if others := belief.hypotheses[len(shown) :]:
         yield _row(f"{len(others)} more", sum(place.probability for place in others))
     yield _row("elsewhere", belief.elsewhere_probability - belief.off_map_probability)

@@ -167,8 +167,7 @@ def replay(
         around=parsed_moment("--at", at),
         above=above,
     )
-    same = print_replay(folder, shown)
-    sys.exit(0 if same else EXIT_DIFFERENT)
+    sys.exit(0 if print_replay(folder, shown) else EXIT_DIFFERENT)
 
 
 def settings(

@@ -11,8 +11,7 @@ _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
 
 def set_verbosity(*, quiet: bool = False, verbose: bool = False) -> None:
     """Write errors to standard error; also warnings unless `quiet`, and more if `verbose`."""
-    level = _QUIET if quiet else _VERBOSE if verbose else _NORMAL
-    configure_logging("clustermcl", level)
+    configure_logging("clustermcl", _QUIET if quiet else _VERBOSE if verbose else _NORMAL)
 
 
 def is_verbose() -> bool:

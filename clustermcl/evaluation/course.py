@@ -79,8 +79,7 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             source = SimulatedSource(simulation, steps=case.updates)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
             steps = simulated_steps(source, settings, grid_map.digest)
-            map_name = str(robot.map or robot.world)
-            return Course(grid_map, map_name, steps, simulation)
+            return Course(grid_map, str(robot.map or robot.world), steps, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None

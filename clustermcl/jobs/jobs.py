@@ -75,8 +75,7 @@ class RunningJob(ABC):
         return self.assignment
 
     def _rng(self, purpose: Purpose, entity: int, step: int, part: int = 0) -> np.random.Generator:
-        seed = self._settings.seed
-        return generator(seed, purpose=purpose, entity=entity, step=step, part=part)
+        return generator(self._settings.seed, purpose=purpose, entity=entity, step=step, part=part)
 
     def _head(self, step: int) -> dict[str, Any]:
         assignment = self.assignment

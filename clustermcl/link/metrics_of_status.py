@@ -48,8 +48,7 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     info = {"version": status.version, "map_digest": status.map_digest}
     yield InfoMetricFamily("clustermcl", "Version of the coordinator and digest of its map.", info)
     yield _states("state", "State of the localization.", status.state, get_args(State))
-    freshness = get_args(Freshness)
-    yield _states("pose_freshness", "Freshness of the pose.", status.freshness, freshness)
+    yield _states("pose_freshness", "Freshness of the pose.", status.freshness, get_args(Freshness))
     if status.age_s >= 0.0:
         yield _gauge("pose_age_seconds", "Age of the data behind the pose.", status.age_s)
     if status.scan_age_s >= 0.0:

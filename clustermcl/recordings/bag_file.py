@@ -213,8 +213,7 @@ class _Unpacker:
             "lz4": lambda packed, _: by_lz4(packed),
             "zstd": lambda packed, _: self._by_zstd(packed),
         }
-        limited = SimpleNamespace(decompress=self._by_zstd, open=self._opened)
-        vars(reader)["zstd"] = limited
+        vars(reader)["zstd"] = SimpleNamespace(decompress=self._by_zstd, open=self._opened)
 
     def _by_zstd(self, packed: bytes) -> bytes:
         return self._counted(unpacked("zstd", packed, self._most))

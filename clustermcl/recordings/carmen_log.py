@@ -122,8 +122,7 @@ class CarmenParser:
     def _flaser(self, line_number: int, words: Sequence[str]) -> LaserEntry:
         beams = _beam_count(words, 1)
         _check_count(words, 2 + beams + 6 + _TAIL)
-        step_deg = self._parameters.get(_RESOLUTION_DEG)
-        angle_min_rad, angle_step_rad = flaser_angles(beams, step_deg)
+        angle_min_rad, angle_step_rad = flaser_angles(beams, self._parameters.get(_RESOLUTION_DEG))
         odom_from_robot = pose_of(words[beams + 5 : beams + 8])
         mount = self._mount()
         if mount is None:

@@ -75,8 +75,7 @@ def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list
             odom_topics = [] if settings.odom_frame else bag.of_type(ODOMETRY)  # if tf has none
             if settings.odom_topic:
                 odom_topics = [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
-            tf_topics = _tf_topics(bag, scan_topic)
-            content = _content(bag, {scan_topic, *tf_topics, *odom_topics})
+            content = _content(bag, {scan_topic, *_tf_topics(bag, scan_topic), *odom_topics})
             return _entries(content, odom_topics, settings), content.skipped
         except ValueError as problem:
             raise RecordingError(path, str(problem)) from problem

@@ -198,8 +198,7 @@ class Amcl:
         if self.belief is not None and belief.term < self.belief.term:
             return  # from a coordinator that has been replaced
         self.belief = self._unpublished = belief
-        expected = self._place.expected(belief.stamp_ns)
-        chosen = self.choice.choose(belief, expected)
+        chosen = self.choice.choose(belief, self._place.expected(belief.stamp_ns))
         if chosen is None:
             self._place.forget_place()
         else:
@@ -234,8 +233,7 @@ class Amcl:
             poses = list(map(pose_tuple, ahead))
         if advice.note:
             yield Refused(Cause.ADVICE, advice.note)
-        message = path(poses, advice.stamp_ns, self.settings.odom_frame)
-        yield Publish(topics.ADVICE, message)
+        yield Publish(topics.ADVICE, path(poses, advice.stamp_ns, self.settings.odom_frame))
 
     # --- helpers
 

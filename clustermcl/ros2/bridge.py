@@ -64,8 +64,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         core = resources.enter_context(closing(Node(process, "ros2", settings, stop, peers=peers)))
         core.open()
         for topic in names.read():
-            kept = _KEPT_TRANSFORMS if topic == names.tf else _KEPT_MESSAGES
-            core.inbox.keep(topic.name, kept)
+            core.inbox.keep(topic.name, _KEPT_TRANSFORMS if topic == names.tf else _KEPT_MESSAGES)
         node = RosNode(robot, name, humble=humble)
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
         full_name = name.topic(name.name)

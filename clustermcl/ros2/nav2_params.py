@@ -83,8 +83,7 @@ def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[str, Any]]:
         namespaces.add("")
     if not namespaces:
         others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
-        problem = f"no parameters of a node {_NODE!r}; it has those of: {others}"
-        raise InputFileError(path, problem)
+        raise InputFileError(path, f"no parameters of a node {_NODE!r}; it has those of: {others}")
     if len(namespaces) > 1:
         nodes = ", ".join(f"{namespace}/{_NODE}" for namespace in sorted(namespaces))
         raise InputFileError(path, f"several robots: {nodes}; give each robot its own file")

@@ -126,8 +126,7 @@ class RosNode:
 
         kind = wire.EndpointKind.SUBSCRIBER
         _, token = self._endpoint(kind, topic.name, topic.ros_type, topic.qos)
-        name = self._name.topic(topic.name)
-        key = wire.data_key(self._name.domain_id, name, topic.ros_type, "*")
+        key = wire.data_key(self._name.domain_id, self._name.topic(topic.name), topic.ros_type, "*")
         if topic.qos.latched:
             self._kept.append(
                 ext.declare_advanced_subscriber(

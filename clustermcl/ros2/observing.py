@@ -129,8 +129,7 @@ class Observing:
         turn, offset = self._datum.map_from_east_north, IDENTITY
         with suppress(TransformMissingError):
             antenna = frame_name(message.header.frame_id)
-            stamp_ns = _stamp_of(message)
-            offset = self._frames.lookup(self.settings.base_frame, antenna, stamp_ns)
+            offset = self._frames.lookup(self.settings.base_frame, antenna, _stamp_of(message))
         mean = self._datum.in_map(message.latitude, message.longitude)
         covariance = np.reshape(message.position_covariance, (3, 3))[:2, :2]
         wide = turn @ covariance @ turn.T + (offset.x**2 + offset.y**2) * np.eye(2)

@@ -85,8 +85,7 @@ class Parameters:
     def replace(self, values: dict[str, Value]) -> list[Any]:
         """Set parameters to valid values; return them as `Parameter` messages."""
         for name, value in values.items():
-            setting = PARAMETERS[name].setting
-            self.settings = with_setting(self.settings, setting, value, name)
+            self.settings = with_setting(self.settings, PARAMETERS[name].setting, value, name)
         kind = "rcl_interfaces/msg/Parameter"
         return [new(kind, name=name, value=self._value(name)) for name in values]
 
@@ -98,8 +97,7 @@ class Parameters:
                 self._set(wanted.name, wanted.value)
         except (SettingsError, ValueError) as error:
             (self.settings, self.live), reason = before, str(error)
-        result = "rcl_interfaces/msg/SetParametersResult"
-        return new(result, successful=not reason, reason=reason)
+        return new("rcl_interfaces/msg/SetParametersResult", successful=not reason, reason=reason)
 
     def _set(self, name: str, wanted: Any) -> None:
         """Set one parameter, or raise a `SettingsError` or ValueError that says why not."""
@@ -112,8 +110,7 @@ class Parameters:
         if value == parameter.value(self.settings) and not parameter.live_name:
             return
         if not parameter.is_live:
-            reason = parameter.reason or f"{parameter.setting} is read only at the start"
-            raise ValueError(reason)
+            raise ValueError(parameter.reason or f"{parameter.setting} is read only at the start")
         try:
             setting = parameter.converted(value)
         except ValueError as error:

@@ -58,7 +58,6 @@ class ClusterParticles:
         odometry, poses, weights = np.array(belief.odom_from_robot), [], []
         for number, cloud in self._clouds.items():
             count = max(1, round(CLOUD * places[number]))
-            moved = between(cloud.odom_from_robot, odometry)
-            poses.append(compose(cloud.drawn(count), moved))
+            poses.append(compose(cloud.drawn(count), between(cloud.odom_from_robot, odometry)))
             weights.append(np.full(count, places[number] / total / count))
         return np.concatenate(poses), np.concatenate(weights)

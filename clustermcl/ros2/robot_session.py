@@ -92,8 +92,7 @@ def open_robot_session(settings: Settings, stop: StopFlag) -> AbstractContextMan
     would bypass the access control of a router with TLS.
     """
     robot = _robot_settings(settings)
-    peer = is_of_this_machine(robot.router)
-    return open_session(robot, None, stop, wait_s=None, peer=peer)
+    return open_session(robot, None, stop, wait_s=None, peer=is_of_this_machine(robot.router))
 
 
 def _robot_settings(settings: Settings) -> ZenohSettings:

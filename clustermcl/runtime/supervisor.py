@@ -388,8 +388,7 @@ def run_forked(
             taken = jobs.keys() | supervisor.pids().keys()
             free = (index for index in itertools.count() if f"{name}-{index}" not in taken)
             for index in itertools.islice(free, max(wanted - len(jobs), 0)):
-                fork = partial(child_main, index)
-                supervisor.add(ChildSpec(f"{name}-{index}", fork=fork))
+                supervisor.add(ChildSpec(f"{name}-{index}", fork=partial(child_main, index)))
             idle = [child for child, held in jobs.items() if held == 0]
             for child in idle[::-1][: max(len(jobs) - wanted, 0)]:
                 supervisor.remove(child)

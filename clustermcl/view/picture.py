@@ -72,8 +72,7 @@ class Picture:
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
         """Return at most `NEWEST_ROWS` rows before a step, for trails and plot."""
-        rows = [row for known, row in self._rows if known < step]
-        return rows[-NEWEST_ROWS:]
+        return [row for known, row in self._rows if known < step][-NEWEST_ROWS:]
 
     def everything(self) -> dict[str, Any]:
         """Return the frames of all topics, for a page that was just opened."""

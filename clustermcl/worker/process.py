@@ -237,8 +237,7 @@ class WorkerLoop:
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
         self._pause.on_scan(scan.step, time.monotonic_ns())
-        dropped = self._node.inbox.dropped().get("scan", 0)
-        self._carry_out(self._worker.on_scan(scan, dropped))
+        self._carry_out(self._worker.on_scan(scan, self._node.inbox.dropped().get("scan", 0)))
 
     def _on_checkpoint(self, payload: bytes) -> None:
         checkpoint = _with_term(payload, Checkpoint)
@@ -259,8 +258,7 @@ class WorkerLoop:
         self._node.heap.on_large_message(time.monotonic())
 
     def _on_advice(self, asked: Asked) -> None:
-        question = decode(asked.payload, AdviceQuestion)
-        self._carry_out(self._worker.on_advice_query(asked, question))
+        self._carry_out(self._worker.on_advice_query(asked, decode(asked.payload, AdviceQuestion)))
 
     # --- instructions
 

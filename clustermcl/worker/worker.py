@@ -372,8 +372,7 @@ class Worker:
             if not self._fence.check(order):  # checked again, as the order may have waited
                 return self._overtaken(waiting.question, order)
             if self._model is not None:
-                settings = filter_with(waiting.settings, self._live)
-                self._table.follow(order, self._model, settings)
+                self._table.follow(order, self._model, filter_with(waiting.settings, self._live))
             self._ordered, self._ordered_map = waiting.settings, order.map_digest
         except (OldTermError, ValueError) as error:
             return self.refuse(waiting.question, error)

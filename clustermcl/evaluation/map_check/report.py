@@ -49,8 +49,7 @@ class Ground(msgspec.Struct, frozen=True, kw_only=True):
 
 def ground_of(grid_map: GridMap) -> Ground:
     cells = grid_map.cells
-    free = cells == FREE
-    numbers, _ = label(free)
+    numbers, _ = label(cells == FREE)
     sizes = np.bincount(numbers.ravel())[1:] * grid_map.cell_m**2
     # Ground off the map is unknown, too.
     padded = np.pad(cells, 1, constant_values=UNKNOWN)
