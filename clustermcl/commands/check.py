@@ -27,7 +27,6 @@ from clustermcl.sensor_bridge.recorded import opened, steps_of
 MOST_CELLS = 2**26
 """Limit for the cells of a map; the check needs about 42 bytes for each."""
 EXIT_ANOTHER_MAP = 1
-"""Exit code for a recording that is probably of another map."""
 _MOST_GROUPS, _MOST_PLACES = 3, 8
 
 

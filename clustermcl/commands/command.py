@@ -87,7 +87,6 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "ros2": running.ros2,
     },
 }
-"""All commands by section and name, in the order of the help."""
 for _group, _commands in COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(

@@ -126,7 +126,6 @@ class DemoSummary:
         self.found_step: int | None = None
         """First step that was localized at the true pose."""
         self.belief: Belief | None = None
-        """The newest one."""
         self.truth: PoseTuple | None = None
         """The true pose of its step; None: unknown."""
         self._ambiguous_steps = self._most_places = 0

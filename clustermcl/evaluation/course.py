@@ -22,7 +22,6 @@ from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from clustermcl.simulator.worlds.catalogue import simulated_world
 
 TrueStep = tuple[Scan, PoseTuple | None]
-"""A step and the true pose at its scan; None where the truth is unknown."""
 
 
 class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -62,13 +61,10 @@ class Course:
     """The steps of one run."""
 
     map: GridMap
-    """The map given to the localizer."""
     map_name: str
     """File or world of the map, for errors."""
     steps: Iterator[TrueStep]
-    """The steps, each computed when it is requested."""
     simulation: Simulation | None
-    """The simulated robot; None: it is a recorded one."""
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:

@@ -47,16 +47,13 @@ class StepFacts:
     step: int
     """Number of the step in the run, from 0."""
     stamp_ns: int
-    """Time of the scan [ns]."""
     state: State
     truth: PoseTuple | None
-    """The true pose; None if it is unknown."""
     reported: tuple[ReportedPlace, ...]
     """Most probable first; empty if the true pose is unknown."""
     elsewhere: float | None
     """Probability that the robot is at none of the places; None: not in the belief."""
     off_map: float
-    """Probability that the robot is not on the map."""
 
     @property
     def claims(self) -> tuple[ReportedPlace, ...]:

@@ -31,7 +31,6 @@ from clustermcl.runtime.supervisor import use_one_thread_for_arithmetic
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
 
 EstimatedStep: TypeAlias = tuple[Scan, Outcome, PoseTuple | None]
-"""A scan, the belief after it, and the true pose; None where the truth is unknown."""
 
 T = TypeVar("T")
 R = TypeVar("R")

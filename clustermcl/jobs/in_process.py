@@ -39,7 +39,6 @@ class InProcessState(msgspec.Struct, frozen=True):
     searched: tuple[Scan, ...]
     """Scans since the running search began; a resumed search takes them again."""
     applied: Scan
-    """The scan of the last step."""
 
 
 class InProcess:

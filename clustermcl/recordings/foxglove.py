@@ -34,7 +34,6 @@ _COLOURS = (
     (0.12, 0.47, 0.71), (1.0, 0.5, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16),
     (0.58, 0.4, 0.74), (0.55, 0.34, 0.29), (0.89, 0.47, 0.76), (0.09, 0.75, 0.81),
 )  # fmt: skip
-"""Colours of places, by cluster number."""
 
 
 class LaserFields(msgspec.Struct, frozen=True, kw_only=True):

@@ -39,7 +39,6 @@ SCHEMAS = {
     POSE: "foxglove.PoseInFrame", PLACES: "foxglove.SceneUpdate", LINES: "foxglove.Log",
 }  # fmt: skip
 _MAGIC = b"\x89MCAP0\r\n"
-"""The first bytes of each MCAP file."""
 _BASE64 = {"type": "string", "contentEncoding": "base64"}
 _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
 """Schema that marks the base64 strings; Foxglove knows the other fields by name."""
@@ -169,7 +168,6 @@ class LogMessage(NamedTuple):
 
     topic: str
     at_ns: int
-    """Time of the recording."""
     data: bytes
 
 

@@ -50,7 +50,6 @@ class Amcl:
         self.settings = settings
         self.is_active = False
         self.clock_ns: int | None = None
-        """The newest time on `/clock`."""
         self.belief: Belief | None = None
         self.last_pose: PoseTuple | None = None
         self._unpublished: Belief | None = None

@@ -82,7 +82,6 @@ class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     bond: str
     """The bond's instance id; the manager treats a new id as another node."""
     held: int | None
-    """The cluster that is published as the pose."""
 
 
 class RestartFile:

@@ -16,7 +16,6 @@ from clustermcl.ros2.parameters import Parameters
 from clustermcl.runtime.settings import Settings
 
 Answer = tuple[Any, list[Output]]
-"""The response and the outputs that follow it."""
 
 
 class Services:

@@ -57,7 +57,6 @@ class Topics:
             *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),
             *_topics(settings.detection_topics, types.DETECTIONS, sensor_data),
         )
-        """Observations of other sensors."""
         self._clock = (CLOCK,) if settings.use_sim_time else ()
 
     def read(self) -> tuple[Topic, ...]:

@@ -26,7 +26,6 @@ BROKEN_STREAM_ERRORS = (
     gzip.BadGzipFile,
     zstandard.ZstdError,
 )
-"""Exceptions from reading a truncated or damaged compressed file."""
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 _GZIP_MAGIC, _XZ_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00", b"\x28\xb5\x2f\xfd"

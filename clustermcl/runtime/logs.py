@@ -43,7 +43,6 @@ class CauseCounter:
 
     def __init__(self, period_s: float = 60.0) -> None:
         self.total: Counter[str] = Counter()
-        """Count of each cause since the start."""
         self._period_s = period_s
         self._unreported: Counter[str] = Counter()
         self._reported_at_s: dict[str, float] = {}

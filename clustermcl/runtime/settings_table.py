@@ -28,7 +28,6 @@ class SettingInfo:
     name: str
     """``section.key``, or ``key`` alone at the top."""
     section: type[msgspec.Struct]
-    """The structure that declares it."""
     kind: type
     """bool, int, float or str."""
     expected: str

@@ -25,7 +25,6 @@ class Simulated:
     """A robot to simulate in a world."""
 
     world: str
-    """The name of a world, or the path of a map file."""
 
 
 def is_published(map_file: str, source: str, *, ros2: bool) -> bool:

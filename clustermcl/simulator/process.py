@@ -104,7 +104,6 @@ class Follower:
     def __init__(self, simulation: Simulation, node: Node) -> None:
         self._simulation, self._node = simulation, node
         self.truths: deque[tuple[int, PoseTuple]] = deque(maxlen=_KEPT_TRUTHS)
-        """Numbers and true poses of the last steps."""
         self._asks, self._ask_step, self._places = False, 0, 0
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="state", kept=1)
 

@@ -20,7 +20,6 @@ class SimulatedSource:
         self._steps_made = 0
         self._tick: deque[Reading | Observation] = deque()
         self._truth = simulation.map_from_robot
-        """True pose at the scan of the tick."""
         self.landmarks = simulation.world.landmarks
 
     def next_reading(self) -> Reading | Observation | None:

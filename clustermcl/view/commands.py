@@ -50,7 +50,6 @@ MAX_REQUEST_BYTES = 1000
 _COMMANDS: dict[str, type[Command]] = {
     kind.__struct_config__.tag: kind for kind in get_args(Command)
 }
-"""Commands by their schemas."""
 
 
 def parsed_request(text: str | bytes, sender: str = SENDER) -> Request:

@@ -19,7 +19,6 @@ PACKED_TOGETHER_BYTES = 32_000
 _FAST = 1
 
 ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
-"""Step, topic, and encoded frame."""
 
 
 class _Pack(NamedTuple):
@@ -40,7 +39,6 @@ class StepArchive:
         self._packs: deque[_Pack] = deque()
         self._packed_bytes = self._newest_bytes = 0
         self._newest: list[ArchiveEntry] = []
-        """Entries that are not compressed yet."""
         self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:

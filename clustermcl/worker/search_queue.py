@@ -53,7 +53,6 @@ class SearchQueue:
         self._left: dict[int, tuple[Searching, deque[Scan]]] = {}
         self._slices: Slices[SearchReport] | None = None
         self._searching: Searching | None = None
-        """The search that `_slices` belong to."""
 
     def __bool__(self) -> bool:
         return self._slices is not None or any(scans for _, scans in self._left.values())

@@ -92,7 +92,6 @@ class Advise:
     question: Any
     asked: AdviceQuestion
     scan: Scan
-    """The scan of the asked step."""
     model: SensorModel
     settings: FilterSettings
     landmarks: tuple[Landmark, ...]
@@ -171,14 +170,11 @@ class Worker:
         self._landmarks: tuple[Landmark, ...] = ()
         self._model: SensorModel | None = None
         self._model_digest = ""
-        """Digest of the map of `_model`."""
         self._preparing = False
         """Whether the map is being fetched, or its sensor model built."""
         self._waiting: _WaitingOrder | None = None
         self._ordered: FilterSettings | None = None
-        """Settings of the last order."""
         self._ordered_map = ""
-        """Digest of the last order's map."""
         self._live = AS_STARTED
         """Settings of the newest scan, which override those of the order."""
         self._in_force: FilterSettings | None = None

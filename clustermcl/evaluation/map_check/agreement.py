@@ -38,7 +38,6 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
 
     steps: int
     localized_share: float
-    """Share of the steps with the state `localized`."""
     fitting_share: float | None
     """Mean share of beams that end within 0.2 m of an obstacle, at steps with one probable place.
     None: there is no such step."""

@@ -25,7 +25,6 @@ _SCALE_OFF = 0.05
 _LAG_S = 0.1
 _DECOY_SHARE = 0.3
 SMALLEST_PIECE_M2 = 0.5
-"""Smaller free components are ignored."""
 
 
 class Ground(msgspec.Struct, frozen=True, kw_only=True):
@@ -93,7 +92,6 @@ class MapReport(msgspec.Struct, frozen=True, kw_only=True):
     searched_every_m: float
     places: tuple[Place, ...]
     agreement: Agreement | None
-    """How a recording matches the map; None: no recording was given."""
     remarks: tuple[str, ...] = ()
     """Problems of the map, and of the recording, as sentences."""
 

@@ -14,7 +14,6 @@ from clustermcl.runtime.compressed import first_bytes, too_long_problem
 from clustermcl.runtime.yaml_text import yaml_of
 
 LANDMARKS_FILE = "landmarks.yaml"
-"""Name of the file in the map's folder."""
 _DEFAULT_SIGMA_M = 0.05
 _MAX_BYTES = 2**17
 """For `MAX_LANDMARKS` with long names; PyYAML needs 1 s for it."""

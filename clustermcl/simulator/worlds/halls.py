@@ -20,7 +20,6 @@ NICHES = (
     (7.0, -9.2, 8.0, -8.5),
 )  # fmt: skip
 FURNITURE = ((-11.5, -7.5, -9.5, -6.7), (-6.0, -7.8, -5.2, -6.2), (-5.2, -3.6, -3.6, -2.8))
-"""Furniture in the south-western corner."""
 
 
 def hall() -> World:
