@@ -7,12 +7,14 @@ const ALIKE = { cross: "arms", cross_feature: "arms" };
 
 /** @return the sentence, and whether "Again" is offered */
 export function captionOf({ state, places, last }, world) {
-  const count = places.filter((place) => place.p > PROBABLE).length;
+  const alike = ALIKE[world] ? places.filter((place) => place.p > PROBABLE).length : 0;
   if (last) return ["The run has ended.", true];
   if (state === "localized") return [SEEN[world] ?? "Localized: what the laser has seen fits one place alone.", true];
   if (state === "lost") return ["Lost: no place explains the scan, so the whole map is searched.", false];
-  if (count > 1) return [`${NUMBERS[count] ?? count} ${ALIKE[world] ?? "places"} look alike: the scan fits all of them, so none is chosen yet.`, false];
-  return ["Where is the robot? The first search tries the whole map.", false];
+  if (state !== "ambiguous") return ["Where is the robot? The first search tries the whole map.", false];
+  if (alike > 1) return [`${NUMBERS[alike] ?? alike} ${ALIKE[world]} look alike: the scan fits all of them, so none is chosen yet.`, false];
+  if (places.length > 1) return [`${NUMBERS[places.length] ?? places.length} places are possible, so none is chosen yet.`, false];
+  return ["One place is likely, but not certain yet.", false];
 }
 
 /**

@@ -589,19 +589,21 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
         stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
         shows(stage, lambda: text in drawn.text("caption"))
 
-    shows_text(2, "Two places look alike")
+    shows_text(2, "Two places are possible")
     assert not drawn.is_visible("again")
     drawn.save(pictures / "caption.png")
     top_of_map = "return liveView.view.screenOf([0, 6])[1]"
     bottom = "return document.getElementById('caption').getBoundingClientRect().bottom"
     shows(stage, lambda: drawn.run(top_of_map) > drawn.run(bottom))  # it covers nothing
-    shows_text(3, "no place explains the scan", state="lost")
-    shows_text(4, "fits one place alone", state="localized")
+    shows_text(3, "50 places are possible", hypotheses=belief(3, *range(50)).hypotheses)
+    shows_text(4, "Where is the robot?", state="searching")
+    shows_text(5, "no place explains the scan", state="lost")
+    shows_text(6, "fits one place alone", state="localized")
     drawn.click("again")
     shows(stage, lambda: [type(one) for one in stage.commands] == [Relocalize])
-    shows_text(5, "The run has ended", last=True)
+    shows_text(7, "The run has ended", last=True)
     drawn.click("again")
-    shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
+    shows(stage, lambda: (shown_step(drawn) or 9) < 7)  # it is played from the first step
     assert [type(one) for one in stage.commands] == [Relocalize]
 
 
