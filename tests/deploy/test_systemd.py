@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from clustermcl.runtime.settings_file import load_settings
+from clustermcl.runtime.supervisor import HUNG_AFTER_S
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
@@ -186,3 +187,12 @@ def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
         for text in re.findall(r"LoadCredential=([^:]+):", file.read_text())
     ]
     assert {"authority.pem", "own.pem", "own.key"} <= set(credentials)
+
+
+def test_systemd_restarts_a_hanging_process_and_gives_the_first_start_time_to_compile() -> None:
+    common = unit(UNITS / "clustermcl-.service.d" / "common.conf")["Service"]
+    assert (common["Type"], common["Restart"]) == ("notify", "always")
+    assert float(common["WatchdogSec"]) == HUNG_AFTER_S, "as for who runs clustermcl up"
+    assert float(common["TimeoutStartSec"]) > 120.0
+    for file in SERVICES:
+        assert not {"Type", "WatchdogSec", "NotifyAccess"} & set(unit(file)["Service"])

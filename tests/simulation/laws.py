@@ -227,10 +227,6 @@ class Laws:
     def _rules_alone(self, life: Life, term: int) -> None:
         demand(self._rules.setdefault(term, life) is life, "one coordinator rules in a term")
 
-    def followed(self, worker_term: int, order: WorkOrder) -> None:
-        """A worker has followed an order."""
-        demand(order.term >= worker_term, "no worker obeys who was taken over from")
-
     def believed(self, belief: Belief) -> None:
         self.steps += 1
         probabilities = [hypothesis.probability for hypothesis in belief.hypotheses]

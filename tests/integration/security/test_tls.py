@@ -40,6 +40,19 @@ def test_a_router_with_certificates_in_its_settings_requires_client_certificates
             pass
 
 
+def test_a_router_at_a_host_that_its_certificate_does_not_name_is_refused(
+    certificates: Path,
+) -> None:
+    endpoint = f"tls/127.0.0.2:{free_port()}"
+    with open_router(client_with(certificates, "router", endpoint)):
+        client = client_with(certificates, "viewer", endpoint)
+        with (
+            pytest.raises(UnreachableError),
+            open_session(client, RobotSettings(), StopFlag(), 1.0),
+        ):
+            pass
+
+
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [

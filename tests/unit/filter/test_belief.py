@@ -48,11 +48,6 @@ def test_the_transition_keeps_a_share_and_spreads_the_rest(
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-12)
 
 
-def test_a_transition_probability_of_zero_is_equation_14() -> None:
-    before = belief.normalised_logs(np.array([0.0, -5.0, -700.0]))
-    assert belief.mixed(before, 0.0) is before
-
-
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         belief.normalised_logs(np.full(3, -np.inf))

@@ -160,19 +160,6 @@ def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
     assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
 
 
-def test_an_improbable_place_that_fits_far_better_gains_by_its_evidence() -> None:
-    """Its own fit, not that of the probable places, which do not explain the scan."""
-    rules = {"evidence_noise": 0.3, "evidence_residual": 0.25, "kidnapping_probability": 0.0}
-    made = first(0.997, 0.003, **rules)
-    reports = reports_of(math.exp(-9.0), 1.0, fit=-1.0)
-    good = math.log(0.75 / (math.sqrt(2.0 * math.pi) * SensorSettings().hit_sigma_m))
-    reports["c1"] = replace(reports["c1"], log_likelihood_per_beam=good)
-    weigh(made, reports)
-    one, other, _ = probabilities(made)
-    gained = math.log(other / one) - math.log(0.003 / 0.997)
-    assert gained == pytest.approx(81.0 / 9.3, rel=0.02)
-
-
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
     weigh(made, reports_of(0.5), math.log(0.1), news=0.5)
