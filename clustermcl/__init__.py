@@ -12,7 +12,6 @@ from clustermcl.runtime.version import VERSION
 if TYPE_CHECKING:
     from clustermcl.client import Client as Client
     from clustermcl.client import NotLocalizedError as NotLocalizedError
-    from clustermcl.filter.extensions import register as register
     from clustermcl.localizer import Belief as Belief
     from clustermcl.localizer import ClusterMCL as ClusterMCL
     from clustermcl.protocol.answers import Hypothesis as Hypothesis
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from clustermcl.recordings.maps.grid_map import GridMap as GridMap
     from clustermcl.recordings.maps.landmarks import load_landmarks as load_landmarks
     from clustermcl.recordings.maps.map_file import load_map_with_obstacles
+    from clustermcl.runtime.extensions import register as register
     from clustermcl.runtime.output_files import OutputError as OutputError
     from clustermcl.simulated_robot import SimulatedRobot as SimulatedRobot
 
@@ -42,7 +42,7 @@ _NAMES = {
     "clustermcl.simulated_robot": ("SimulatedRobot",),
     "clustermcl.recordings.maps.grid_map": ("GridMap",),
     "clustermcl.recordings.maps.landmarks": ("load_landmarks",),
-    "clustermcl.filter.extensions": ("register",),
+    "clustermcl.runtime.extensions": ("register",),
     "clustermcl.runtime.output_files": ("OutputError",),
     "clustermcl.protocol.answers": ("Hypothesis",),
     "clustermcl.protocol.errors": (

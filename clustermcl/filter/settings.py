@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
 import msgspec
 from msgspec import Meta
 
-from clustermcl.filter.extensions import Kind, names
+from clustermcl.filter import user_models
 
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """Names of the sensor models that `sensor_models.OWN` has."""
@@ -29,8 +29,8 @@ NotNegativeInt: TypeAlias = Annotated[int, Meta(ge=0)]
 PositiveInt: TypeAlias = Annotated[int, Meta(gt=0)]
 
 
-def _check_model(kind: Kind, name: str, own: tuple[str, ...]) -> None:
-    if name not in own and name not in names(kind):
+def _check_model(kind: str, name: str, own: tuple[str, ...]) -> None:
+    if name not in own and (kind, name) not in user_models.table:
         raise ValueError(f"no {kind} {name!r} is installed")
 
 

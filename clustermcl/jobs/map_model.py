@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from clustermcl.filter.folders import why_untrusted
+from clustermcl.filter.kernels.folders import why_untrusted
 from clustermcl.filter.laser.sensor_model import MapArrays, SensorModel
 from clustermcl.filter.laser.sensor_models import OWN, model_class
 from clustermcl.filter.settings import SensorSettings

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter.extensions import extension, names
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.message import PoseTuple
@@ -23,6 +22,7 @@ from clustermcl.recordings.log_file import (
     words_of_lines,
 )
 from clustermcl.recordings.run_log import is_run_log, playback
+from clustermcl.runtime.extensions import extensions, names
 from clustermcl.runtime.settings import BridgeSettings
 
 SHORTEST_MARKER_M = 8.0
@@ -83,7 +83,7 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     for name in names("recording_reader"):
         try:
-            own = extension("recording_reader", name)(path)
+            own = extensions["recording_reader", name](path)
             if own is not None:
                 return _own_recording(path, own, mount)
         except (OSError, ValueError) as error:

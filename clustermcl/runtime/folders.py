@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 from urllib.parse import quote
 
-from clustermcl.filter.folders import Kind, remarks, user_folder
+from clustermcl.filter.kernels.folders import Kind, remarks, user_folder
 from clustermcl.runtime.settings import Settings
 
 _log = logging.getLogger(__name__)

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+import clustermcl.runtime.extensions  # noqa: F401 - which settings may name
 from clustermcl.filter.settings import (
     FilterSettings,
     NotNegative,

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeAlias
 
-from clustermcl.filter.folders import is_usable, remarks, user_folder, why_untrusted
+from clustermcl.filter.kernels.folders import is_usable, remarks, user_folder, why_untrusted
 
 Entries: TypeAlias = dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]
 """By name in the library: a kernel's Python function, and numba's types of its arguments."""

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from clustermcl import ClusterMCL, Reading, RecordingError, SettingsError, read_recording, register
-from clustermcl.filter import extensions
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.jobs import running
 from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, SearchJob, TrackJob
+from clustermcl.runtime import extensions
 from clustermcl.simulator.simulation import Simulation
 from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
@@ -22,7 +22,7 @@ from tests.unit.coordinator.reports import particles
 
 @pytest.fixture(autouse=True)
 def forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
-    monkeypatch.setattr(extensions, "_registered", {})
+    extensions.extensions.clear()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     extensions._installed.cache_clear()
     yield
@@ -98,7 +98,7 @@ def test_an_installed_model_is_found_by_its_entry_point(
     assert type(mcl._model).__name__ == "Own"
     assert not list((tmp_path / "clustermcl" / "maps").glob("field-*")), "its arrays are not kept"
     with pytest.raises(ValueError, match=r"sensor_model 'gone' cannot be loaded: .*Gone"):
-        extensions.extension("sensor_model", "gone")
+        extensions.extensions["sensor_model", "gone"]
 
 
 @pytest.mark.parametrize("wrong", ["os:system", "os.system", "../model.py", "", "a" * 10_000])

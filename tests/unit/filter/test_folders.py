@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl.filter.folders import remarks, user_folder, why_untrusted
+from clustermcl.filter.kernels.folders import remarks, user_folder, why_untrusted
 
 STRANGER = 54321
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl.filter.folders import remarks
 from clustermcl.filter.kernels import compiled as kernels
 from clustermcl.filter.kernels import library as kernel_library
+from clustermcl.filter.kernels.folders import remarks
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from clustermcl.jobs.warm_up import compile_kernels, run_kernels
 from tests.unit.programs import ran

@@ -7,6 +7,8 @@ can select only among these names.
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from clustermcl.filter import user_models
+
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
@@ -14,7 +16,27 @@ Kind: TypeAlias = Literal["sensor_model", "motion_model", "recording_reader"]
 """Kind of an extension; its entry point is in the group ``clustermcl.KIND``. docs/extending.md
 has recipes."""
 
-_registered: dict[tuple[Kind, str], Any] = {}
+
+class _Extensions(dict[tuple[str, str], Any]):
+    """Extensions by kind and name; an installed one is loaded when it is first used."""
+
+    def __contains__(self, key: Any) -> bool:
+        return super().__contains__(key) or key[1] in _installed(key[0])
+
+    def __missing__(self, key: tuple[str, str]) -> Any:
+        """Load it; `ValueError`: there is none, or its code cannot be imported."""
+        kind, name = key
+        if key not in self:
+            known = ", ".join(names(kind)) or "none"
+            raise ValueError(f"no {kind} {name!r} is installed; known: {known}")
+        try:
+            self[key] = _installed(kind)[name].load()
+        except (ImportError, AttributeError) as error:
+            raise ValueError(f"{kind} {name!r} cannot be loaded: {error}") from error
+        return self[key]
+
+
+user_models.table = extensions = _Extensions()
 
 
 def register(kind: Kind, name: str, extension: object) -> None:
@@ -26,32 +48,15 @@ def register(kind: Kind, name: str, extension: object) -> None:
         extension: a `SensorModel` class; a function like `motion.move_with_noise`; or a function
             of a path that returns `clustermcl.Reading`s, or None for a file of another format.
     """
-    _registered[kind, name] = extension
+    extensions[kind, name] = extension
 
 
-def names(kind: Kind) -> list[str]:
-    return [*(name for of, name in _registered if of == kind), *_installed(kind)]
-
-
-def extension(kind: Kind, name: str) -> Any:
-    """Return the extension with this name.
-
-    Raises:
-        ValueError: there is none, or its code cannot be imported.
-    """
-    if (kind, name) not in _registered:
-        if name not in _installed(kind):
-            known = ", ".join(names(kind)) or "none"
-            raise ValueError(f"no {kind} {name!r} is installed; known: {known}")
-        try:
-            register(kind, name, _installed(kind)[name].load())
-        except (ImportError, AttributeError) as error:
-            raise ValueError(f"{kind} {name!r} cannot be loaded: {error}") from error
-    return _registered[kind, name]
+def names(kind: str) -> list[str]:
+    return [*(name for of, name in extensions if of == kind), *_installed(kind)]
 
 
 @cache
-def _installed(kind: Kind) -> "dict[str, EntryPoint]":
+def _installed(kind: str) -> "dict[str, EntryPoint]":
     """Return entry points by name; finding them takes 10 ms, and the import 2.5 MB."""
     from importlib.metadata import entry_points  # noqa: PLC0415
 
