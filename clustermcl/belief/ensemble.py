@@ -17,7 +17,7 @@ from clustermcl.belief.bayes_update import new_evidence_share, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, with_prior_pose
 from clustermcl.belief.outcome import Outcome, hypothesis_of
-from clustermcl.belief.part import Part
+from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
@@ -74,6 +74,8 @@ class Ensemble(Part, kw_only=True):
     seen: ViewMemory = ViewMemory()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
+    founding_search: Count = 1
+    """Number of that search; 0: there was none, since a pose was given."""
     begin: dict[str, Job] = {}
     events: list[JobEvent] = []
 
@@ -200,6 +202,7 @@ class Ensemble(Part, kw_only=True):
         """
         self._forget(given.sample.step, "forgotten")
         self.seen, self.found = ViewMemory(), False
+        self.founding_search = 0
         self.clusters.expect_given()
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], given.sample.step)
@@ -224,6 +227,7 @@ class Ensemble(Part, kw_only=True):
         """
         self._forget(step, cause)
         self.seen, self.found = ViewMemory(), False
+        self.founding_search = self.search.begun + 1
         self._start_search(step + 1, near, corners)
         return self.outcome(step)
 
@@ -484,9 +488,8 @@ class Ensemble(Part, kw_only=True):
 
     @property
     def _is_founding(self) -> bool:
-        """Whether all clusters come from the current search."""
-        first_step = self.search.first_step
-        return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
+        """Whether the search runs that began without any place."""
+        return self.search.runs and self.search.begun == self.founding_search
 
     @property
     def _is_patient(self) -> bool:

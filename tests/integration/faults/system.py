@@ -90,9 +90,9 @@ class System:
     def jobs(self) -> dict[str, tuple[str, ...]]:
         return dict(self.status().workers)
 
-    def events(self) -> list[JobEvent]:
+    def events(self, after_step: int = -1) -> list[JobEvent]:
         with self.client as client:
-            return [numbered.event for numbered in client.events().events]
+            return [one.event for one in client.events().events if one.step > after_step]
 
     def history(self) -> tuple[Scan, ...]:
         return answered(self.session, keys.scan_history(0, None), ScanHistory).scans

@@ -100,7 +100,7 @@ def test_workers_and_coordinator_killed_together_lose_no_place() -> None:
         later = tested.since(before)
         assert all(belief.hypotheses for belief in later), "no step without a place"
         assert tested.clusters() & places
-        began = [event for event in tested.events() if isinstance(event, Began)]
+        began = [event for event in tested.events(before) if isinstance(event, Began)]
         assert "first search" not in {event.cause for event in began}
 
 
