@@ -57,6 +57,7 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
+    trial: float = 0.0,
     is_given: bool = False,
 ) -> Admission:
     """Select the places of a search that no cluster holds and that are probable enough.
@@ -75,6 +76,8 @@ def admission(
         holds_own: some clusters are places of this search; they give the search its weight.
         most: largest probability of all new clusters together, used to decide which clusters they
             may replace.
+        trial: least weight of all places together, relative to the belief, when the search is
+            over.
         is_given: a person has said where the robot is. Until the search is more probable than the
             belief, only a place that stands out enters.
     """
@@ -87,7 +90,7 @@ def admission(
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
     has_trial = is_over and not holds_own
-    on_trial = max(earned, rules.candidate_probability) if has_trial else earned
+    on_trial = max(earned, rules.candidate_probability, trial) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
     least = STANDS_OUT if is_given and not holds_own and earned < 1.0 else 0.0
     enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)

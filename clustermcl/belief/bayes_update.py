@@ -31,6 +31,8 @@ from clustermcl.protocol.work import TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
 """Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
+PERHAPS_LIFTED = 0.2
+"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 RETURNS = 2.0
 """Rate at which a robot off the map returns, relative to the rate at which robots are lifted."""
 
@@ -102,6 +104,8 @@ def weigh(
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
         log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
         log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
+    if held.may_be_lifted:
+        log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)

@@ -130,6 +130,11 @@ class ClusterSet(Part):
         """The probability that the robot is elsewhere or off the map."""
         return self.elsewhere + self.off_map
 
+    @property
+    def may_be_lifted(self) -> bool:
+        """Whether scans fit worse than usual at a place that was found, not given."""
+        return self.fit.has_fallen and not self.on_map
+
     def all(self) -> tuple[Cluster, ...]:
         """Return the clusters in the order in which they are summed."""
         return tuple(self.clusters.values())

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
-from clustermcl.belief.bayes_update import new_evidence_share, weigh
+from clustermcl.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, with_prior_pose
 from clustermcl.belief.outcome import Outcome, hypothesis_of
@@ -363,6 +363,7 @@ class Ensemble(Part, kw_only=True):
             is_over=is_over,
             holds_own=bool(own),
             most=most,
+            trial=PERHAPS_LIFTED if self.clusters.may_be_lifted else 0.0,
             is_given=self.clusters.on_map,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))

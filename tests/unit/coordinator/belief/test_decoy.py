@@ -157,4 +157,4 @@ def test_walls_that_have_moved_do_not_lead_a_robot_off_the_map_whose_given_place
         beams = (58, 0, 1, 1) if step < 5 else (5, 15, 35, 5)
         report = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
         weigh(made, {"c0": report}, new_view=1.0, news=0.0)
-    assert made.off_map < 0.01 if is_given else made.off_map > 0.99
+    assert made.outside_clusters < 0.01 if is_given else made.outside_clusters > 0.99
