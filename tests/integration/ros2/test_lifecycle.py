@@ -15,7 +15,7 @@ from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.message_types import new, request_of
 from clustermcl.ros2.topics import AMCL_POSE, BOND, TRANSITION_EVENT
 from clustermcl.runtime.ros2_settings import Ros2Settings
-from tests.integration.ros2.conftest import ACTIVE, OpenRobot, OpenSystem, StartBridge
+from tests.integration.ros2.conftest import ACTIVE, Active, OpenRobot, OpenSystem, StartBridge
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.waiting import stretched_s, wait_until
 
@@ -101,6 +101,19 @@ def test_the_lifecycle_manager_starts_pauses_resumes_and_resets_the_node(
     assert asked() == expected
     assert manager.events[0].start_state.label == "unconfigured"
     assert manager.events[1].goal_state.label == "inactive"
+
+
+def test_the_transition_graph_is_served(active: Active) -> None:
+    robot, _ = active
+    states = robot.call("/amcl/get_available_states", types.GET_AVAILABLE_STATES)
+    assert [one.id for one in states.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
+    kind = types.GET_AVAILABLE_TRANSITIONS
+    available = robot.call("/amcl/get_available_transitions", kind).available_transitions
+    assert [one.transition.label for one in available] == ["deactivate", "shutdown"]
+    graph = robot.call("/amcl/get_transition_graph", kind).available_transitions
+    assert ("configure", "unconfigured", "configuring") in [
+        (one.transition.label, one.start_state.label, one.goal_state.label) for one in graph
+    ]
 
 
 def test_the_bond_continues_without_a_system_and_under_a_flood(

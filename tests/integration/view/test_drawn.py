@@ -10,8 +10,10 @@ from msgspec.structs import replace
 from PIL import Image
 
 from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.job_events import Ended, JobEvents, NumberedEvent
-from clustermcl.protocol.steps import Landmark, TruePose
+from clustermcl.protocol.steps import Landmark, Seen, TruePose
+from clustermcl.protocol.work import TrackReport
 from clustermcl.view.saved_page import saved_run
 from tests.integration.view.page import Page, press, problems
 from tests.integration.view.stage import Stage
@@ -21,6 +23,7 @@ from tests.unit.view.messages import (
     events,
     hypothesis,
     pose,
+    report,
     scan,
     simulator,
     status,
@@ -106,6 +109,42 @@ def test_the_scan_is_drawn_at_the_cluster_under_the_pointer(stage: Stage, drawn:
 def is_scan(page: Page, where: tuple[float, float]) -> bool:
     red, green, blue = page.snapshot().pixel_at(*where)
     return red > green + 80 and red > blue + 80
+
+
+def test_particles_are_drawn_in_their_clusters_colour(stage: Stage, drawn: Page) -> None:
+    believe(stage, drawn, belief(5, 4))  # its place is (4, 2)
+    x, y = 4.0, 4.5
+    assert drawn.snapshot().pixel_at(x, y) == (255, 255, 255)
+    stage.picture.on_report(with_particles_at(x, y))
+    shows(stage, lambda: drawn.run("return liveView.view.clouds.size === 1"))
+    red, _, blue = drawn.snapshot().pixel_at(x, y)
+    assert red > blue + 100  # the first colour is an orange
+
+
+def with_particles_at(x_m: float, y_m: float) -> TrackReport:
+    made = report(5, 4)
+    assert made.snapshot is not None
+    poses = ArrayBlob.of(np.tile((x_m, y_m, 0.0), (100, 1)), "float64")
+    snapshot = msgspec.structs.replace(made.snapshot, map_from_robot=poses)
+    return msgspec.structs.replace(made, snapshot=snapshot)
+
+
+def test_a_ray_leads_from_the_place_to_the_landmark_that_was_seen(
+    stage: Stage, drawn: Page
+) -> None:
+    tags = tuple(Landmark(name=f"tag {x}", x=x, y=2.0, sigma=0.1) for x in (3.0, 7.0))
+    stage.show_map(121, 200, landmarks=tags)  # another map, so the page fetches it
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.landmarks.length === 2"))
+    flat = (0.01, 0.0, 0.0, 0.01)
+    seen = Seen(landmark="tag 3.0", mean=(2.0, 0.0), covariance=flat, outlier_probability=0.05,
+                share=1.0)  # fmt: skip
+    stage.picture.on_scan(msgspec.structs.replace(scan(5, [0.0] * 4), observations=(seen,)))
+    believe(stage, drawn, belief(5, 1))
+    half_way = [(1.0 + 0.8776, 2.0 + 0.4794 + off) for off in (-0.01, 0.0, 0.01)]  # a thin line
+    assert any(is_scan(drawn, where) for where in half_way)
+    assert is_scan(drawn, (3.0, 2.0)), "a landmark that was seen has the colour of the scan"
+    red, green, _ = drawn.snapshot().pixel_at(7.0, 2.0)
+    assert red == green or red < 60, "a landmark that was not seen is dark"
 
 
 def test_a_landmarks_name_is_drawn_where_no_place_is(stage: Stage, drawn: Page) -> None:
@@ -254,6 +293,40 @@ def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
     assert given.pose == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
     assert given.position_sigma_m == pytest.approx(0.5 / 1.3**2)
     assert drawn.snapshot().view == before  # the map stays
+
+
+@pytest.mark.parametrize("screen", ["wide", "dark", "phone"])
+def test_a_page_with_sixty_four_clusters_is_readable(
+    stage: Stage, drawn: Page, pictures: Path, screen: str
+) -> None:
+    for step in range(20):
+        stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
+        stage.picture.on_belief(many_places(step))
+        stage.picture.on_pose(pose(step))
+    stage.picture.on_events(events(15))
+    stage.picture.on_status(status())
+    with drawn.on_screen(screen):
+        shows(stage, lambda: shown_step(drawn) == 19)
+        listed = "return document.querySelectorAll('#clusters li[data-cluster]').length"
+        shows(stage, lambda: drawn.run(listed) == 64)
+        assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
+        drawn.click("fit")
+        shows(stage, lambda: labels(drawn) >= 4)
+        snapshot = drawn.snapshot()
+        for place in snapshot.step["places"][:8]:
+            red, green, blue = snapshot.pixel_at(*place["pose"][:2])
+            assert np.ptp([red, green, blue]) > 40, "no label hides a probable place"
+        drawn.save(pictures / f"many-{screen}.png")
+
+
+def labels(page: Page) -> int:
+    """Percentages on the map that hide no other."""
+    count: int = page.run_async(
+        "const {view} = liveView; import('./symbols.js').then(({drawLabels}) => {"
+        "  view.draw(); done(drawLabels(view, view.step.places.slice(0, 8)).length); });"
+    )
+    return count
 
 
 def many_places(step: int) -> Belief:
@@ -450,6 +523,17 @@ def test_a_click_on_a_place_colours_its_beams_by_class(stage: Stage, drawn: Page
     assert "1 short of one" in legend
     press(drawn, "\ue00c")  # Esc
     shows(stage, lambda: not drawn.is_visible("beams"))
+
+
+def test_the_footprint_is_drawn_in_its_true_size(stage: Stage, drawn: Page) -> None:
+    believe(stage, drawn, belief(1, 4))  # at (4, 2)
+    drawn.run("liveView.view.toggle('ellipses')")
+    assert drawn.snapshot().pixel_at(4.0, 2.8) == (255, 255, 255)
+    drawn.run("liveView.take({system: {...liveView.system, radius_m: 0.8}})")
+    for x, y in ((4.0, 2.8), (4.0, 1.2), (3.2, 2.0)):
+        red, _, blue = drawn.snapshot().pixel_at(x, y)
+        assert red > blue + 60, "an orange line"
+    assert drawn.snapshot().pixel_at(4.0, 2.6) == (255, 255, 255)
 
 
 def test_a_distance_is_measured(stage: Stage, drawn: Page) -> None:

@@ -1,4 +1,7 @@
 import logging
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -55,3 +58,25 @@ def test_without_either_option_the_settings_decide(settings_seen: list[Settings]
     assert not is_verbose()
     assert log_settings() == []
     assert settings_seen[0].log.level == Settings().log.level
+
+
+def completed(*words: str) -> list[str]:
+    """What bash offers for the last of the words."""
+    return subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            "from clustermcl.commands.command import app; app(prog_name='clustermcl')",
+        ],
+        env={
+            **os.environ,
+            "_CLUSTERMCL_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(["clustermcl", *words]),
+            "COMP_CWORD": str(len(words)),
+        },
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout.split()  # fmt: skip
+
+
+def test_a_shell_offers_commands() -> None:
+    assert completed("hyp") == ["hypotheses"]

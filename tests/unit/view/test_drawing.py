@@ -77,3 +77,9 @@ def test_no_place_or_one_of_any_probability_can_be_drawn(places: list[dict[str, 
 )
 def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
     assert percent(probability) == written
+
+
+def test_the_true_pose_is_a_ring() -> None:
+    image = drawn_picture(room(), step(truth=(2.0, 5.0, 0.0)))
+    assert pixel(image, 2.0, 5.0) == WHITE
+    assert max(pixel(image, 2.0 - 18 / 70, 5.0)) < 120
