@@ -39,26 +39,23 @@ def metrics_served(
         return
     if find_spec("prometheus_client") is None:
         raise SettingsError(
-            key="metrics.port",
-            problem=f"metrics.port = {settings.port} needs the library prometheus-client: "
-            f"pip install 'clustermcl[metrics]'",
+            f"metrics.port = {settings.port} needs the library prometheus-client: "
+            f"pip install 'clustermcl[metrics]'"
         )
+
+    def status() -> Status | None:
+        with suppress(ClusterMclError, zenoh.ZError):
+            return ask(session(), keys.STATUS, Status, timeout_s=ASK_WITHIN_S)
+        return None
+
     stop = threading.Event()
-    server = threading.Thread(
-        target=_serve, args=(settings, robot, lambda: _status(session()), stop), daemon=True
-    )
+    server = threading.Thread(target=_serve, args=(settings, robot, status, stop), daemon=True)
     server.start()
     try:
         yield
     finally:
         stop.set()
         server.join(ASK_WITHIN_S)
-
-
-def _status(session: zenoh.Session) -> Status | None:
-    with suppress(ClusterMclError, zenoh.ZError):
-        return ask(session, keys.STATUS, Status, timeout_s=ASK_WITHIN_S)
-    return None
 
 
 def _serve(

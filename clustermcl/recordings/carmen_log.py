@@ -92,25 +92,17 @@ class CarmenParser:
         lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
         if any(entry.line_number not in self._raw_lines for entry in lasers):
             entries = [entry for entry in entries if entry.line_number not in self._raw_lines]
-        mount = fixed_mounting(self._pose_pairs)
-        logged = self._clock_stands(entries)
-        return [self._completed(entry, mount, logged) for entry in entries]
-
-    def _completed(self, entry: Entry, mount: PoseTuple | None, logged: bool) -> Entry:
-        if logged:
-            entry = replace(entry, stamp_ns=self._logged_ns[entry.line_number])
-        if isinstance(entry, LaserEntry) and entry.robot_from_laser is None:
-            return replace(entry, robot_from_laser=mount)
-        return entry
-
-    def _clock_stands(self, entries: Sequence[Entry]) -> bool:
-        """Return whether all messages have the same stamp while the logger's stamps differ.
-
-        This happens to times since 1970 that were written with six digits.
-        """
+        mount, logged_ns = fixed_mounting(self._pose_pairs), self._logged_ns
         own = {entry.stamp_ns for entry in entries}
-        logged = {self._logged_ns[entry.line_number] for entry in entries}
-        return len(own) == 1 < len(logged)
+        # Times since 1970 that were written with six digits are all the same.
+        if len(own) == 1 < len({logged_ns[entry.line_number] for entry in entries}):
+            entries = [replace(entry, stamp_ns=logged_ns[entry.line_number]) for entry in entries]
+        return [
+            replace(entry, robot_from_laser=mount)
+            if isinstance(entry, LaserEntry) and entry.robot_from_laser is None
+            else entry
+            for entry in entries
+        ]
 
     def _mount(self) -> PoseTuple | None:
         """Return the laser's mount from the parameters; None: they do not have it."""

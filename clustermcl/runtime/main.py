@@ -84,7 +84,16 @@ def run_process(
     argv: Sequence[str] | None = None,
 ) -> int:
     """Do as `process_main`, but return the exit code."""
-    arguments = _parse(name, describe, add_arguments, argv)
+    parser = _Parser(prog=name, description=describe, allow_abbrev=False)
+    add = parser.add_argument
+    add("--settings", type=Path, metavar="FILE", help="settings file (TOML)")
+    override = "override one setting of the file; may be repeated"
+    add("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", help=override)
+    add("--name", type=_name, default=name, help=f"name of this process (default: {name})")
+    add("--version", action="version", version=f"clustermcl {VERSION}")
+    if add_arguments is not None:
+        add_arguments(parser)
+    arguments = parser.parse_args(argv)
     configure_logging(arguments.name, "info")
 
     def load_and_run() -> None:
@@ -113,24 +122,6 @@ def outermost(process: str, action: Callable[[], None]) -> int:
         _log.exception("a bug ended the process")
         return EXIT_BUG
     return EXIT_OK
-
-
-def _parse(
-    name: str,
-    describe: str,
-    add_arguments: Callable[[argparse.ArgumentParser], None] | None,
-    argv: Sequence[str] | None,
-) -> argparse.Namespace:
-    parser = _Parser(prog=name, description=describe, allow_abbrev=False)
-    add = parser.add_argument
-    add("--settings", type=Path, metavar="FILE", help="settings file (TOML)")
-    override = "override one setting of the file; may be repeated"
-    add("--set", action="append", default=[], metavar="SECTION.KEY=VALUE", help=override)
-    add("--name", type=_name, default=name, help=f"name of this process (default: {name})")
-    add("--version", action="version", version=f"clustermcl {VERSION}")
-    if add_arguments is not None:
-        add_arguments(parser)
-    return parser.parse_args(argv)
 
 
 def _name(text: str) -> str:
