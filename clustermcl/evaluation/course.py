@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.evaluation.references import load_reference
-from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -80,13 +79,9 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
             scans = steps_of(robot.opened(settings), settings, grid_map.digest)
-            true_steps = _with_truth(scans, reference, start_step, case.updates)
+            end = None if case.updates is None else start_step + case.updates
+            true_steps = (
+                (scan, reference.pose_at(scan.stamp_ns) if reference else None)
+                for scan in itertools.islice(scans, start_step, end)
+            )
             return Course(grid_map, str(robot.map), true_steps, None)
-
-
-def _with_truth(
-    scans: Iterator[Scan], reference: Trajectory | None, start_step: int, steps: int | None
-) -> Iterator[TrueStep]:
-    end = None if steps is None else start_step + steps
-    for scan in itertools.islice(scans, start_step, end):
-        yield scan, reference.pose_at(scan.stamp_ns) if reference else None

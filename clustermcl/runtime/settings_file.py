@@ -118,8 +118,7 @@ def _parsed(assignments: Sequence[str]) -> dict[str, Any]:
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals or not name:
-            problem = f"{_COMMAND_LINE} {assignment!r}: write section.key=value"
-            raise SettingsError(key=_COMMAND_LINE, problem=problem)
+            raise SettingsError(f"{_COMMAND_LINE} {assignment!r}: write section.key=value")
         _check_known(name, _COMMAND_LINE)
         values[name] = _parse_value(name, text)
     return values

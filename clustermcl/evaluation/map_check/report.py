@@ -133,14 +133,9 @@ def report_of(
         ),
         agreement=agreement,
     )
-    return msgspec.structs.replace(report, remarks=tuple(_remarks(report)))
-
-
-def _remarks(report: MapReport) -> Iterator[str]:
-    yield from _of_ground(report.ground)
-    yield from _of_places(report)
-    if report.agreement is not None:
-        yield from _of_agreement(report.agreement)
+    of_recording = _of_agreement(agreement) if agreement is not None else ()
+    remarks = (*_of_ground(report.ground), *_of_places(report), *of_recording)
+    return msgspec.structs.replace(report, remarks=remarks)
 
 
 def _of_ground(ground: Ground) -> Iterator[str]:
