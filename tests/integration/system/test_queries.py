@@ -175,8 +175,9 @@ def test_events_show_how_every_place_began_and_why_others_ended(system: Settings
     places = json.loads(typed(system, "hypotheses", "--json").stdout)["hypotheses"]
     assert began - ended == {f"c{place['cluster']}" for place in places}
     lines = typed(system, "events").stdout.splitlines()
-    assert len(lines) == len(events)
+    assert {line.partition(":")[0] for line in lines} == {f"step {one['step']}" for one in events}
     assert "found by the first search" in lines[0]
+    assert sum(line.endswith("search 0 is over") for line in lines) == 1, "of all its shards"
 
 
 def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Path) -> None:
