@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from clustermcl.filter.settings import SensorSettings
+from clustermcl.jobs.warm_up import compile_kernels
 from tests.fuzz.effort import ALL_CASES
 
 MAX_GROWTH_MB = 200 + 0.005 * ALL_CASES
@@ -16,6 +18,12 @@ same cases again and again without Hypothesis leave the memory as it is."""
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels() -> None:
+    """The library of kernels, without which the first test's growth has numba's 130 MB."""
+    compile_kernels(SensorSettings())
 
 
 @pytest.fixture(autouse=True)
