@@ -27,19 +27,9 @@ class Inbox(Generic[EventT]):
         self,
         keep_newest: Mapping[str, int],
         *,
-        max_events: int = 4096,
+        max_events: int = 4096,  # more means that the loop hangs
         max_kind_bytes: int = MAX_KIND_BYTES,
     ) -> None:
-        """Set the bounds.
-
-        Args:
-            keep_newest: kinds of states, and the most queued of each.
-            max_events: most events queued; more means that the loop hangs.
-            max_kind_bytes: most bytes of payloads queued, for each kind and for events.
-
-        Raises:
-            ValueError: a bound is less than one.
-        """
         if max_events < 1:
             raise ValueError("an inbox keeps at least one event")
         self._states: dict[str, _Waiting[EventT]] = {}

@@ -87,10 +87,7 @@ class Node:
     it. The node repeats all declarations in the new session, and the process keeps its state.
 
     Args:
-        name: name of the process.
         role: its role in health messages: ``bridge``, ``worker``, ``coordinator``, ...
-        settings: the router and the robot.
-        stop: ends the wait for a router.
         peers: key of liveliness tokens that prove that a session works; None: no session of this
             process is ever replaced.
         session: a session that other nodes share, and that outlives them; None: open one.

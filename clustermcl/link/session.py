@@ -80,9 +80,7 @@ def open_session(
     before opening a session: a child forked later cannot open its own.
 
     Args:
-        settings: the router's endpoint, certificates, time-outs.
         robot: its name prefixes all keys; None: no prefix.
-        stop: checked while there is no router.
         wait_s: time-out for a router [s]; None: no time-out, as for services.
         peer: connect directly to other peers, as ROS nodes do; `robot` must be None.
 

@@ -40,10 +40,8 @@ def load_settings(
     """Read the settings: the file overrides defaults, assignments override the file.
 
     Args:
-        path: TOML file, or None.
         assignments: ``section.key=value``, the value as in TOML; text needs no quotes.
-        beneath: values by dotted name that replace defaults.
-        beneath_from: their origin, for errors.
+        beneath: values by dotted name that replace defaults; `beneath_from` names their origin.
 
     Raises:
         InputFileError: the file cannot be read or is not TOML.

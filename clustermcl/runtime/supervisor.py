@@ -361,15 +361,13 @@ def run_forked(
     name: str,
     hung_after_s: float = FORK_HUNG_AFTER_S,
 ) -> None:
-    """Keep forked children alive until `stop` is set, then end them.
+    """Keep forked children, called ``name-index``, alive until `stop` is set, then end them.
 
     Args:
         count: decides how many children run. Only children without a job are ended.
         child_main: the work of one child, given its index from 0, its own stop flag, and a
             function that reports its number of jobs. It opens its own Zenoh session; the parent
             must never have opened one.
-        stop: stop flag of this process.
-        name: name of this process; children are called ``name-index`` in the log.
         hung_after_s: a child that does not check its stop flag for this time is killed [s].
 
     Raises:

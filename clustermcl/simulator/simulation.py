@@ -43,11 +43,7 @@ class Tick:
 class Simulation:
     """An endless iterator of ticks; the same world and seed give the same ticks, bit for bit.
 
-    Args:
-        world: the world.
-        seed: seed of all random numbers.
-        lidar: parameters of the scanner; None: the defaults.
-        start: start pose, instead of the world's start pose and route; None: those of the world.
+    A given start pose replaces the world's start pose and route.
 
     Raises:
         NoRoomError: the robot fits nowhere in this world.

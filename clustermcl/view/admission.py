@@ -80,10 +80,7 @@ class Admission:
     def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
         """Return why a request is refused, or an empty text if it is accepted.
 
-        Args:
-            target: path and query of the request.
-            headers: headers of the request by their lower-case names.
-            socket: whether the request opens a WebSocket, which only this page may do.
+        The headers have lower-case names. Only this page may open a WebSocket.
         """
         host = headers.get("host", "")
         port = self.address.port
