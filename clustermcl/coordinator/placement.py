@@ -168,10 +168,7 @@ class Placement(Part):
         able = able or ready
         trusted = self.stragglers.trusted(able) or able
         self.jobs.move(self._moves(trusted), term, now_ns)
-        trials = self._trials(able, trusted)
-        for worker in trials.values():
-            self.stragglers.on_trial(worker)
-        self.jobs.move(trials, term, now_ns)
+        self.jobs.move(self._trials(able, trusted), term, now_ns)
         jobs = self.jobs.by_worker()
         return [
             (name, self._order(live[name], jobs.get(name, {}), term, map_digest, now_ns))

@@ -54,8 +54,8 @@ class StragglerPolicy(Part):
 
     def on_report(self, worker: str, *, in_time: bool) -> None:
         """Process a worker's report; a late one only shows that the worker is alive."""
-        record = self.records.get(self._counted_as(worker))
         self.proven.add(worker)
+        record = self.records.get(worker)
         if record is not None:
             record.silent = False
             record.missed = 0 if in_time else record.missed
@@ -113,10 +113,6 @@ class StragglerPolicy(Part):
         record = self.records.get(self._counted_as(worker))
         return record is None or not record.silent
 
-    def on_trial(self, worker: str) -> None:
-        """Let no step wait for a worker that has never reported, until it reports."""
-        self.records.setdefault(self._counted_as(worker), Punctuality()).silent = True
-
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
         """Return whether a worker may have jobs.
 
@@ -127,7 +123,7 @@ class StragglerPolicy(Part):
             return True
         if answers and now_ns >= record.pause_ends_ns:
             record.paused = False
-            record.silent = worker not in self.proven
+            record.silent = worker not in self.proven  # no step waits for a trial
         return not record.paused
 
     def forget(self, worker: str) -> None:

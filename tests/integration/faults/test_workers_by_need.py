@@ -30,11 +30,11 @@ if sys.platform != "linux":
 @pytest.fixture
 def by_need(monkeypatch: pytest.MonkeyPatch) -> Iterator[System]:
     def command(module: str, *arguments: str) -> Sequence[str]:
-        if module == "worker":
+        if module == "clustermcl.worker":
             return python_script(FOUR_CORES, *arguments)
         return python_module(module, *arguments)
 
-    monkeypatch.setattr(clustermcl.stack, "python_module", command)
+    monkeypatch.setattr(clustermcl.commands.stack, "python_module", command)
     with system(replace(SMALL, worker=WorkerSettings())) as tested:
         yield tested
 
