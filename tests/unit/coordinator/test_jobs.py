@@ -32,7 +32,7 @@ def test_an_epoch_exceeds_all_epochs_of_earlier_terms() -> None:
     report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0), epoch=72)
     assert made.refusal_of(replace(report, epoch=71), "b") == "report of an old epoch"
     assert made.refusal_of(report, "a") == "report of another worker's job"
-    assert made.refusal_of(report, "b") == ""
+    assert made.refusal_of(report, "b") is None
 
 
 def test_a_step_waits_longer_for_a_job_until_its_worker_has_reported_in_time() -> None:
