@@ -167,7 +167,7 @@ T = TypeVar("T")
 def _head(path: Path, message: LogMessage, version: str) -> Head:
     if message.topic != HEAD:
         raise RecordingError(
-            path, "it has no events of a coordinator; show it with clustermcl view"
+            path, f"it has no events of a coordinator; show it with: clustermcl view {path}"
         )
     found = _unpacked(path, HEAD, message.data, _Version).version
     if found != version:

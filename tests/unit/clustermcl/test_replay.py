@@ -173,7 +173,9 @@ def test_files_of_other_kinds_are_refused_in_one_line(tmp_path: Path) -> None:
     assert "is not an MCAP file" in complaint(tmp_path)
     with RunLog(path) as log:
         log.on_map(world("cross").map, 0)
-    assert "no events of a coordinator" in complaint(tmp_path)
+    assert f"no events of a coordinator; show it with: clustermcl view {tmp_path}" in complaint(
+        tmp_path
+    )
 
 
 def test_a_truncated_end_is_reported_and_the_rest_replayed(recording: Path, tmp_path: Path) -> None:
