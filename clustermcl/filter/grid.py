@@ -44,13 +44,10 @@ class Grid:
         return {}
 
     def once(self, key: Hashable, compute: Callable[[], T]) -> T:
-        """Return the result of a slow function of this map; the last `MOST_KEPT` are kept.
+        """Return the result of a slow function of this map by a key; the last `MOST_KEPT` are kept.
 
-        They end with the map: a process may serve many robots, each with a map of its own.
-
-        Args:
-            key: name of the function, and its other arguments.
-            compute: computes the result, which must not refer to this grid.
+        They end with the map: a process may serve many robots, each with a map of its own. The
+        result must not refer to this grid.
         """
         result = self._kept.pop(key, None)
         self._kept[key] = result = compute() if result is None else result

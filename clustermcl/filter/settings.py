@@ -213,12 +213,7 @@ SectionT = TypeVar("SectionT", bound=msgspec.Struct)
 
 
 def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
-    """Return a section of the settings, changed by live values.
-
-    Args:
-        section: the section at the start of the process.
-        live: new values of fields with the same name; None: the field stays.
-    """
+    """Return a section, changed by the live values of the same names that are not None."""
     values = {name: getattr(live, name, None) for name in section.__struct_fields__}
     changed = {name: value for name, value in values.items() if value is not None}
     return msgspec.structs.replace(section, **changed)

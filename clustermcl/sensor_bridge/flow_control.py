@@ -37,13 +37,9 @@ class FlowControl:
         self._step, self._sent_ns = step, now_ns
 
     def on_belief(self, step: int, term: int, now_ns: int, *, searching: bool) -> None:
-        """Note that a step is decided; a belief of an older term is ignored.
+        """Note that a step is decided at a monotonic time; ignore beliefs of older terms.
 
-        Args:
-            step: step of the belief.
-            term: term of its coordinator.
-            now_ns: monotonic time [ns].
-            searching: whether no place is tracked.
+        `searching`: no place is tracked.
         """
         if term < self._term:
             return

@@ -80,13 +80,9 @@ class Roads:
 
 
 def roads_of(places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid) -> Roads:
-    """Find the shortest ways on ground that is free at all places.
+    """Find the shortest ways on ground that is free at all (K, 3) places.
 
-    Args:
-        places: (K, 3) possible poses of the robot.
-        covariances: (K, 3, 3) of these.
-        radius_m: radius of the robot [m].
-        grid: the map.
+    `covariances` are the (K, 3, 3) of the places, `radius_m` is that of the robot.
     """
     points = _lattice(REACH_M)
     middle, clear = len(points) // 2, np.full(points.shape[:2], np.inf)
@@ -103,16 +99,9 @@ def roads_of(places: Poses, covariances: NDArray[np.float64], radius_m: float, g
 def without_common_ground(
     places: Poses, covariances: NDArray[np.float64], radius_m: float, grid: Grid
 ) -> list[tuple[int, ...]]:
-    """Return the places that have no free ground, and the pairs of the others that share none.
+    """Return the numbers of places without free ground, and of pairs of others that share none.
 
-    Args:
-        places: (K, 3) possible poses of the robot.
-        covariances: (K, 3, 3) of these.
-        radius_m: radius of the robot [m].
-        grid: the map.
-
-    Returns:
-        Their numbers. Ground counts from `LEAST_REACH_M` on, so only that near is looked at.
+    Arguments as for `roads_of`. Ground counts from `LEAST_REACH_M` on: only that near is looked at.
     """
     points, grounds = _lattice(min(2.0 * LEAST_REACH_M + radius_m, REACH_M)), []
     for place, covariance in zip(places, covariances, strict=True):
@@ -162,12 +151,8 @@ def _from_robot(place: Pose, points: Poses) -> NDArray[np.float64]:
 def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDArray[np.float64]:
     """Return the largest standard deviation (n, n) of the position that points have in the map [m].
 
-    An error of the heading displaces a point in proportion to its distance.
-
-    Args:
-        place: (3,) the robot's pose in the map.
-        covariance: (3, 3) of that pose.
-        points: (n, n, 3) in the robot's frame.
+    The (n, n, 3) points are in the robot's frame; its pose has the (3, 3) covariance. An error of
+    the heading displaces a point in proportion to its distance.
     """
     x, y = _from_robot(place, points)
     (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance
@@ -181,10 +166,7 @@ def _spread(place: Pose, covariance: NDArray[np.float64], points: Poses) -> NDAr
 def _clearance(grid: Grid, place: Pose, points: Poses) -> NDArray[np.float64]:
     """Return the distance (n, n) from points to ground that is not known to be free [m].
 
-    Args:
-        grid: the map; only the surroundings of the points are read.
-        place: the robot's pose in the map.
-        points: (n, n, 3) in the robot's frame.
+    The (n, n, 3) points are in the robot's frame. Only their surroundings in the map are read.
     """
     c, s, x0, y0 = grid.in_cells
     x, y = _from_robot(place, points) + place[:2, None, None]
@@ -212,16 +194,10 @@ def _blocked(grid: Grid, row: int, col: int, shape: tuple[int, int]) -> NDArray[
 
 
 def _as_far_as_now(grid: Grid, place: Pose, points: Poses, radius_m: float) -> NDArray[np.bool_]:
-    """Return which points are as far from obstacles as the robot is now, by exact distances.
+    """Return which (n, 3) points are as far from obstacles as the robot now, by exact distances.
 
     None is, where the robot is nearer than half its radius: it cannot stand there, so the place or
     the map is wrong, and no way from it is known to be free.
-
-    Args:
-        grid: the map.
-        place: the robot's pose in the map.
-        points: (n, 3) in the robot's frame.
-        radius_m: radius of the robot [m].
     """
     c, s, x0, y0 = grid.in_cells
     here_and_points = compose(place, np.concatenate([np.zeros((1, 3)), points]))

@@ -106,12 +106,8 @@ def measurement_update(
 def pose_share(before_from_after: Pose, settings: ClusterSettings) -> float:
     """Return the share of a scan that is new information about the pose within a cluster.
 
-    The particles already contain the information of earlier scans, blurred by the motion since.
-    A scan counts as much as the motion has blurred, so a standing robot learns nothing new.
-
-    Args:
-        before_from_after: (3,) motion since the last scan, by odometry.
-        settings: the distances after which a scan is new.
+    The particles already contain the information of earlier scans, blurred by the motion (3,) since
+    then. A scan counts as much as the motion has blurred: a standing robot learns nothing new.
     """
     if settings.view_distance_m == 0.0:
         return 1.0

@@ -119,9 +119,7 @@ def through_beam_loss(settings: SensorSettings) -> float:
 def short_beam_gain(rate: float, settings: SensorSettings) -> float:
     """Return the log-likelihood ratio of a beam that ends at a person and an unexplained one [nat].
 
-    Args:
-        rate: share of short beams in earlier scans.
-        settings: an unexplained beam is uniformly distributed up to their maximum range.
+    `rate` is the share of short beams in earlier scans; unexplained ones are uniformly distributed.
     """
     return max(math.log(rate / SHORT_M) - _log_unexplained(settings), 0.0) if rate > 0.0 else 0.0
 
@@ -159,12 +157,7 @@ class UsualFit(msgspec.Struct, frozen=True):
         return self.shortfall > _LARGE_SHORTFALL
 
     def after(self, log_likelihood: float, news: float) -> "UsualFit":
-        """Return the statistics after one more scan.
-
-        Args:
-            log_likelihood: log-likelihood of the scan at the believed place [nat].
-            news: how independent the scan is of earlier ones, from 0 to 1.
-        """
+        """Return the statistics after one more scan; `news`, 0 to 1, is how independent it is."""
         if self.mean is None:
             return UsualFit(log_likelihood)
         below = self.mean - log_likelihood

@@ -40,13 +40,9 @@ def fit_gaussians(
     ends: NDArray[np.int64],
     totals: NDArray[np.float64],
 ) -> tuple[Poses, NDArray[np.float64]]:
-    """Fit a Gaussian to each part of the poses, as `fit_gaussian` does to all.
+    """Fit a Gaussian to each part of (N, 3) poses, as `fit_gaussian` does to all.
 
-    Args:
-        poses: (N, 3).
-        weights: (N,) linear weights.
-        ends: (K + 1,) index where each part begins; the last one is N.
-        totals: (K,) sums of the weights of the parts.
+    The parts begin at the (K + 1,) `ends`, of which the last is N; `totals` are their (K,) weights.
 
     Returns:
         (K, 3) mean poses and (K, 3, 3) covariances; zeros for a part without weight.

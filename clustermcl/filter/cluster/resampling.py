@@ -39,10 +39,7 @@ def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> I
 def systematic(weights: Weights, count: int, offset: float) -> Indices:
     """Return the (count,) indices of particles at evenly spaced cumulative weights.
 
-    Args:
-        weights: (N,) weights that sum to one.
-        count: number of particles to draw, positive.
-        offset: position of each draw in its interval of 1 / count, in [0, 1).
+    The (N,) weights sum to one; each draw has an offset in [0, 1) in its interval of 1 / count.
     """
     last = len(weights) - 1
     while last > 0 and weights[last] == 0.0:

@@ -27,14 +27,7 @@ THROUGH_M = 0.45
 
 
 def beam_classes(map_from_robot: Pose, beams: Beams, grid: Grid, jumps: JumpField) -> BeamClasses:
-    """Return the number of beams of a scan in each class.
-
-    Args:
-        map_from_robot: (3,) the pose.
-        beams: the scan.
-        grid: the map.
-        jumps: `ray_casting.jump_field` of the map.
-    """
+    """Return the number of beams of a scan in each class at a (3,) pose."""
     counts = np.zeros(4, np.int64)
     for laser in beams.lasers:
         _count(

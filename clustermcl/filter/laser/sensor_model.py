@@ -88,12 +88,7 @@ class LaserScan:
         return np.asarray(self.angle_min + self.angle_step * np.arange(len(self.ranges)))
 
     def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
-        """Choose the beams to score, equally many of each laser.
-
-        Args:
-            choose: function of one laser's scan and a number of beams; chooses at most as many.
-            max_beams: largest number of beams of all lasers together.
-        """
+        """Choose the beams to score: of each laser equally many, in all at most `max_beams`."""
         if not self.others:
             return choose(self, max_beams)
         share = max(max_beams // (1 + len(self.others)), 1)
@@ -198,16 +193,7 @@ def usable_beams(
 
 
 def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
-    """Return the penalties of particles for standing where no robot can be.
-
-    Args:
-        map_from_robot: (N, 3) poses.
-        grid: the map.
-        log_penalty: logarithm of the penalty on occupied, unknown or unmapped ground.
-
-    Returns:
-        (N,) `log_penalty` or 0.
-    """
+    """Return (N,) `log_penalty` for poses on ground not known to be free, and 0 for others."""
     return _penalties(plain(map_from_robot), grid.cells, grid.in_cells, log_penalty)
 
 

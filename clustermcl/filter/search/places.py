@@ -171,16 +171,9 @@ class Parts:
 def places_of(
     particles: ParticleSet, rules: SearchSettings, min_share: float, rng: np.random.Generator
 ) -> list[FoundPlace]:
-    """Cluster particles by source points (section 4).
+    """Cluster particles by source points (section 4); return the places, the most probable first.
 
-    Args:
-        particles: N particles.
-        rules: reach of a source, and sizes of samples.
-        min_share: places with a smaller share of the weight are left out.
-        rng: draws the samples.
-
-    Returns:
-        The places, the most probable first.
+    Those with less than `min_share` of the weight are left out.
     """
     labels, _ = clustered(particles.map_from_robot, particles.log_weights, rules)
     return finished(found_places(particles, labels, rules, min_share, rng))

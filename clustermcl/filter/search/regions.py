@@ -25,11 +25,7 @@ def is_region(
 ) -> NDArray[np.bool_]:
     """Return (rows, cols) whether the centre of each tile lies in a region of the map.
 
-    Args:
-        corners: corners of the region.
-        shape: rows and columns of tiles.
-        side_m: side of a tile [m].
-        map_from_grid: (3,) the outer corner of tile (0, 0), in the map's frame.
+    `map_from_grid` is the (3,) outer corner of tile (0, 0).
     """
     if len(corners) == 2:
         (left, low), (right, high) = corners

@@ -14,9 +14,7 @@ _CELLS_KEPT = 65_536
 class UniformPoses:
     """Draws stratified poses in free space.
 
-    Args:
-        grid: the map.
-        rng: chooses at most 65,536 free cells, in which all poses lie.
+    They lie in at most 65,536 free cells, which `rng` chooses.
 
     Raises:
         ValueError: the map has no free cell.
