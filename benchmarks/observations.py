@@ -19,8 +19,9 @@ import typer
 from benchmarks.worlds import world
 from clustermcl import ClusterMCL, Reading
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import ObservationArrays, log_ratios
-from clustermcl.filter.observations.observation import Landmarks, Observation
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.filter.poses import compose
 from clustermcl.localizer import Belief
 from clustermcl.protocol.steps import Landmark
@@ -353,7 +354,7 @@ def cost(seeds: int) -> str:
     grid = Grid(np.zeros((400, 400), np.int8), 0.1, np.zeros(3))
     sighted = places + 0.1 * rng.normal(size=(20, 2))  # of a robot at the origin
     seen = [
-        Observation(at, np.eye(2) * 0.01, name, 0.05)
+        Sighting(at, np.eye(2) * 0.01, 0.05, landmark=name)
         for at, name in zip(sighted, marks.names, strict=True)
     ]
     poses, times = rng.normal(size=(1000, 3)) * (0.1, 0.1, 0.03), []

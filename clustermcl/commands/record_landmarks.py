@@ -15,7 +15,9 @@ import yaml
 from clustermcl.commands.record import handle_until_stopped, listen
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.motion.trajectory import Trajectory
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.filter.poses import between, compose
+from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.link.node import Node
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
@@ -84,7 +86,7 @@ class LandmarkSurvey:
         self.observed: Counter[str] = Counter()
         """Number of observations that arrived, by name."""
         self._trajectory = Trajectory(most=400)
-        self._waiting: list[Observation] = []
+        self._waiting: list[tuple[int, Sighting]] = []
         self._belief: Belief | None = None
         self._steps: dict[str, int] = {}
         """Step of the last observation of each name."""
@@ -94,25 +96,26 @@ class LandmarkSurvey:
     def on_belief(self, belief: Belief) -> None:
         self._belief = belief
 
-    def on_observation(self, seen: Observation) -> None:
+    def on_observation(self, message: Observation) -> None:
         """Queue an observation until odometry of its time has arrived."""
-        if not seen.landmark or observation_problem(seen):
+        seen = None if observation_problem(message) else from_wire(message)
+        if not isinstance(seen, Sighting):
             return
         if seen.landmark in self.observed or len(self.observed) < MAX_LANDMARKS:
             self.observed[seen.landmark] += 1
         if seen.landmark in self._known:
             return
-        self._waiting = [*self._waiting, seen][-_MOST_WAITING:]
+        self._waiting = [*self._waiting, (message.stamp_ns, seen)][-_MOST_WAITING:]
 
     def on_odometry(self, reading: OdometryReading) -> None:
         self._trajectory.add(reading.stamp_ns, reading.odom_from_robot)
-        ready = [each for each in self._waiting if each.stamp_ns <= reading.stamp_ns]
-        self._waiting = [each for each in self._waiting if each.stamp_ns > reading.stamp_ns]
-        for seen in ready:
-            self._place(seen)
+        ready = [each for each in self._waiting if each[0] <= reading.stamp_ns]
+        self._waiting = [each for each in self._waiting if each[0] > reading.stamp_ns]
+        for stamp_ns, seen in ready:
+            self._place(stamp_ns, seen)
 
-    def _place(self, seen: Observation) -> None:
-        belief, pose = self._belief, self._trajectory.pose_at(seen.stamp_ns)
+    def _place(self, stamp_ns: int, seen: Sighting) -> None:
+        belief, pose = self._belief, self._trajectory.pose_at(stamp_ns)
         if belief is None or belief.state != "localized" or pose is None:
             return
         name, best = seen.landmark, belief.hypotheses[0]
@@ -125,10 +128,10 @@ class LandmarkSurvey:
         x, y, heading = compose(np.array(best.pose), since)
         cos, sin = np.cos(heading), np.sin(heading)
         map_from_robot = np.array([[cos, -sin], [sin, cos]])
-        off = map_from_robot @ np.array(seen.mean)
+        off = map_from_robot @ seen.mean
         by_pose = np.array([[1.0, 0.0, -off[1]], [0.0, 1.0, off[0]]])
         covariance = by_pose @ covariance_matrix(best.covariance) @ by_pose.T
-        covariance += map_from_robot @ np.reshape(seen.covariance, (2, 2)) @ map_from_robot.T
+        covariance += map_from_robot @ seen.covariance @ map_from_robot.T
         positions = self._seen.setdefault(name, [])
         positions.append((np.array([x, y]) + off, covariance))
         del positions[:-MAX_OBSERVATIONS]

@@ -11,7 +11,7 @@ from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads, withou
 from clustermcl.filter.cluster.evidence_model import residual
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.observations.observation import Landmarks
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.scan_arrays import scan_beams, scan_of_laser
 from clustermcl.protocol.advice import Advice, AdviceQuestion, Way

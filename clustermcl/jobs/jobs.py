@@ -20,7 +20,6 @@ from clustermcl.filter.cluster.log_weights import log_sum, multiplied
 from clustermcl.filter.laser.beam_classes import beam_classes
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.observations.likelihood import allowed_poses, log_ratios
-from clustermcl.filter.observations.observation import log_average_ratio
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search import global_search, places
@@ -294,7 +293,8 @@ class Elsewhere(RunningJob):
     ) -> tuple[float, FoundPlaces | None]:
         """Return the log evidence of the observations, and the places that also fit the scan."""
         observations, landmarks = observed(scan)
-        log_average = log_average_ratio(observations, landmarks, self._model.grid)
+        grid = self._model.grid
+        log_average = sum((e.log_average_ratio(landmarks, grid) for e in observations), 0.0)
         if not (observations and beams.count):
             return log_average, None
         model, count = self._model, self._settings.belief.elsewhere_poses

@@ -7,9 +7,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import ObservationArrays
-from clustermcl.filter.observations.observation import Landmarks, Observation
-from clustermcl.filter.observations.position_fields import PositionField
+from clustermcl.filter.observations.observed import Observed
+from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.protocol.steps import LaserBeams, Scan, mirrored
 
 T = TypeVar("T")
@@ -61,21 +62,9 @@ def scan_of_laser(beams: Scan | LaserBeams) -> LaserScan:
     )
 
 
-def observed(scan: Scan) -> tuple[list[Observation], Landmarks]:
+def observed(scan: Scan) -> tuple[list[Observed], Landmarks]:
     """Return the observations of a step, and the landmarks of the map."""
-    seen = [
-        Observation(
-            np.array(each.mean),
-            np.reshape(each.covariance, (len(each.mean), len(each.mean))),
-            each.landmark,
-            each.outlier_probability,
-            each.share,
-            None
-            if each.field is None
-            else PositionField(each.field.cell_m, each.field.log_likelihoods.array()),
-        )
-        for each in scan.observations
-    ]
+    seen = [from_wire(each, each.share) for each in scan.observations]
     return seen, Landmarks.of((each.name, each.x, each.y, each.sigma) for each in scan.landmarks)
 
 

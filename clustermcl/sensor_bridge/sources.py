@@ -9,12 +9,9 @@ from typing import TypeAlias
 import numpy as np
 
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.observations.observation import (
-    Landmarks,
-    Observation,
-    largest_log_ratio,
-    outlier_probability,
-)
+from clustermcl.filter.observations.kind import Landmarks
+from clustermcl.filter.observations.observed import Observed
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.errors import printable
 from clustermcl.protocol.health import MAX_SOURCES, SourceHealth
@@ -95,11 +92,10 @@ class Sources:
     """
 
     def __init__(self, landmarks: Sequence[Landmark]) -> None:
-        self._landmarks = landmarks
-        self._all_landmarks = Landmarks.of((e.name, e.x, e.y, e.sigma) for e in landmarks)
+        self._landmarks = Landmarks.of((e.name, e.x, e.y, e.sigma) for e in landmarks)
         self._rates: dict[Source, tuple[float, float]] = {}
         """Numbers of wrong and right observations; the source that was compared last is last."""
-        self._seen: deque[tuple[int, Source, Observation, float]] = deque(maxlen=256)
+        self._seen: deque[tuple[int, Source, Observed, float]] = deque(maxlen=256)
         self._gains: deque[tuple[int, Source, float]] = deque(maxlen=1024)
         """Step, source and log-likelihood ratio of what counted in the last steps."""
 
@@ -107,16 +103,16 @@ class Sources:
         wrong, right = self._rates.get(source, (0.0, 1.0))
         return wrong > BROKEN * (wrong + right)
 
-    def as_known(self, source: Source, seen: Observation) -> Observation:
+    def as_known(self, source: Source, seen: Observed) -> Observed:
         """Return an observation with the outlier probability that its source deserves."""
         least = LEAST_OUTLIER_PROBABILITY
         if seen.outlier_probability >= least or sum(self._rates.get(source, ())) >= COMPARED:
             return seen
         return replace(seen, outlier_probability=least)
 
-    def most_nat(self, seen: Observation) -> float:
+    def most_nat(self, seen: Observed) -> float:
         """Return the largest log-likelihood ratio of an observation at any pose [nat]."""
-        return seen.share * largest_log_ratio(seen, self._all_landmarks, _FIXES)
+        return seen.share * seen.largest_log_ratio(self._landmarks, _FIXES)
 
     def health(self) -> tuple[SourceHealth, ...]:
         """Return the estimated outlier rates of compared sources, of many the highest."""
@@ -136,7 +132,7 @@ class Sources:
             for source, (wrong, right) in worst
         )
 
-    def on_observation(self, step: int, source: Source, seen: Observation, weight: float) -> None:
+    def on_observation(self, step: int, source: Source, seen: Observed, weight: float) -> None:
         """Store an observation and its weight until the belief of its step arrives."""
         self._seen.append((step, source, seen, weight))
 
@@ -154,16 +150,16 @@ class Sources:
             self._learn(source, each, outlier)
             self._gains.append((belief.step, source, -weight * math.log(outlier)))
 
-    def _outlier_probability(self, seen: Observation, best: Hypothesis) -> float:
+    def _outlier_probability(self, seen: Observed, best: Hypothesis) -> float:
         """Return the probability that an observation is false if the robot is at a place."""
         variances = np.maximum(np.diag(covariance_matrix(best.covariance)), 0.0)
         by_m, by_rad = math.sqrt(max(variances[:2])), math.sqrt(variances[2])
-        whole = replace(seen.blurred(by_m, by_rad), share=1.0)
-        named = (each for each in self._landmarks if each.name == seen.landmark)
-        landmarks = Landmarks.of((each.name, each.x, each.y, each.sigma) for each in named)
-        return outlier_probability(np.array(best.pose), whole, landmarks, _FIXES)
+        marks, blurred = self._landmarks, seen.blurred(by_m, by_rad)
+        if isinstance(seen, Sighting):
+            marks = marks.only(seen.landmark)
+        return blurred.outlier_probability_at(np.array(best.pose), marks, _FIXES)
 
-    def _learn(self, source: Source, seen: Observation, outlier: float) -> None:
+    def _learn(self, source: Source, seen: Observed, outlier: float) -> None:
         stated = seen.outlier_probability
         prior = PRIOR_OBSERVATIONS * stated, PRIOR_OBSERVATIONS * (1.0 - stated)
         wrong, right = self._rates.pop(source, prior)

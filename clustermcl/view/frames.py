@@ -10,10 +10,14 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from clustermcl.filter.observations.field import Field
+from clustermcl.filter.observations.observed import Observed
+from clustermcl.filter.observations.sighting import Sighting
+from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.job_events import JobEvent, NumberedEvent, Remark, event_groups
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan, Seen
+from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan
 from clustermcl.protocol.work import Particles
 
 Frame: TypeAlias = dict[str, Any]
@@ -69,17 +73,16 @@ def scan_frame(scan: Scan | None) -> Frame:
     return {
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
-        "seen": [] if scan is None else [(s.landmark, *_where(s)) for s in scan.observations],
+        "seen": [] if scan is None else [_drawn_at(from_wire(s)) for s in scan.observations],
     }
 
 
-def _where(seen: Seen) -> tuple[float, float]:
-    x, y = seen.mean[:2]
-    if seen.field is None:
-        return x, y
-    values = seen.field.log_likelihoods.array()
-    row, col = divmod(int(values.argmax()), values.shape[1])
-    return x + (col + 0.5) * seen.field.cell_m, y + (row + 0.5) * seen.field.cell_m
+def _drawn_at(seen: Observed) -> tuple[str, float, float]:
+    x, y = seen.mean[:2].tolist()
+    if isinstance(seen, Field):
+        row, col = divmod(int(seen.log_likelihoods.argmax()), seen.log_likelihoods.shape[1])
+        x, y = x + (col + 0.5) * seen.cell_m, y + (row + 0.5) * seen.cell_m
+    return seen.landmark if isinstance(seen, Sighting) else "", x, y
 
 
 def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int]) -> list[Frame]:

@@ -12,7 +12,7 @@ from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.kernels.compiled import plain
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
-from clustermcl.filter.observations.observation import Landmarks
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.recordings.maps.grid_map import GridMap
 

@@ -25,7 +25,7 @@ from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.kernels.compiled import plain
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
-from clustermcl.filter.observations.observation import NOTHING_OBSERVED, Landmarks
+from clustermcl.filter.observations.kind import NO_LANDMARKS, Landmarks
 from clustermcl.filter.poses import compose, heading_distance, wrap_angle
 from clustermcl.filter.settings import FilterSettings
 
@@ -117,7 +117,7 @@ class Question:
     """Distance between two steps [m]."""
     gate_rad: float
     """Turn between two steps [rad]."""
-    landmarks: Landmarks = NOTHING_OBSERVED[1]
+    landmarks: Landmarks = NO_LANDMARKS
     """Those of the map."""
 
     def roads(self, model: SensorModel) -> Roads:

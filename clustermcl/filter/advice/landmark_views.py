@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
-from clustermcl.filter.observations.observation import Landmarks, Observation
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.filter.poses import between
 
 SIGHT_M = 3.0
@@ -24,11 +25,8 @@ def landmark_evidence(
 ) -> tuple[NDArray[np.float64], frozenset[str]]:
     """Predict what is seen at a view, and weigh it at all places.
 
-    Args:
-        at: (K, 3) pose of the view in the map, for each place of the robot.
-        around: (K, N, 3) poses near these, which may be the right ones.
-        landmarks: landmarks of the map.
-        model: sensor model of the map.
+    The view has a pose (K, 3) in the map for each place of the robot; the (K, N, 3) poses around
+    may be the right ones.
 
     Returns:
         (K, K) expected log-likelihood ratio of the row's place and the column's, if the row's is
@@ -49,10 +47,8 @@ def landmark_evidence(
         angles = np.arctan2(seen[near, 1], seen[near, 0])
         free_m = cast_rays_from_poses(model.jumps, grid, at[k : k + 1], angles, SIGHT_M)[0]
         sights = near[free_m > far_m[near] - _BEHIND_M]
-        observed = [
-            Observation(seen[i], _SIGMA_M**2 * np.eye(2), landmarks.names[i], _OUTLIER_PROBABILITY)
-            for i in sights
-        ]
+        error = _SIGMA_M**2 * np.eye(2), _OUTLIER_PROBABILITY
+        observed = [Sighting(seen[i], *error, landmark=landmarks.names[i]) for i in sights]
         names.update(seen.landmark for seen in observed)
         fits = log_likelihood_ratio(poses, observed, landmarks, grid).reshape(count, -1).max(axis=1)
         evidence[k] = _DETECTED * np.maximum(fits[k] - fits, 0.0)

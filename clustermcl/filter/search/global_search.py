@@ -24,8 +24,8 @@ from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.kernels.compiled import kernel
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
 from clustermcl.filter.motion.model import move
+from clustermcl.filter.observations.kind import NO_LANDMARKS, Kind, Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
-from clustermcl.filter.observations.observation import NOTHING_OBSERVED, Landmarks, Observation
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.search.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
 from clustermcl.filter.search.places import FoundPlace, Labels, Parts, clustered, found_places
@@ -118,9 +118,9 @@ class GlobalSearch:
         self._next_search = 1
         """Number of scans at which everything is searched next."""
         self._kept: _Kept | None = None
-        self._observations: list[Observation] = []
+        self._observations: list[Kind] = []
         """The newest observations, relative to the present pose."""
-        self._landmarks = NOTHING_OBSERVED[1]
+        self._landmarks = NO_LANDMARKS
         self._labels: Labels = np.empty(0, np.int32)
         self._sampled = 1.0
         """Share of the weight that was only a sample, at the last search of everything."""
@@ -150,7 +150,7 @@ class GlobalSearch:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
-        observed: tuple[Sequence[Observation], Landmarks] = NOTHING_OBSERVED,
+        observed: tuple[Sequence[Kind], Landmarks] = ((), NO_LANDMARKS),
     ) -> Slices[float]:
         """Apply one step, in slices.
 
@@ -259,7 +259,7 @@ class GlobalSearch:
         beams: Beams,
         new_view: float,
         rng: np.random.Generator,
-        new: Sequence[Observation],
+        new: Sequence[Kind],
     ) -> Slices[float]:
         """Weigh poses by a further scan, in slices; return as `advance`.
 
@@ -282,7 +282,7 @@ class GlobalSearch:
         return per_beam
 
     def _observed(
-        self, poses: Poses, log_weights: LogWeights, observations: Sequence[Observation]
+        self, poses: Poses, log_weights: LogWeights, observations: Sequence[Kind]
     ) -> LogWeights:
         if not observations:
             return log_weights
@@ -295,13 +295,7 @@ class GlobalSearch:
     ) -> tuple[_Kept, NDArray[np.int64]]:
         """Split heavy poses; the total weight and the covered space stay.
 
-        Args:
-            kept: the poses.
-            rng: chooses where copies lie in the part of the map that a pose stands for.
-            also_unsplit: whether to move poses that are not split, too.
-
-        Returns:
-            The poses, and for each the index of the pose that it comes from.
+        With `also_unsplit`, the others move, too. Also return the index of each one's origin.
         """
         copies = np.ceil(self._wanted * normalised_weights(kept.log_weights))
         poses, log_weights, sizes, parent = _spread(

@@ -18,7 +18,7 @@ from clustermcl.filter.advice.advice import (
 from clustermcl.filter.advice.landmark_views import SIGHT_M
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Pose
 from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.observations.observation import Landmarks
+from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.pose_arrays import pose_tuple

@@ -5,13 +5,10 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.fixes import PoseFix, PositionFix
+from clustermcl.filter.observations.kind import Kind, Landmarks
 from clustermcl.filter.observations.likelihood import allowed_poses, log_likelihood_ratio
-from clustermcl.filter.observations.observation import (
-    Landmarks,
-    Observation,
-    log_average_ratio,
-    outlier_probability,
-)
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.filter.poses import between, compose
 from tests.unit.oracle.grid_filter import Array
 
@@ -23,11 +20,11 @@ LANDMARKS = Landmarks(
     np.array([0.01, 0.02, 0.005]),
 )
 TILTED = np.array([[0.09, 0.02], [0.02, 0.04]])
-KINDS = {
-    "pose": Observation(np.array([4.0, 3.0, 0.5]), np.diag([0.2, 0.1, 0.3]), "", 0.1),
-    "position": Observation(np.array([4.0, 3.0]), TILTED, "", 0.05),
-    "id": Observation(np.array([1.0, 0.5]), TILTED, "tag", 0.05),
-    "class": Observation(np.array([1.5, -0.3]), TILTED, "door", 0.2),
+KINDS: dict[str, Kind] = {
+    "pose": PoseFix(np.array([4.0, 3.0, 0.5]), np.diag([0.2, 0.1, 0.3]), 0.1),
+    "position": PositionFix(np.array([4.0, 3.0]), TILTED, 0.05),
+    "id": Sighting(np.array([1.0, 0.5]), TILTED, 0.05, landmark="tag"),
+    "class": Sighting(np.array([1.5, -0.3]), TILTED, 0.2, landmark="door"),
 }
 
 
@@ -36,10 +33,10 @@ def density(difference: Array, covariance: Array) -> float:
     return float(np.exp(-0.5 * squares) / np.sqrt(np.linalg.det(2.0 * np.pi * covariance)))
 
 
-def exact_ratio(pose: Array, seen: Observation, marks: Landmarks = LANDMARKS) -> float:
+def exact_ratio(pose: Array, seen: Kind, marks: Landmarks = LANDMARKS) -> float:
     """The mixture as the page of docs describes it, one term after the other."""
     eps = seen.outlier_probability
-    if not seen.landmark:
+    if not isinstance(seen, Sighting):
         off = pose[: len(seen.mean)] - seen.mean
         if len(off) == 3:
             off[2] = math.remainder(off[2], math.tau)
@@ -61,7 +58,7 @@ def test_the_ratio_at_a_pose_is_that_of_the_mixture(kind: str) -> None:
     ratios = log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID)
     expected = [math.log(exact_ratio(pose, KINDS[kind])) for pose in poses]
     np.testing.assert_allclose(ratios, expected, rtol=1e-9, atol=1e-12)
-    false = [outlier_probability(pose, KINDS[kind], LANDMARKS, GRID) for pose in poses]
+    false = [KINDS[kind].outlier_probability_at(pose, LANDMARKS, GRID) for pose in poses]
     assert -np.log(false) == pytest.approx(ratios, abs=1e-9)
 
 
@@ -69,10 +66,11 @@ def test_the_table_and_what_is_left_out_change_the_ratio_by_less_than_1e_12() ->
     rng = np.random.default_rng(5)
     places = rng.uniform(0, 10, (12, 2))
     marks = Landmarks(("a", "b", "b", "c") * 3, places, rng.uniform(1e-4, 0.1, 12))
-    seen = [
-        Observation(rng.uniform(-4, 4, 2), TILTED * scale, name, 0.05, share)
+    seen: list[Kind] = [
+        Sighting(rng.uniform(-4, 4, 2), TILTED * scale, 0.05, share, landmark=name)
         for scale, name, share in zip((0.01, 1.0, 9.0), "abc", (1.0, 0.3, 0.02), strict=True)
-    ] + [replace(KINDS["pose"], share=0.7), KINDS["position"]]
+    ]
+    seen += [replace(KINDS["pose"], share=0.7), KINDS["position"]]
     poses = rng.uniform((0, 0, -4), (10, 8, 4), (300, 3))
     expected = [
         sum(each.share * math.log(exact_ratio(pose, each, marks)) for each in seen)
@@ -92,7 +90,7 @@ def test_an_observation_says_nothing_of_a_pose_that_is_infinitely_far(kind: str)
 def test_the_average_over_the_map_is_that_of_poses_spread_over_it(kind: str) -> None:
     poses = np.random.default_rng(2).uniform((0, 0, -np.pi), (10, 8, np.pi), (200_000, 3))
     ratios = np.exp(log_likelihood_ratio(poses, [KINDS[kind]], LANDMARKS, GRID))
-    average = math.exp(log_average_ratio([KINDS[kind]], LANDMARKS, GRID))
+    average = math.exp(KINDS[kind].log_average_ratio(LANDMARKS, GRID))
     # Sights are short: a landmark near the edge of the map would be seen from fewer poses.
     assert average == pytest.approx(ratios.mean(), rel=0.15)
 
@@ -125,7 +123,7 @@ def test_allowed_poses_and_even_poses_estimate_an_average_together(kind: str) ->
         return np.exp(log_likelihood_ratio(poses, seen, LANDMARKS, GRID) + fits)
 
     even = rng.uniform((0, 0, -math.pi), (10, 8, math.pi), (1_000_000, 3))
-    average = math.expm1(log_average_ratio(seen, LANDMARKS, GRID))
+    average = math.expm1(seen[0].log_average_ratio(LANDMARKS, GRID))
     share = np.expm1(log_likelihood_ratio(even, seen, LANDMARKS, GRID)) / average
     exact = np.mean(function(even) * share / (1.0 + share))
     poses, log_weights = allowed_poses(seen, LANDMARKS, GRID, 100_000, rng)

@@ -7,18 +7,12 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.field import Field
+from clustermcl.filter.observations.kind import NO_LANDMARKS as LANDMARKS
 from clustermcl.filter.observations.likelihood import allowed_poses, log_likelihood_ratio
-from clustermcl.filter.observations.observation import (
-    NOTHING_OBSERVED,
-    Observation,
-    log_average_ratio,
-    outlier_probability,
-)
-from clustermcl.filter.observations.position_fields import PositionField
 from clustermcl.filter.poses import compose
 from tests.unit.oracle.grid_filter import Array
 
-LANDMARKS = NOTHING_OBSERVED[1]
 FALSE = 0.1
 CRISP = 1e-20 * np.eye(2)
 LEVELS = np.array([[0.0, 1.0, -2.0], [2.5, -1.0, 0.5]])
@@ -33,9 +27,8 @@ def a_map() -> Grid:
 
 GRID = a_map()
 ALL_FREE = Grid(np.zeros((100, 120), np.int8), 0.1, np.array([-2.0, -4.0, 0.0]))
-SEEN = Observation(
-    np.array([1.0, -1.0]), CRISP, "", FALSE, field=PositionField(2.0, LEVELS)
-)  # its 6 m x 4 m are a part of the map
+SEEN = Field(np.array([1.0, -1.0]), CRISP, FALSE, cell_m=2.0, log_likelihoods=LEVELS)
+# Its 6 m x 4 m are a part of the map
 
 
 def free_centres(grid: Grid) -> Array:
@@ -61,7 +54,7 @@ def everywhere(count: int, seed: int) -> Array:
     return np.random.default_rng(seed).uniform((-2, -3, -4), (11, 8, 4), (count, 3))
 
 
-def ratios(poses: Array, seen: Observation = SEEN, grid: Grid = GRID) -> Array:
+def ratios(poses: Array, seen: Field = SEEN, grid: Grid = GRID) -> Array:
     return np.exp(log_likelihood_ratio(poses, [seen], LANDMARKS, grid))
 
 
@@ -69,16 +62,16 @@ def test_the_likelihood_is_relative_to_its_average_over_the_free_space() -> None
     poses = everywhere(500, 1)
     np.testing.assert_allclose(ratios(poses), exact_likelihoods(poses), rtol=1e-9)
     assert ratios(free_centres(GRID)).mean() == pytest.approx(1.0, rel=1e-9)
-    assert log_average_ratio([SEEN], LANDMARKS, GRID) == 0.0
+    assert SEEN.log_average_ratio(LANDMARKS, GRID) == 0.0
     half = ratios(poses, replace(SEEN, share=0.5))
     np.testing.assert_allclose(half, np.sqrt(exact_likelihoods(poses)), rtol=1e-9)
 
 
 def test_an_error_of_the_position_blurs_the_field() -> None:
     """As the average of many fields, each displaced by one error, before they are mixed."""
-    fine = PositionField(0.125, np.kron(LEVELS, np.ones((16, 16))))
+    fine = {"cell_m": 0.125, "log_likelihoods": np.kron(LEVELS, np.ones((16, 16)))}
     total, poses = np.zeros(300), everywhere(300, 2)
-    blurred = ratios(poses, replace(SEEN, field=fine, covariance=0.49 * np.eye(2)), ALL_FREE)
+    blurred = ratios(poses, replace(SEEN, covariance=0.49 * np.eye(2), **fine), ALL_FREE)
     for off in np.random.default_rng(3).normal(0.0, 0.7, (2000, 2)):
         total += exact_likelihoods(poses - np.append(off, 0.0)) - FALSE
     inside = ((poses[:, :2] >= [1.0, -1.0]) & (poses[:, :2] < [7.0, 3.0])).all(axis=1)
@@ -97,27 +90,25 @@ def test_an_error_of_the_position_blurs_the_field() -> None:
     "seen",
     [
         replace(SEEN, mean=np.array([500.0, 500.0])),
-        replace(SEEN, field=PositionField(1000.0, np.zeros((1, 1))), mean=np.array([-500, -500.0])),
-        replace(SEEN, field=PositionField(2.0, np.array([[-3e38, 3e38]], np.float32)),
+        replace(SEEN, cell_m=1000.0, log_likelihoods=np.zeros((1, 1)), mean=np.array([-500.0] * 2)),
+        replace(SEEN, log_likelihoods=np.array([[-3e38, 3e38]], np.float32),
                 mean=np.array([-502.0, 0.0])),
     ],
 )  # fmt: skip
-def test_a_field_of_another_area_or_without_differences_is_no_evidence(seen: Observation) -> None:
+def test_a_field_of_another_area_or_without_differences_is_no_evidence(seen: Field) -> None:
     np.testing.assert_allclose(ratios(free_centres(GRID), seen), 1.0)
 
 
 def test_a_field_that_is_mostly_outside_the_free_space_is_mostly_an_outlier() -> None:
     """A robot outside the building is not at the part of it that is nearest."""
-    off = Observation(
-        np.array([-40.0, -1.0]), CRISP, "", FALSE, field=PositionField(2.0, np.zeros((1, 21)))
-    )
+    off = replace(SEEN, mean=np.array([-40.0, -1.0]), log_likelihoods=np.zeros((1, 21)))
     assert (ratios(free_centres(GRID), off) >= 0.8).all()
 
 
 def test_the_outlier_probability_is_that_of_the_cell() -> None:
     false = {}
     for x, y in ((2.0, 2.0), (2.0, 0.0), (0.0, 0.0)):
-        false[x, y] = outlier_probability(np.array([x, y, 0.3]), SEEN, LANDMARKS, GRID)
+        false[x, y] = SEEN.outlier_probability_at(np.array([x, y, 0.3]), LANDMARKS, GRID)
     average = np.exp(LEVELS).mean()
     expected = [FALSE / (FALSE + 0.9 * math.exp(level) / average) for level in (2.5, 0.0)]
     assert list(false.values()) == pytest.approx([*expected, 1.0])
@@ -143,7 +134,8 @@ def test_allowed_poses_and_even_poses_estimate_an_average_together() -> None:
 
 
 def test_search_starts_at_the_smallest_of_several_fields() -> None:
-    small = replace(SEEN, field=PositionField(0.5, np.zeros((1, 1))), mean=np.array([3.0, 1.0]))
+    one = np.zeros((1, 1))
+    small = replace(SEEN, cell_m=0.5, log_likelihoods=one, mean=np.array([3.0, 1.0]))
     rng = np.random.default_rng(4)
     poses, _ = allowed_poses([SEEN, small], LANDMARKS, GRID, 100, rng)
     assert ((poses[:, :2] >= [3.0, 1.0]) & (poses[:, :2] <= [3.5, 1.5])).all()

@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.observations.field import Field
+from clustermcl.filter.observations.fixes import PoseFix, PositionFix
+from clustermcl.filter.observations.kind import Kind, Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
-from clustermcl.filter.observations.observation import Landmarks
-from clustermcl.filter.observations.observation import Observation as Placed
+from clustermcl.filter.observations.sighting import Sighting
+from clustermcl.jobs.wire_observations import from_wire, to_wire
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import decode, encode
@@ -170,10 +173,7 @@ def test_the_observations_of_one_step_add_a_bounded_log_likelihood() -> None:
     driven(sights, 1, speed=0.0)
     taken = sights.take(0, (0.0, 0.0, 0.0))
     assert len(taken) == MAX_OBSERVATIONS
-    observed = [
-        Placed(np.array(e.mean), np.reshape(e.covariance, (2, 2)), e.landmark, 0.05, e.share)
-        for e in taken
-    ]
+    observed = [from_wire(each, each.share) for each in taken]
     landmarks = Landmarks.of((tag.name, tag.x, tag.y, tag.sigma) for tag in tags)
     at_the_best = log_likelihood_ratio(np.zeros((1, 3)), observed, landmarks, GRID)
     assert at_the_best == pytest.approx(MAX_NAT, rel=1e-2)
@@ -243,6 +243,25 @@ def region(at_s: float, **change: object) -> Observation:
 def test_an_impossible_field_is_refused(change: dict[str, object], words: str) -> None:
     with pytest.raises(MalformedMessageError, match=words):
         decode(encode(region(1.0, **change)), Observation)
+
+
+@pytest.mark.parametrize(
+    ("message", "kind"),
+    [
+        (seen(0.0), Sighting),
+        (fix("gnss"), PositionFix),
+        (fix("slam", mean=(1.0, 2.0, 0.5), covariance=tuple(np.eye(3).ravel())), PoseFix),
+        (region(0.0), Field),
+    ],
+)
+def test_a_message_is_of_one_kind_and_comes_back_unchanged(
+    message: Observation, kind: type[Kind]
+) -> None:
+    known = from_wire(message, 0.5)
+    assert type(known) is kind
+    again = msgspec.structs.asdict(to_wire(known, known.share))
+    assert again.pop("share") == 0.5
+    assert again == {name: getattr(message, name) for name in again}
 
 
 def test_a_field_reaches_the_step_and_its_error_grows_with_the_motion_since() -> None:

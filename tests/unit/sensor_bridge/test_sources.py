@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.filter.observations.observation import Observation
+from clustermcl.filter.observations.fixes import PoseFix, PositionFix
+from clustermcl.filter.observations.observed import Observed
+from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.health import MAX_SOURCES
 from clustermcl.protocol.message import Covariance
@@ -30,14 +32,11 @@ SURE = replace(places.belief(0, "localized", HERE), odom_from_robot=AT)
 RIGHT, WRONG = (1.0, 0.0), (4.0, 1.0)
 
 
-def sight(mean: Sequence[float], share: float = 1.0, landmark: str = "tag") -> Observation:
-    covariance = 0.01 * np.eye(len(mean))
-    return Observation(np.array(mean), covariance, landmark, 0.05, share)
+def sight(mean: Sequence[float], share: float = 1.0) -> Sighting:
+    return Sighting(np.array(mean), 0.01 * np.eye(2), 0.05, share, landmark="tag")
 
 
-def broken_after(
-    sources: Sources, seen: Observation, belief: Belief = SURE, of: Source = EYE
-) -> bool:
+def broken_after(sources: Sources, seen: Observed, belief: Belief = SURE, of: Source = EYE) -> bool:
     sources.on_observation(belief.step, of, seen, seen.share)
     sources.on_belief(belief)
     return sources.is_broken(of)
@@ -54,13 +53,14 @@ def test_two_wrong_observations_mark_a_source_as_broken_and_right_ones_restore_i
     assert not sources.is_broken(("eye", "other"))
 
 
-@pytest.mark.parametrize("mean", [AT[:2], AT])
-def test_sources_of_poses_are_checked_too(mean: tuple[float, ...]) -> None:
-    sources, gnss = Sources(()), ("gnss", "")
+@pytest.mark.parametrize("kind", [PositionFix, PoseFix])
+def test_sources_of_poses_are_checked_too(kind: type[PositionFix]) -> None:
+    sources, gnss, size = Sources(()), ("gnss", ""), 3 if kind is PoseFix else 2
+    here = kind(np.array(AT[:size]), 0.01 * np.eye(size), 0.05)
     for _ in range(10):
-        assert not broken_after(sources, sight(mean, landmark=""), of=gnss)
-    away = (30.0, *mean[1:])
-    assert [broken_after(sources, sight(away, landmark=""), of=gnss) for _ in range(20)][-1]
+        assert not broken_after(sources, here, of=gnss)
+    away = dataclasses.replace(here, mean=np.array([30.0, *AT[1:size]]))
+    assert [broken_after(sources, away, of=gnss) for _ in range(20)][-1]
 
 
 def test_a_repeated_observation_counts_by_its_new_share() -> None:
