@@ -80,6 +80,8 @@ def run_simulator(invocation: Invocation) -> None:
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
+    for remark in () if arguments.map else grid_map.remarks:
+        _log.warning("map: %s", remark)
     readings = Source(iter(source.next_reading, None), source.steps)
     serve_robot(invocation, grid_map.with_landmarks(world.landmarks), readings, extend)
 
