@@ -1,4 +1,4 @@
-"""The Bayes update of the clusters, of elsewhere and of off the map, by the reports on one scan."""
+"""The Bayes update of the clusters, elsewhere on this map, and off the map, by one scan."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The tracked places and their probabilities, and those of elsewhere and off the map."""
+"""The tracked places, and the probabilities of these, elsewhere on this map, and off the map."""
 
 import math
 import sys
@@ -108,6 +108,7 @@ class ClusterSet(Part):
     on_map: bool = False
     """A person gave a place, so the robot is on the map; until it is lifted."""
     log_elsewhere: LogProbability = math.nan
+    """Of elsewhere on this map; in settings and answers, elsewhere includes off the map."""
     log_off_map: LogProbability = math.nan
 
     def __post_init__(self) -> None:
@@ -127,7 +128,7 @@ class ClusterSet(Part):
 
     @property
     def outside_clusters(self) -> float:
-        """The probability that the robot is elsewhere or off the map."""
+        """The probability that the robot is at no tracked place: on this map or off it."""
         return self.elsewhere + self.off_map
 
     @property
@@ -376,7 +377,7 @@ class ClusterSet(Part):
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def _is_anywhere(self) -> None:
-        """Give all probability to elsewhere and off the map."""
+        """Give all probability to elsewhere on this map and off the map."""
         self.log_elsewhere, self.log_off_map = 0.0, -math.inf
         self.forget_where_outside()
 

@@ -4,8 +4,6 @@ from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Report, SearchReport, TrackReport
 
-TOO_LARGE = "more than its job allows"
-
 
 def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
     """Return whether a snapshot holds more particles than a cluster may have."""
@@ -36,5 +34,5 @@ def check_places(report: Report, settings: FilterSettings) -> None:
             expected=type(report).__name__,
             problem=f"{places} places and {particles} particles of them, "
             f"at most {most} and {most_particles} by the settings",
-            kind=TOO_LARGE,
+            kind="more than its job allows",
         )

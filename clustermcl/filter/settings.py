@@ -4,13 +4,12 @@ Every work order contains them, so all workers of a robot use the same. The defa
 for all buildings and recordings. `clustermcl settings` prints the text below each setting.
 """
 
+from collections import ChainMap
 from functools import lru_cache
-from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta
-
-from clustermcl.filter import user_models
 
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """Names of the sensor models that `sensor_models.OWN` has."""
@@ -29,8 +28,12 @@ NotNegativeInt: TypeAlias = Annotated[int, Meta(ge=0)]
 PositiveInt: TypeAlias = Annotated[int, Meta(gt=0)]
 
 
+user_models = ChainMap[tuple[str, str], Any]()
+"""Models of users by kind and name; `runtime.extensions`, which loads their code, adds a map."""
+
+
 def _check_model(kind: str, name: str, own: tuple[str, ...]) -> None:
-    if name not in own and (kind, name) not in user_models.table:
+    if name not in own and (kind, name) not in user_models:
         raise ValueError(f"no {kind} {name!r} is installed")
 
 
@@ -178,7 +181,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     elsewhere_poses: Annotated[int, Meta(gt=0, le=1_000_000)] = 2048
     """Poses all over the map at which a scan is weighed."""
     lost_probability: Annotated[float, Meta(gt=0, le=1)] = 0.5
-    """State `lost` above this probability of elsewhere and off the map."""
+    """State `lost` above this probability of elsewhere, off the map included."""
     candidate_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.003
     """Least weight of a search's places, relative to the belief, at its end."""
     minimum_lifetime_steps: NotNegativeInt = 15

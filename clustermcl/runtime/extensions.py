@@ -7,7 +7,7 @@ can select only among these names.
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from clustermcl.filter import user_models
+from clustermcl.filter.settings import user_models
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -36,7 +36,8 @@ class _Extensions(dict[tuple[str, str], Any]):
         return self[key]
 
 
-user_models.table = extensions = _Extensions()
+extensions = _Extensions()
+user_models.maps.insert(0, extensions)
 
 
 def register(kind: Kind, name: str, extension: object) -> None:

@@ -1,6 +1,7 @@
 """The log: standard error, one line per event, prefixed with the process's name."""
 
 import logging
+import math
 import sys
 from collections import Counter
 from typing import Any
@@ -47,20 +48,10 @@ class CauseCounter:
         self._unreported: Counter[str] = Counter()
         self._reported_at_s: dict[str, float] = {}
 
-    def count(self, cause: str, now_s: float) -> int:
-        """Count one fault; return how many to report in a log line now.
-
-        That is 0 if less than a period has passed since the last log line of this cause.
-        """
-        self.total[cause] += 1
-        self._unreported[cause] += 1
-        reported_at_s = self._reported_at_s.get(cause)
-        if reported_at_s is not None and now_s - reported_at_s < self._period_s:
-            return 0
-        self._reported_at_s[cause] = now_s
-        return self._unreported.pop(cause)
-
     def warn(self, log: logging.Logger, cause: str, detail: object, now_s: float) -> None:
         """Count one fault and, at most once a period, log its cause with the newest detail."""
-        if times := self.count(cause, now_s):
+        self.total[cause] += 1
+        self._unreported[cause] += 1
+        if now_s - self._reported_at_s.get(cause, -math.inf) >= self._period_s:
+            self._reported_at_s[cause], times = now_s, self._unreported.pop(cause)
             log.warning("%s%s: %s", cause, f" ({times} times)" if times > 1 else "", detail)

@@ -422,12 +422,7 @@ def _published(reports: list[Report]) -> list[Instruction]:
 
 
 def _cause_of(error: Exception) -> AnyCause:
-    match error:
-        case MalformedMessageError():
-            return error.cause
-        case MapMismatchError():
-            return Cause.ORDER_OTHER_MAP
-        case OldTermError():
-            return Cause.OLD_TERM
-        case _:
-            return Cause.ORDER_REFUSED
+    if isinstance(error, MalformedMessageError):
+        return error.cause
+    known = {MapMismatchError: Cause.ORDER_OTHER_MAP, OldTermError: Cause.OLD_TERM}
+    return known.get(type(error), Cause.ORDER_REFUSED)

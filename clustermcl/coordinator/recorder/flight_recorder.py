@@ -36,7 +36,6 @@ RETRY_S = 10.0
 """Time between two attempts to write to a disk that fails [s]."""
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
-_CANNOT_WRITE = "the flight recorder cannot write, and will try again"
 
 _Entry: TypeAlias = (
     records.Head | records.RecordedEvent | Json | list[PublishBelief | PublishEvents]
@@ -157,7 +156,8 @@ class FlightRecorder:
         except (OSError, OutputError) as error:
             ring.abandon()
             now_s = time.monotonic()
-            self._causes.warn(_log, _CANNOT_WRITE, error, now_s)
+            problem = "the flight recorder cannot write, and will try again"
+            self._causes.warn(_log, problem, error, now_s)
             was_removed = isinstance(error, FileNotFoundError)
             wait_s = 0.0 if was_removed else RETRY_S
             self._retry_s = now_s + wait_s

@@ -1,11 +1,10 @@
 """Finds a sensor model's class by its name in the setting `sensor.model`."""
 
-from clustermcl.filter import user_models
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.filter.settings import SensorModelName, SensorSettings
+from clustermcl.filter.settings import SensorModelName, SensorSettings, user_models
 
 OWN: dict[SensorModelName, type[SensorModel]] = {
     "likelihood_field": LikelihoodFieldModel,
@@ -20,7 +19,7 @@ def model_class(name: str) -> type[SensorModel]:
         ValueError: no model has this name, or its code cannot be imported.
     """
     own = {str(known): kind for known, kind in OWN.items()}
-    return own.get(name) or user_models.table["sensor_model", name]
+    return own.get(name) or user_models["sensor_model", name]
 
 
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:

@@ -5,12 +5,11 @@ from math import floor, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter import user_models
 from clustermcl.filter.arrays import Pose, Poses
 from clustermcl.filter.kernels.compiled import kernel, plain
 from clustermcl.filter.kernels.elementary_functions import cos_sin, logarithms
 from clustermcl.filter.motion.noise import along_across_turn, turn_drive_turn
-from clustermcl.filter.settings import MotionSettings
+from clustermcl.filter.settings import MotionSettings, user_models
 
 
 def move(
@@ -57,7 +56,7 @@ def move_with_noise(
             along = along_across_turn(before_from_after, settings)
             return _drive_along_bearing(poses, along, noise)
         case name:
-            model = user_models.table["motion_model", name]
+            model = user_models["motion_model", name]
             moved: Poses = model(poses, before_from_after, settings, noise)
             return moved
 

@@ -1,24 +1,9 @@
 import logging
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from clustermcl.runtime.logs import CauseCounter
 from tests.unit.programs import ran
-
-
-@given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 500)), max_size=50))
-def test_every_occurrence_is_counted_in_exactly_one_log_line(
-    happened: list[tuple[str, float]],
-) -> None:
-    causes = CauseCounter()
-    counts = {"a": 0, "b": 0}
-    for cause, now_s in sorted(happened, key=lambda item: item[1]):
-        counts[cause] += causes.count(cause, now_s)
-    for cause, times in counts.items():
-        last_counts = causes.count(cause, 1000.0)
-        assert times + last_counts == causes.total[cause]
 
 
 def test_a_warning_is_logged_once_a_minute_with_cause_count_and_detail(
