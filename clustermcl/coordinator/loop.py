@@ -234,9 +234,8 @@ class Loop:
         if key != keys.BRIDGE_HEALTH:
             health = msgspec.structs.replace(health, sender=keys.worker_name(key))
         if not self._processes.on_health(key, health, time.monotonic_ns()):
-            self._node.warn(
-                _log, Cause.TOO_MANY_PROCESSES, f"{key}, more than {MAX_PROCESSES} processes"
-            )
+            detail = f"{key}, more than {MAX_PROCESSES} processes"
+            self._node.warn(_log, Cause.TOO_MANY_PROCESSES, detail)
 
     # --- queries
 

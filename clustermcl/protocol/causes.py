@@ -18,7 +18,6 @@ class Cause(StrEnum):
         cause._value_, cause.means = counter, means
         return cause
 
-    # Readings that are not used.
     MALFORMED = "reading refused: malformed", "an array has a wrong shape, or a name is too long"
     NOT_FINITE = "reading refused: not finite", "a number is NaN, infinite or out of range"
     BAD_GEOMETRY = "reading refused: bad geometry", "the beams span no angle, or over a full turn"
@@ -36,14 +35,12 @@ class Cause(StrEnum):
     TOO_MANY = "reading refused: too many observations", "over 64 wait, or a step has over 32 new"
     MANY_SOURCES = "reading refused: too many sources", "over 16 new senders, or over 4 a minute"
     BEFORE_MAP = "reading before the map", "the robot has not published its map yet"
-    # What the bridge makes good, or misses.
     CLOCK_RESTARTED = "clock restarted", "stamps jumped far back; the new time is used"
     ODOMETRY_JUMPED = "odometry jumped", "it was faster than 10 m/s or 10 rad/s: taken as no motion"
     LASER_SILENT = "laser silent", "no scan for more than 2 s by the stamps"
     ODOMETRY_SILENT = "odometry silent", "no odometry for more than 2 s by the stamps"
     OWN_ROBOT = "robot before its laser", "beams end on the robot itself; they are left out"
     BAD_QUESTION = "malformed question for scans", "a query that is not `scans?first=A;last=B`"
-    # What the coordinator does not use.
     SCAN_LATE = "scan repeated or late", "a step that was already decided"
     SCAN_AHEAD = "scan far ahead", "its step is over 10,000 above the newest one"
     STEPS_RESTARTED = (
@@ -64,13 +61,11 @@ class Cause(StrEnum):
     OLD_STEPS = "checkpoint of other step numbers", "an earlier coordinator's state is ignored"
     TOO_MANY_PROCESSES = "too many processes", "more than the status can list"
     NOT_RECORDED = "event not recorded", "the flight recorder could not write; the replay has a gap"
-    # What a worker does not use.
     ORDER_REFUSED = "order refused", "a worker cannot carry out an order: see its log"
     ORDER_OVERTAKEN = "order overtaken", "a worker has already carried out a newer order"
     OLD_TERM = "order of an old term", "a worker has an order of a replaced coordinator"
     ORDER_OTHER_MAP = "order for another map", "the bridge gave this worker another map"
     NO_HISTORY = "no scan history", "the bridge did not answer a worker's query for missed scans"
-    # What the bridge to ROS 2 refuses, or misses; /diagnostics has the counts.
     NOT_ROS = "not a ROS message", "the bytes are not a message of the topic's type"
     CLOCK_REFUSED = "clock refused", "a time on `/clock` is out of range"
     CLOCK_SET_BACK = "clock set back", "`/clock` or tf went back: a bag or a simulation began again"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence, Set
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ MAX_LASER_NAME = 128
 MIN_VARIANCE = 1e-8
 """Least variance of an observation: a standard deviation of 0.1 mm or mrad."""
 
+_Laser: TypeAlias = LaserReading | Scan | LaserBeams
 _SOME = 8
 _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
@@ -76,9 +78,7 @@ def numbers_of(reading: OdometryReading | LaserReading, problem: Cause) -> str:
     )
 
 
-def beams_problem(
-    laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0
-) -> Cause | None:
+def beams_problem(laser: _Laser, range_min_m: float = 0.0) -> Cause | None:
     """Return the defect that makes one laser's measurement unusable, or None."""
     if problem := pose_problem(laser.robot_from_laser):
         return problem
@@ -141,9 +141,7 @@ def pose_problem(pose: PoseTuple) -> Cause | None:
     return None if usable else Cause.NOT_FINITE
 
 
-def _geometry_problem(
-    reading: LaserReading | Scan | LaserBeams, shape: Sequence[int]
-) -> Cause | None:
+def _geometry_problem(reading: _Laser, shape: Sequence[int]) -> Cause | None:
     if len(shape) != 1:
         return Cause.MALFORMED
     beams = shape[0]

@@ -5,12 +5,9 @@ can select only among these names.
 """
 
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from clustermcl.filter.settings import user_models
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
 
 Kind: TypeAlias = Literal["sensor_model", "motion_model", "recording_reader"]
 """Kind of an extension; its entry point is in the group ``clustermcl.KIND``. docs/extending.md
@@ -57,7 +54,7 @@ def names(kind: str) -> list[str]:
 
 
 @cache
-def _installed(kind: str) -> "dict[str, EntryPoint]":
+def _installed(kind: str) -> dict[str, Any]:
     """Return entry points by name; finding them takes 10 ms, and the import 2.5 MB."""
     from importlib.metadata import entry_points  # noqa: PLC0415
 
