@@ -82,7 +82,8 @@ class Trial:
 
     row: str
     robot: str
-    """A world, a recording, `split/NAME/PART`, or a map file and the map to localize in."""
+    """A world, a recording, `split/NAME/PART`, `aged/NAME`, or a map file and the map to localize
+    in."""
     number: int = 0
     """Seed of a simulated robot; of a recorded one where in the recording it begins, in tenths."""
     begin: Begin = "given"
@@ -172,6 +173,9 @@ _AGED_SMALL = (("hall", 1), ("office", 2), ("intel", 1), ("aces", 5))
 _CLEAR = ("aces", "belgioioso", "edmonton", "fhw", "fr079", "fr101", "intel")
 _PLAIN = (*_CLEAR, "crob-jarvis", "wean-1", "wean-2", "wean-3")
 _BEGINS: tuple[tuple[str, Begin], ...] = (("given", "given"), ("from nothing", "nothing"))
+_LOGS = ("move10-hall-0", "move10-intel-0", "del20-hall-0", "del20-intel-0", "shift20-hall-0",
+         "shift20-intel-0", "refurnish-hall-0", "refurnish-intel-0", "move20-hall-0",
+         "move20-intel-0", "late-refurnish-hall-1")  # fmt: skip
 _SPLIT = (("fhw", 4), ("fr079", 3), ("intel", 2))
 
 
@@ -197,6 +201,7 @@ def _in_aged_maps(*, small: bool) -> Iterator[Trial]:
             row="late refurnished", robot=robot, number=number, change="late refurnished",
             steps=CHANGED_AT + STEPS, scored_from=CHANGED_AT,
         )  # fmt: skip
+    for robot, number in aged:
         yield Trial(row="given wrongly", robot=robot, number=number, begin="wrong")
 
 
@@ -214,6 +219,8 @@ def _in_other_maps(*, small: bool) -> Iterator[Trial]:
     for (row, begin), (name, parts) in itertools.product(_BEGINS, _SPLIT):
         for part in (parts - 1,) if small else range(parts):
             yield Trial(row=f"split, {row}", robot=f"split/{name}/part{part}", begin=begin)
+    for (row, begin), name in itertools.product(_BEGINS, _LOGS[6:8] if small else _LOGS):
+        yield Trial(row=f"aged logs, {row}", robot=f"aged/{name}", begin=begin, steps=160)
     for name in _PLAIN[:2] if small else _PLAIN:
         yield Trial(row="plain tracking, given", robot=name, steps=400)
 
@@ -268,12 +275,12 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
         case = course.Case(robot=simulated, updates=trial.steps)
         made = course_of(case, trial.number, BridgeSettings())
         return made.map, list(made.steps)
-    if robot.startswith("split/"):
+    if robot.startswith(("split/", "aged/")):
         assert data is not None
         part = data / robot
         recorded = RecordedRobot(
             recording=part.with_name(f"{part.name}.log.gz"),
-            map=part.with_name("map.yaml"),
+            map=part.with_name("map.yaml") if "split/" in robot else part.with_suffix(".yaml"),
             reference=part.with_suffix(".tum"),
         )
         return recorded_steps(course.Case(robot=recorded), 0.0, trial.steps)

@@ -78,8 +78,8 @@ def admission(
             may replace.
         trial: least weight of all places together, relative to the belief, when the search is
             over.
-        is_given: a person has said where the robot is. Until the search is more probable than the
-            belief, only a place that stands out enters.
+        is_given: a person has said where the robot is, and it is not lost, so only a place that
+            stands out enters.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -92,7 +92,7 @@ def admission(
     has_trial = is_over and not holds_own
     on_trial = max(earned, rules.candidate_probability, trial) if has_trial else earned
     weight = share * np.where(is_tracked, earned, on_trial)
-    least = STANDS_OUT if is_given and not holds_own and earned < 1.0 else 0.0
+    least = STANDS_OUT if is_given and not holds_own else 0.0
     enough = (share > 0.0) & (share >= least) & (weight >= rules.least_probability)
     eligible = np.flatnonzero(~is_held & enough)
     eligible = eligible[np.argsort(-weight[eligible], kind="stable")]

@@ -106,7 +106,7 @@ class ClusterSet(Part):
     given: Given | None = None
     """The only place was given, and holds."""
     on_map: bool = False
-    """A person gave a place, so the robot is on the map; until it is lifted."""
+    """A person gave a place, so the robot is on the map; until all places are forgotten."""
     log_elsewhere: LogProbability = math.nan
     """Of elsewhere on this map; in settings and answers, elsewhere includes off the map."""
     log_off_map: LogProbability = math.nan
@@ -307,17 +307,13 @@ class ClusterSet(Part):
         self.given, self.on_map = Given(), True
         self.log_elsewhere, self.log_off_map = 0.0, -math.inf
 
-    def give_up_given(self, *, is_lifted: bool) -> None:
+    def give_up_given(self) -> None:
         """Prepare the search after a given place has failed.
 
         Elsewhere gets what the state `localized` leaves it, so that places enter by how well they
-        fit. A robot that was lifted may also be off the map.
+        fit.
         """
         self.given = None
-        if is_lifted:
-            self.on_map = False
-            self.forget_where_outside()
-            return
         logs = [cluster.log_probability for cluster in self.all()]
         sure = self.rules.localized_probability
         least = float(np.logaddexp.reduce(logs)) + log_of(1.0 - sure) - math.log(sure)
@@ -378,16 +374,9 @@ class ClusterSet(Part):
 
     def _is_anywhere(self) -> None:
         """Give all probability to elsewhere on this map and off the map."""
-        self.log_elsewhere, self.log_off_map = 0.0, -math.inf
-        self.forget_where_outside()
-
-    def forget_where_outside(self) -> None:
-        """Give off the map its prior share of the probability outside the clusters."""
         is_ever_lost = self.rules.kidnapping_probability > 0.0
         off = self.rules.off_map_probability if is_ever_lost else 0.0
-        log_outside = float(np.logaddexp(self.log_elsewhere, self.log_off_map))
-        self.log_elsewhere = log_outside + log_of(1.0 - off)
-        self.log_off_map = log_outside + log_of(off)
+        self.log_elsewhere, self.log_off_map = log_of(1.0 - off), log_of(off)
 
     def clear(self, cause: EndedCause) -> list[Ended]:
         """End all clusters; the robot may be anywhere."""

@@ -271,12 +271,11 @@ class Ensemble(Part, kw_only=True):
     def _look_elsewhere(self, step: int, *, had_fallen: bool) -> None:
         """Begin a search if one is due, scans fit worse than usual, or a given pose fails."""
         given, fit = self.clusters.given, self.clusters.fit
-        is_lifted = fit.shortfall > LIFTED
-        fails = given is not None and (given.is_doubted or is_lifted or self._lost)
+        fails = given is not None and (given.is_doubted or fit.shortfall > LIFTED or self._lost)
         if given is not None and not fails:
             return
         if fails:
-            self.clusters.give_up_given(is_lifted=is_lifted)
+            self.clusters.give_up_given()
         if fails or (fit.has_fallen and not had_fallen):
             self.events += self.search.stop(step, "search stopped")
             self._start_search(step + 1)
@@ -364,7 +363,7 @@ class Ensemble(Part, kw_only=True):
             holds_own=bool(own),
             most=most,
             trial=PERHAPS_LIFTED if self.clusters.may_be_lifted else 0.0,
-            is_given=self.clusters.on_map,
+            is_given=self.clusters.on_map and not self._is_elsewhere,
         )
         self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
         entering: list[Candidate] = [(place, "restart") for place in found.entering]
