@@ -8,6 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -41,7 +42,16 @@ class Landmarks:
 
     def named(self, name: str) -> NDArray[np.bool_]:
         """Return (L,) which landmarks have a name."""
-        return np.asarray(np.array(self.names) == name)
+        return np.asarray(self._names == name)
+
+    @cached_property
+    def _names(self) -> NDArray[np.str_]:
+        return np.array(self.names)
+
+    @cached_property
+    def distinct(self) -> int:
+        """Number of names."""
+        return len(set(self.names))
 
     def only(self, name: str) -> "Landmarks":
         """Return the landmarks with a name."""

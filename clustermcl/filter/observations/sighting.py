@@ -43,7 +43,7 @@ class Sighting(Kind):
 
         Half of the false observations are of another landmark.
         """
-        return self.odds * 2.0 * len(set(landmarks.names)) * _SIGHT_M2
+        return self.odds * 2.0 * landmarks.distinct * _SIGHT_M2
 
     def _factors(self, landmarks: Landmarks) -> NDArray[np.float64]:
         """Return the (L,) factor of each landmark's density."""
