@@ -58,6 +58,14 @@ def test_every_process_knows_its_arguments(command: list[str]) -> None:
         assert not argument.startswith("--") or argument in known
 
 
+def test_all_but_the_router_start_after_the_router() -> None:
+    [shared] = UNITS.glob("clustermcl-.service.d/*.conf")
+    assert "clustermcl-router.service" not in unit(shared)["Unit"]["After"], "the router too"
+    orders = {file.name: unit(file)["Unit"].get("After") for file in SERVICES}
+    assert orders.pop("clustermcl-router.service") is None
+    assert set(orders.values()) == {"clustermcl-router.service"}
+
+
 def test_the_systemd_target_wants_existing_units() -> None:
     wanted = unit(UNITS / "clustermcl.target")["Unit"]["Wants"].split()
     for name in wanted:

@@ -1,6 +1,8 @@
 """The library: the beliefs of `evaluate`, from plain numpy arrays."""
 
 import gzip
+import inspect
+import re
 import sys
 import warnings
 from contextlib import suppress
@@ -16,6 +18,7 @@ import pytest
 import clustermcl
 from clustermcl import (
     Belief,
+    Client,
     ClusterMCL,
     ClusterMclError,
     CommandRefusedError,
@@ -436,3 +439,10 @@ def test_every_public_name_is_there() -> None:
     assert clustermcl.__version__ == version("clustermcl")
     with pytest.raises(AttributeError, match="no attribute 'Nonsense'"):
         clustermcl.Nonsense  # noqa: B018 - to see it refused
+
+
+def test_help_shows_names_of_types() -> None:
+    for public in (Client, ClusterMCL, GridMap, Reading, SimulatedRobot, load_map, read_recording):
+        for _, found in [("", public), *inspect.getmembers(public, inspect.isfunction)]:
+            signature = str(inspect.signature(found))
+            assert not {"Annotated", "_Supports"} & {*re.split(r"\W", signature)}, found
