@@ -12,7 +12,6 @@ from benchmarks import floor, plain
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.filter.arrays import OCCUPIED, Cells, Points, Poses
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.cluster.resampling import resample, systematic
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_model import BeamModel
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
@@ -20,6 +19,7 @@ from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.motion.model import move, move_with_noise, standard_normals
 from clustermcl.filter.motion.noise import along_across_turn
+from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.search.places import cluster_by_source_point
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from clustermcl.simulator.worlds.catalogue import world

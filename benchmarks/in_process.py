@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.cases import CELL_M, CENTRE, cells
 from clustermcl.belief import log_probabilities as belief
-from clustermcl.filter.cluster.evidence_model import contenders, tempered
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.evidence_model import contenders, tempered
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model

@@ -12,7 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.pyramid import sum_steps
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.map_model import sensor_model

@@ -17,13 +17,13 @@ from clustermcl.evaluation.pose_error import pose_error
 from clustermcl.filter.arrays import Poses
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.cluster.evidence_model import scan_exponent
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.poses import between, heading_distance
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search.global_search import GlobalSearch
-from clustermcl.filter.search.slices import finished
 from clustermcl.filter.settings import FilterSettings
+from clustermcl.filter.slices import finished
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.protocol.message import PoseTuple

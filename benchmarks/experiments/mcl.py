@@ -18,13 +18,13 @@ from clustermcl.filter.cluster.cluster_filter import (
     measurement_update,
     regularised_resample,
 )
-from clustermcl.filter.cluster.evidence_model import scan_exponent
-from clustermcl.filter.cluster.resampling import resample
 from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.motion.model import move
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.random_streams import Purpose, generator
+from clustermcl.filter.resampling import resample
 from clustermcl.filter.search.places import FoundPlace, places_of
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.scan_arrays import scan_beams

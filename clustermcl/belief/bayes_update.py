@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.filter.arrays import Pose
-from clustermcl.filter.cluster.evidence_model import (
+from clustermcl.filter.laser.evidence_model import (
     contenders,
     evidence_weight,
     residual,

@@ -15,7 +15,7 @@ from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
-from clustermcl.filter.cluster.evidence_model import UsualFit
+from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.laser.off_map import MapQuality
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose

@@ -21,8 +21,8 @@ from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
-from clustermcl.filter.cluster.evidence_model import UsualFit
 from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent

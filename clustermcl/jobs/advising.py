@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from clustermcl.filter.advice.advice import Question, advised_ways
 from clustermcl.filter.advice.exploring import unseen_way
 from clustermcl.filter.advice.roads import LEAST_REACH_M, REACH_M, Roads, without_common_ground
-from clustermcl.filter.cluster.evidence_model import residual
 from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.evidence_model import residual
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.observations.kind import Landmarks
 from clustermcl.filter.settings import FilterSettings

@@ -15,17 +15,17 @@ from msgspec.structs import replace
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.cluster.evidence_model import scan_exponent
-from clustermcl.filter.cluster.log_weights import log_sum, multiplied
 from clustermcl.filter.laser.beam_classes import beam_classes
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+from clustermcl.filter.log_weights import log_sum, multiplied
 from clustermcl.filter.observations.likelihood import allowed_poses, log_ratios
 from clustermcl.filter.poses import between
 from clustermcl.filter.random_streams import Purpose, generator
 from clustermcl.filter.search import global_search, places
-from clustermcl.filter.search.slices import Slices, WorkMeter, finished
 from clustermcl.filter.search.uniform_poses import UniformPoses
 from clustermcl.filter.settings import FilterSettings
+from clustermcl.filter.slices import Slices, WorkMeter, finished
 from clustermcl.jobs.scan_arrays import ScanArrays, observed
 from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob

@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterable
 
-from clustermcl.filter.search.slices import Slices
+from clustermcl.filter.slices import Slices
 from clustermcl.jobs.jobs import RunningJob, Searching
 from clustermcl.protocol.steps import KEPT_STEPS, Scan
 from clustermcl.protocol.work import SearchReport

@@ -20,9 +20,9 @@ from scipy.special import ndtr
 from clustermcl.filter.advice.landmark_views import landmark_evidence
 from clustermcl.filter.advice.roads import SPACING_M, Roads, roads_of
 from clustermcl.filter.arrays import Points, Pose, Poses
-from clustermcl.filter.cluster.evidence_model import evidence_weight, scan_exponent
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.kernels.compiled import plain
+from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponent
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
 from clustermcl.filter.laser.sensor_model import LaserScan, SensorModel
 from clustermcl.filter.observations.kind import NO_LANDMARKS, Landmarks

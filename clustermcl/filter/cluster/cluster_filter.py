@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
-from clustermcl.filter.cluster.evidence_model import scan_exponent, way
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.cluster.log_weights import multiplied, normalised_weights, weights_and_ess
-from clustermcl.filter.cluster.resampling import resample, systematic
+from clustermcl.filter.laser.evidence_model import scan_exponent, way
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
+from clustermcl.filter.log_weights import multiplied, normalised_weights, weights_and_ess
 from clustermcl.filter.motion.model import move
+from clustermcl.filter.resampling import resample, systematic
 from clustermcl.filter.settings import ClusterSettings, MotionSettings
 
 

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Points, Poses
-from clustermcl.filter.cluster.evidence_model import scan_exponent
-from clustermcl.filter.cluster.resampling import systematic
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels.compiled import ToCells, checked, kernel, plain
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.pyramid import Pyramid
 from clustermcl.filter.laser.ray_casting import FlatJumps, JumpField, cast_ray, flat, jump_field
 from clustermcl.filter.laser.sensor_model import Beams, LaserScan, MapArrays, usable_beams
+from clustermcl.filter.resampling import systematic
 from clustermcl.filter.settings import SensorSettings
 
 OCCLUSION_MARGIN_M = 0.45

@@ -20,17 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
-from clustermcl.filter.cluster.evidence_model import scan_exponent
-from clustermcl.filter.cluster.log_weights import normalised_weights
-from clustermcl.filter.cluster.resampling import optimal_resampling
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels.compiled import kernel
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums, sum_steps
 from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.filter.log_weights import normalised_weights
 from clustermcl.filter.poses import between, compose
+from clustermcl.filter.resampling import optimal_resampling
 from clustermcl.filter.search.regions import Corners, is_region
-from clustermcl.filter.search.slices import SLICE_WORK, Slices, WorkMeter
 from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _LARGEST_GAP = 48
 """Largest gap between two good tiles that is scored too, as one long run is faster [tiles]."""

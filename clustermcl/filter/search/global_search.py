@@ -17,21 +17,21 @@ from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights, Points, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.cluster.evidence_model import evidence_weight, residual, scan_exponent
-from clustermcl.filter.cluster.log_weights import log_sum, normalised_weights
-from clustermcl.filter.cluster.resampling import optimal_resampling
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.kernels.compiled import kernel
+from clustermcl.filter.laser.evidence_model import evidence_weight, residual, scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel, ground_log_penalty
+from clustermcl.filter.log_weights import log_sum, normalised_weights
 from clustermcl.filter.motion.model import move
 from clustermcl.filter.observations.kind import NO_LANDMARKS, Kind, Landmarks
 from clustermcl.filter.observations.likelihood import log_likelihood_ratio
 from clustermcl.filter.poses import between, compose
+from clustermcl.filter.resampling import optimal_resampling
 from clustermcl.filter.search.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
 from clustermcl.filter.search.places import FoundPlace, Labels, Parts, clustered, found_places
 from clustermcl.filter.search.regions import Corners
-from clustermcl.filter.search.slices import SLICE_WORK, Slices, WorkMeter
 from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _REFINEMENTS = 2
 """Number of times that the leaves of branch and bound are split and scored again."""

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from clustermcl.filter.arrays import LogWeights, Pose, Poses
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.cluster.gaussian import fit_gaussians
-from clustermcl.filter.cluster.log_weights import normalised_weights
-from clustermcl.filter.cluster.resampling import systematic
 from clustermcl.filter.kernels.compiled import kernel, plain
-from clustermcl.filter.search.slices import Slices, finished
+from clustermcl.filter.log_weights import normalised_weights
+from clustermcl.filter.resampling import systematic
 from clustermcl.filter.settings import SearchSettings
+from clustermcl.filter.slices import Slices, finished
 
 Labels = NDArray[np.int32]
 

@@ -13,7 +13,7 @@ from clustermcl.commands.command import app
 from clustermcl.coordinator.events import WorkerReturned
 from clustermcl.coordinator.recorder.records import Head, RecordedEvent
 from clustermcl.coordinator.recorder.ring import files_in
-from clustermcl.filter.cluster.evidence_model import tempered
+from clustermcl.filter.laser.evidence_model import tempered
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.protocol.answers import SetPose
 from clustermcl.protocol.errors import ClusterMclError, RecordingError, SettingsError

@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from clustermcl.filter.advice.advice import Question
 from clustermcl.filter.arrays import FREE, Cells, Pose
-from clustermcl.filter.cluster.evidence_model import evidence_weight, scan_exponent
+from clustermcl.filter.laser.evidence_model import evidence_weight, scan_exponent
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import FilterSettings

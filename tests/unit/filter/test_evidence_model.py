@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from clustermcl.filter.cluster.evidence_model import (
+from clustermcl.filter.laser.evidence_model import (
     UsualFit,
     contenders,
     evidence_weight,

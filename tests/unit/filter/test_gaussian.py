@@ -17,7 +17,7 @@ from tests.unit.filter import naive
 SUMS = """
 import numpy as np
 from clustermcl.filter.cluster.gaussian import fit_gaussian
-from clustermcl.filter.cluster.log_weights import weights_and_ess
+from clustermcl.filter.log_weights import weights_and_ess
 rng = np.random.default_rng(1)
 poses, log_weights = rng.normal(size=(60_000, 3)), rng.normal(size=60_000)
 mean, covariance = fit_gaussian(poses, np.exp(log_weights))

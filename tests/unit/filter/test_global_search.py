@@ -10,8 +10,8 @@ from clustermcl.filter.laser.sensor_model import Beams
 from clustermcl.filter.poses import compose, heading_distance
 from clustermcl.filter.search.global_search import GlobalSearch
 from clustermcl.filter.search.places import FoundPlace
-from clustermcl.filter.search.slices import finished
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from clustermcl.filter.slices import finished
 from tests.unit.filter.rooms import (
     beam_model_of,
     model_of,

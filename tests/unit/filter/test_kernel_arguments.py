@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clustermcl.filter.cluster import gaussian, log_weights
+from clustermcl.filter import log_weights
+from clustermcl.filter.cluster import gaussian
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser import ray_casting
 from clustermcl.filter.motion import model as motion

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter.cluster.resampling import resample
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.likelihood_field import LikelihoodField, scan_log_likelihood
 from clustermcl.filter.laser.sensor_model import ground_log_penalty
 from clustermcl.filter.motion.model import move
+from clustermcl.filter.resampling import resample
 from clustermcl.filter.search.places import cluster_by_source_point
 from clustermcl.filter.settings import MotionSettings, SensorSettings
 from tests.unit.filter.rooms import beam_model_of, plain_room, seen_from

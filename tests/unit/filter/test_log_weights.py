@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from clustermcl.filter.arrays import LogWeights
-from clustermcl.filter.cluster.log_weights import multiplied, weights_and_ess
+from clustermcl.filter.log_weights import multiplied, weights_and_ess
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)

@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from clustermcl.filter.cluster.log_weights import normalised_weights
-from clustermcl.filter.cluster.resampling import _heavy, optimal_resampling, resample, systematic
-from clustermcl.filter.search.slices import finished
+from clustermcl.filter.log_weights import normalised_weights
+from clustermcl.filter.resampling import _heavy, optimal_resampling, resample, systematic
+from clustermcl.filter.slices import finished
 from tests.unit.filter import naive
 
 log_weights = arrays(

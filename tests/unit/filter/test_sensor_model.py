@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from clustermcl.filter.arrays import Cells, LogWeights, Pose, Poses
-from clustermcl.filter.cluster.evidence_model import scan_exponent
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.beam_model import BeamModel
+from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.laser.sensor_model import Beams, LaserScan, SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model, model_class

@@ -5,8 +5,8 @@ from clustermcl.filter.laser import pyramid
 from clustermcl.filter.laser.likelihood_field_model import LikelihoodFieldModel
 from clustermcl.filter.search import branch_and_bound, global_search, places
 from clustermcl.filter.search.global_search import GlobalSearch
-from clustermcl.filter.search.slices import CALL_WORK, SLICE_WORK, WorkMeter, finished
 from clustermcl.filter.settings import FilterSettings, SearchSettings
+from clustermcl.filter.slices import CALL_WORK, SLICE_WORK, WorkMeter, finished
 from tests.unit.filter.rooms import model_of, plain_room, seen_from
 
 START = np.array([1.0, 3.2, -0.4])

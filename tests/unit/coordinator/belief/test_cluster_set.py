@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import NEWS_M, new_evidence_share, weigh
 from clustermcl.belief.cluster_set import LEAST_LOG, STILL_PROBABLE, Candidate, ClusterSet
-from clustermcl.filter.cluster.evidence_model import residual, through_beam_loss
+from clustermcl.filter.laser.evidence_model import residual, through_beam_loss
 from clustermcl.filter.laser.off_map import MapQuality
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended

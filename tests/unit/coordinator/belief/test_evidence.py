@@ -6,8 +6,8 @@ from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
-from clustermcl.filter.cluster.evidence_model import residual
 from clustermcl.filter.cluster.view_memory import ViewMemory
+from clustermcl.filter.laser.evidence_model import residual
 from clustermcl.filter.settings import SearchSettings, SensorSettings
 from tests.unit.coordinator.belief.test_ensemble import (
     EAST,

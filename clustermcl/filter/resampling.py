@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import LogWeights
-from clustermcl.filter.cluster.log_weights import normalised_weights
 from clustermcl.filter.kernels.compiled import kernel
-from clustermcl.filter.search.slices import Slices
+from clustermcl.filter.log_weights import normalised_weights
+from clustermcl.filter.slices import Slices
 
 Weights = NDArray[np.float64]
 Indices = NDArray[np.int64]
