@@ -46,8 +46,9 @@ def test_a_bad_file_is_skipped_and_used_once_it_is_mended(
             wait_until(lambda: is_alive(session, keys.worker_alive("pool-1"), 1.0))
 
     is_served("robot")
-    for name in BAD:
-        (fleet / f"{name}.toml").write_text(good % f"late-{name}")
+    for name in BAD:  # in one step, as half a file would be one more problem
+        (tmp_path / name).write_text(good % f"late-{name}")
+        (tmp_path / name).replace(fleet / f"{name}.toml")
     for name in BAD:
         is_served(f"late-{name}")
     for name, (_text, problem) in BAD.items():
