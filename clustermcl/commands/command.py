@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 from clustermcl.commands import control, query, recordings, running
 from clustermcl.commands.verbosity import set_verbosity
+from clustermcl.filter.kernels.library import NoKernelsError
 from clustermcl.protocol.errors import ClusterMclError, UnreachableError, escaped
 from clustermcl.runtime.main import EXIT_ERROR
 from clustermcl.runtime.output_files import written_output
@@ -131,7 +132,7 @@ def main() -> None:
             app()
     except StoppedError:
         sys.exit(EXIT_INTERRUPTED)
-    except ClusterMclError as error:
+    except (ClusterMclError, NoKernelsError) as error:
         sys.stderr.write(f"clustermcl: {escaped(' '.join(str(error).split()))}\n")
         sys.exit(EXIT_UNREACHABLE if isinstance(error, UnreachableError) else EXIT_ERROR)
     except BrokenPipeError:  # the output's reader, such as `head`, has ended

@@ -1,7 +1,8 @@
 """Compiles the library of kernels: a process of its own, because numba stays in a process.
 
 It calls every kernel as plain Python, so that the types of arguments are known, and then
-compiles them all ahead of time. Arguments: the file to write.
+compiles them all ahead of time. Arguments: the file to write, and the processor if it is not this
+machine's, by LLVM's name.
 """
 
 import shutil
@@ -22,8 +23,8 @@ from clustermcl.runtime.parent import die_with_parent_if_asked
 _PART = ".part"
 
 
-def build(file: Path) -> None:
-    """Compile the kernels for this machine; the file is written whole or not at all.
+def build(file: Path, processor: str) -> None:
+    """Compile the kernels for a kind of processor; the file is written whole or not at all.
 
     Raises:
         Exception: of pycc: RuntimeError where there is no C compiler, or any other.
@@ -41,7 +42,7 @@ def build(file: Path) -> None:
     with tempfile.TemporaryDirectory(dir=file.parent, suffix=_PART) as folder:
         library = CC(kernel_library.MODULE, source_module=__name__)
         library.output_dir, library.output_file = folder, file.name
-        library.target_cpu = "host"
+        library.target_cpu = processor
         for name, (function, types) in kernels.called_in(_run_every_kernel).items():
             library.export(name, types)(function)
         library.compile()
@@ -58,4 +59,4 @@ def _run_every_kernel() -> None:
 
 if __name__ == "__main__":
     die_with_parent_if_asked()
-    build(Path(sys.argv[1]))
+    build(Path(sys.argv[1]), *(sys.argv[2:] or ["host"]))

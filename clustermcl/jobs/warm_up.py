@@ -5,6 +5,7 @@ import logging
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 from msgspec.structs import replace
@@ -56,11 +57,16 @@ def compile_kernels(sensor: SensorSettings) -> None:
     """Build the library of kernels if it is not on disk.
 
     Where it cannot be built, numba compiles them now rather than at the first scan.
+
+    Raises:
+        NoKernelsError: there is no library, and no numba that compiles one.
     """
     is_built = kernel_library.library() is not None
     log_remarks()
     if is_built or os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return
+    if find_spec("numba") is None:
+        raise kernel_library.NoKernelsError
     _log.info("compiling the kernels for this machine: some 20 s, only at the first start")
     try:
         _build_library()

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from clustermcl.filter.kernels.library import NoKernelsError
 from clustermcl.protocol.errors import ClusterMclError, escaped
 from clustermcl.protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 from clustermcl.runtime.logs import configure_logging
@@ -114,7 +115,7 @@ def outermost(process: str, action: Callable[[], None]) -> int:
         action()
     except StoppedError:
         return EXIT_OK
-    except ClusterMclError as error:
+    except (ClusterMclError, NoKernelsError) as error:
         line = escaped(" ".join(str(error).split()))
         print(f"{process}: {line}", file=sys.stderr)  # noqa: T201 - without time stamp
         return EXIT_ERROR

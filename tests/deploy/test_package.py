@@ -1,5 +1,7 @@
 """The package as users install it: one name, whatever modules of their own are called."""
 
+import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -42,6 +44,39 @@ def test_the_source_distribution_has_each_file_once(built: Path) -> None:
     tails = [member.name.split("/", 1)[1] for member in files]
     assert "clustermcl/worker/worker.py" in tails
     assert not [tail for tail in tails if tail.startswith(("worker/", "coordinator/", "protocol/"))]
+
+
+DEMO = """
+import sys
+sys.modules["numba"] = None  # as if it were not installed
+sys.argv[1:] = ["evaluate", "sim:cross", "--steps", "12", "--jobs", "1"]
+from clustermcl.commands.command import main
+main()
+"""
+
+
+@pytest.mark.skipif(not shutil.which(os.environ.get("CC", "cc")), reason="there is no C compiler")
+@pytest.mark.parametrize("library", ["best", "plain", "none"])
+def test_the_wheel_localizes_without_numba(built: Path, library: str, tmp_path: Path) -> None:
+    """The plain library is for any processor; without one, the error says what to install."""
+    (wheel,) = built.glob("*.whl")
+    folder = tmp_path / "installed"
+    zipfile.ZipFile(wheel).extractall(folder)
+    for file in (folder / "clustermcl/filter/kernels").glob("*.so"):
+        if library == "none" or (library == "plain" and "-v3" in file.name):
+            file.unlink()
+    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", DEMO]
+    run = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    if library == "none":
+        assert run.returncode == 2
+        assert "pip install 'clustermcl[compile]'" in run.stderr
+        assert "Traceback" not in run.stderr
+    else:
+        assert run.returncode == 0, run.stderr
+        assert "sim:cross" in run.stdout
 
 
 @pytest.mark.parametrize("module", ENTRY_POINTS)

@@ -3,7 +3,7 @@
 A kernel runs from the library of compiled kernels (see `kernel_library`), which needs no numba:
 numba and LLVM take 130 MB of a process. Where there is no library, or it has no entry for these
 types of arguments, numba compiles the kernel and keeps the machine code on disk.
-`NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
+`NUMBA_DISABLE_JIT=1` makes numba run every kernel as plain Python.
 """
 
 import functools
@@ -50,8 +50,15 @@ class Kernel:
 
     @cached_property
     def by_numba(self) -> Any:
-        """The kernel as numba's dispatcher, which compiles it for any types of arguments."""
-        from numba import config, njit  # noqa: PLC0415 - 130 MB, only where the library does not do
+        """The kernel as numba's dispatcher, which compiles it for any types of arguments.
+
+        Raises:
+            NoKernelsError: numba is not installed.
+        """
+        try:  # 130 MB, only where the library does not do
+            from numba import config, njit  # noqa: PLC0415
+        except ModuleNotFoundError as error:
+            raise kernel_library.NoKernelsError from error
 
         compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
         named = config.CACHE_DIR

@@ -1,7 +1,8 @@
 """The library of compiled kernels: one shared object, compiled ahead of time by numba's `pycc`.
 
-`clustermcl.jobs.build_kernels` builds it where there is a C compiler; then all processes map the
-same file. Its name has a digest of all that the machine code depends on.
+A wheel ships it for the processors of `SHIPPED`. `clustermcl.jobs.build_kernels` builds it for this
+processor where numba and a C compiler are. All processes map the same file, whose name has a digest
+of all that the machine code depends on.
 """
 
 import importlib.machinery
@@ -24,6 +25,23 @@ Entries: TypeAlias = dict[str, tuple[Callable[..., Any], tuple[Any, ...]]]
 MODULE = "clustermcl_kernels"
 DIGEST_BYTES = 32
 """Length of the SHA-256 at the end of the file, of all before it."""
+SHIPPED = {
+    "x86_64": {"x86-64-v3": frozenset({"avx2", "bmi1", "bmi2", "f16c", "fma", "movbe"}),
+               "x86-64": frozenset[str]()},
+    "aarch64": {"generic": frozenset[str]()},
+}  # fmt: skip
+"""By machine: the processors that a wheel has a library for, and the instructions these need."""
+_FILTER = Path(__file__).parents[1]
+
+
+class NoKernelsError(ImportError):
+    """There are no compiled kernels, and no numba that compiles them."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "there are no compiled kernels for this Python and processor, and numba, which "
+            "compiles them, is not installed: pip install 'clustermcl[compile]'"
+        )
 
 
 def entry(name: str) -> Callable[..., Any] | None:
@@ -40,7 +58,17 @@ def library() -> ModuleType | None:
     """
     if os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return None
-    file = path()
+    present = _instructions()
+    shipped = (
+        shipped_file(processor)
+        for processor, needed in SHIPPED.get(platform.machine(), {}).items()
+        if needed <= present
+    )
+    loaded = (_loaded(file) for file in (path(), *shipped) if file.exists())
+    return next((module for module in loaded if module), None)
+
+
+def _loaded(file: Path) -> ModuleType | None:
     if problem := why_untrusted(file.parent) or why_untrusted(file):
         remarks[f"the library of kernels is not loaded: {problem}"] = None
         return None
@@ -70,15 +98,12 @@ def path() -> Path:
     In the folder ``NUMBA_CACHE_DIR``, or else the package's; or else, if it is not there and that
     folder cannot be written, the user's.
     """
-    here = Path(__file__).parents[1]
-    digest = sha256(sys.version.encode() + _processor())
-    for source in sorted(here.rglob("*.py")):
-        digest.update(source.read_bytes())
-    file = f"kernels-{digest.hexdigest()[:16]}.so"
+    machine = sys.version + platform.machine() + " ".join(sorted(_instructions()))
+    file = f"kernels-{_digest_with(machine)}.so"
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named and is_usable(Path(named, file), "NUMBA_CACHE_DIR"):
         return Path(named, file)
-    if (own := here / "__pycache__" / file).exists() or os.access(here, os.W_OK):
+    if (own := _FILTER / "__pycache__" / file).exists() or os.access(_FILTER, os.W_OK):
         return own
     return user_folder("kernels") / file
 
@@ -95,11 +120,25 @@ def trusted_folder() -> Path:
     return folder
 
 
-def _processor() -> bytes:
-    """Return the line of /proc/cpuinfo that names the first processor's instructions."""
+def shipped_file(processor: str) -> Path:
+    """Return where a wheel for this release of Python has the library for a kind of processor."""
+    release = sys.implementation.cache_tag
+    return _FILTER / "kernels" / f"kernels-{_digest_with(release)}-{processor}.so"
+
+
+def _digest_with(machine: str) -> str:
+    """Return a digest of the sources, and of what else the machine code depends on."""
+    digest = sha256(machine.encode())
+    for source in sorted(_FILTER.rglob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _instructions() -> frozenset[str]:
+    """Return the names that /proc/cpuinfo has for the first processor's instructions."""
     try:
-        lines = Path("/proc/cpuinfo").read_bytes().splitlines()
+        lines = Path("/proc/cpuinfo").read_text("ascii", "replace").splitlines()
     except OSError:
         lines = []
-    instructions = (line for line in lines if line.startswith((b"flags", b"Features")))
-    return next(instructions, platform.machine().encode())
+    named = (line for line in lines if line.startswith(("flags", "Features")))
+    return frozenset(next(named, "").partition(":")[2].split())

@@ -106,9 +106,7 @@ def test_a_user_who_may_not_write_the_package_has_a_library_of_his_own(
 ) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(
-        kernel_library, "__file__", str(tmp_path / "installed" / "kernels" / "module.py")
-    )
+    monkeypatch.setattr(kernel_library, "_FILTER", tmp_path / "installed")
     (tmp_path / "installed").mkdir()
     assert kernel_library.path().parent == tmp_path / "installed" / "__pycache__"
     monkeypatch.setattr(os, "access", lambda _file, _mode: False)
