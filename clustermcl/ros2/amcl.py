@@ -36,7 +36,7 @@ from clustermcl.ros2.outputs import NO_ID, Output, Publish, Refused
 from clustermcl.ros2.particles import ClusterParticles
 from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice
 from clustermcl.ros2.tf_queue import TfQueue
-from clustermcl.ros2.topics import Topics
+from clustermcl.ros2.topics import Topic, Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
 
 
@@ -178,13 +178,13 @@ class Amcl:
         except ValueError as problem:
             yield Refused(Cause.POSE_REFUSED, str(problem))
 
-    def on_observed(self, message: Any, topic: str, now_ns: int) -> Iterator[Output]:
+    def on_observed(self, message: Any, topic: Topic, now_ns: int) -> Iterator[Output]:
         """Handle a message of another sensor, see `Observing`; it may wait for its transforms."""
         if not self.is_active:
             return
         for convert in self._observing.conversions(message, topic):
             most = observing.MAX_WAITING
-            yield from self._waiting.add("observation", topic, convert, now_ns, most)
+            yield from self._waiting.add("observation", topic.name, convert, now_ns, most)
         yield from self.on_tick(now_ns)
 
     # --- from the system

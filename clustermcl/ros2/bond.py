@@ -11,6 +11,8 @@ import os
 import threading
 import time
 import uuid
+from collections.abc import Callable
+from typing import Any
 from urllib.parse import quote
 
 import msgspec
@@ -19,7 +21,6 @@ from clustermcl.protocol.conversion import decoded
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import BOND_STATUS, new
 from clustermcl.ros2.messages_out import header
-from clustermcl.ros2.node import RosPublisher
 from clustermcl.runtime.folders import state_folder
 from clustermcl.runtime.settings import Settings
 
@@ -29,8 +30,8 @@ PERIOD_S, TIMEOUT_S = 0.1, 4.0
 class BondThread:
     """Sends heartbeats between `begin` and `end`."""
 
-    def __init__(self, publisher: RosPublisher, node_name: str) -> None:
-        self._publisher, self._node_name = publisher, node_name
+    def __init__(self, publish: Callable[[Any], object], node_name: str) -> None:
+        self._publish, self._node_name = publish, node_name
         self.instance_id = ""
         self._over: threading.Event | None = None
         self._thread: threading.Thread | None = None
@@ -51,7 +52,7 @@ class BondThread:
             self._over = self._thread = None
 
     def _send(self, over: threading.Event, instance_id: str) -> None:
-        def status(*, active: bool) -> object:
+        def status(*, active: bool) -> Any:
             return new(
                 BOND_STATUS,
                 header=header(time.time_ns(), ""),
@@ -64,9 +65,9 @@ class BondThread:
 
         next_s = time.monotonic()
         while not over.wait(max(0.0, next_s - time.monotonic())):
-            self._publisher.put(status(active=True))
+            self._publish(status(active=True))
             next_s = max(next_s + PERIOD_S, time.monotonic())
-        self._publisher.put(status(active=False))
+        self._publish(status(active=False))
 
 
 _EVERY_S = 0.5

@@ -1,42 +1,29 @@
 """Run one robot's bridge: a session to the robot's ROS nodes, a node of ours, and one loop."""
 
 import logging
-import math
 import time
-import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack, closing
-
-from msgspec.structs import replace
+from typing import Any
 
 from clustermcl.link.node import Node
-from clustermcl.link.wire import Asked, Publisher, Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import (
-    Belief,
-    CommandDone,
-    Configure,
-    Relocalize,
-    SetPose,
-    Status,
-    Update,
-)
-from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.answers import Belief, Status
+from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
-from clustermcl.protocol.work import Reported, TrackReport
+from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import topics
-from clustermcl.ros2.amcl import Amcl
 from clustermcl.ros2.bond import BondThread, BridgeState, RestartFile
 from clustermcl.ros2.lifecycle import ACTIVATE, CONFIGURE, State
 from clustermcl.ros2.message_types import decode, encode, request_of, response_of
-from clustermcl.ros2.messages_out import diagnostics
 from clustermcl.ros2.node import Called, FromRos, RosNode, RosPublisher, log_to_ros
-from clustermcl.ros2.outputs import AskAdvice, Bond, Command, Output, Publish, Reading, Refused
+from clustermcl.ros2.parameter_table import Value
+from clustermcl.ros2.port import Port
 from clustermcl.ros2.robot_session import look_at_graph, node_name, open_robot_session
+from clustermcl.ros2.service_engine import ServiceEngine
 from clustermcl.ros2.services import Services
-from clustermcl.ros2.topics import Topics
+from clustermcl.ros2.topics import Topic, Topics
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 
@@ -44,10 +31,7 @@ _log = logging.getLogger(__name__)
 
 _KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
 _POLL_S = 0.05
-_STATUS_EVERY_S = 1.0
-_COMMAND_TIMEOUT_S, _ADVICE_TIMEOUT_S = 5.0, 20.0
-_PLACES_WITHIN_S = 0.1
-"""All places are published when the inbox is empty, at most this long after their belief."""
+_TICK_WITHIN_S = 0.1
 
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
@@ -69,7 +53,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
         full_name = name.topic(name.name)
         resources.enter_context(log_to_ros(publishers[topics.ROSOUT.name], full_name))
-        bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
+        bond = BondThread(publishers[topics.BOND.name].put, settings.ros2.node_name)
         resources.callback(bond.end)
         file = RestartFile(settings, full_name)
         resources.callback(file.remove)
@@ -96,42 +80,28 @@ class BridgeLoop:
     ) -> None:
         self._settings, self._node = settings, node
         self._publishers, self._bond, self._file = publishers, bond, file
-        self._amcl = Amcl(settings.ros2)
-        self.services = Services(self._amcl, settings, self._clock_ns, full_name)
-        self._topics = Topics(settings.ros2)
-        self._map: MapReading | None = None
-        self._next_status_s = 0.0
-        self._places_until_s: float | None = None
-        self._status: Status | None = None
-        self._readings: dict[type[Reading], Publisher] = {
-            LaserReading: node.publisher(keys.LASER_READING),
-            OdometryReading: node.publisher(keys.ODOMETRY_READING),
-            Observation: node.publisher(keys.OBSERVATION_READING),
-            MapReading: node.publisher(keys.MAP_READING, may_wait=True),
-        }
+        self._clock_ns = 0
+        self._engine = ServiceEngine(node, self)
+        self._port = Port(settings, self, self._engine)
+        self.services = Services(self._port, self, full_name)
         node.on_other = self._on_ros
-        node.serve(keys.MAP_READING, self._on_map_query)
-        kept = _KEPT_MESSAGES
-        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind=keys.BELIEF, kept=kept)
-        reports: type[TrackReport] = Reported  # type: ignore[assignment] # a union
-        node.subscribe(keys.ALL_REPORTS, reports, self._on_report, kind=keys.ALL_REPORTS, kept=kept)
 
     def run(self) -> None:
         before = self._file.read()
         if before is not None and before.state is not State.UNCONFIGURED:
             self._resume(before)
         elif self._settings.ros2.autostart:
-            self._do(self.services.change(CONFIGURE))
-            self._do(self.services.change(ACTIVATE))
+            self.services.change(CONFIGURE)
+            self.services.change(ACTIVATE)
+        port, tick_s = self._port, 0.0
         while not self._node.stop.is_set():
-            event = self._node.turn(_POLL_S if self._places_until_s is None else 0.0)
-            if event is None:
-                self._do(self._amcl.on_tick(time.monotonic_ns()))
-            if event is None or time.monotonic() >= (self._places_until_s or math.inf):
-                self._publish_all_places()
-            self._every_second()
-            state, held = self.services.lifecycle.state, self._amcl.choice.held
-            bridge_state = BridgeState(state=state, bond=self._bond.instance_id, held=held)
+            event = self._engine.turn(0.0 if port.has_places else _POLL_S)
+            if event is None or time.monotonic() >= tick_s:
+                tick_s = time.monotonic() + _TICK_WITHIN_S
+                port.tick()
+            bridge_state = BridgeState(
+                state=self.services.lifecycle.state, bond=self._bond.instance_id, held=port.held
+            )
             self._file.keep(bridge_state, time.monotonic())
 
     def _resume(self, before: BridgeState) -> None:
@@ -139,65 +109,24 @@ class BridgeLoop:
         _log.info("%s again: continuing the state of the killed bridge", before.state.label)
         self.services.lifecycle.state = before.state
         if before.state is State.ACTIVE:
-            self._amcl.resume(before.held)
+            self._port.resume(before.held)
             self._bond.begin(before.bond)
-            self._do([self.services.no_motion_update])  # otherwise a standing robot gets no belief
+        else:
+            self._port.enter(before.state)
+
+    # --- from ROS
 
     def _on_ros(self, event: FromRos | Called) -> None:
         match event:
+            case FromRos(problem=problem) if problem:
+                self.refuse(Cause.NOT_ROS, f"{event.topic.name}: {problem}")
             case FromRos():
-                self._on_message(event)
+                message = decode(event.payload, event.topic.ros_type)
+                if event.topic == topics.CLOCK:
+                    self._clock_ns = message.clock.sec * 10**9 + message.clock.nanosec
+                self._port.on_message(event.topic, message)
             case Called():
                 self._on_call(event)
-
-    def _on_belief(self, belief: Belief, _received: Received) -> None:
-        self._do(self._amcl.on_belief(belief))
-        if self._places_until_s is None:
-            self._places_until_s = time.monotonic() + _PLACES_WITHIN_S
-
-    def _on_report(self, report: Reported, _received: Received) -> None:
-        if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
-            self._amcl.on_particles(report.cluster, report.snapshot)
-
-    def _on_status(self, status: Status) -> None:
-        self._status, self.services.freshness = status, status.freshness
-        self._do(self.services.on_live_settings(status.settings))
-
-    def _on_no_status(self, _problem: str) -> None:
-        self._status, self.services.freshness = None, "unreachable"
-
-    def _on_map_query(self, asked: Asked) -> None:
-        if self._map is None:
-            asked.refuse("no map has arrived yet")
-        else:
-            asked.answer(self._map)
-
-    def _publish_all_places(self) -> None:
-        if self._places_until_s is not None:
-            self._places_until_s = None
-            self._do(self._amcl.all_places())
-
-    def _on_message(self, event: FromRos) -> None:
-        if event.problem:
-            self._refused(Refused(Cause.NOT_ROS, f"{event.topic.name}: {event.problem}"))
-            return
-        message = decode(event.payload, event.topic.ros_type)
-        amcl, now_ns = self._amcl, time.monotonic_ns()
-        match event.topic:
-            case topic if topic in self._topics.scans:
-                self._do(amcl.on_scan(message, now_ns))
-            case self._topics.tf:
-                self._do(amcl.on_transforms(message, now_ns, fixed=False))
-            case self._topics.tf_static:
-                self._do(amcl.on_transforms(message, now_ns, fixed=True))
-            case self._topics.map:
-                self._do(amcl.on_map(message))
-            case topic if topic in self._topics.observed:
-                self._do(amcl.on_observed(message, topic.name, now_ns))
-            case topics.INITIAL_POSE:
-                self._do(amcl.on_initial_pose(message))
-            case topics.CLOCK:
-                self._do(amcl.on_clock(message))
 
     def _on_call(self, call: Called) -> None:
         ros_type = self.services.types()[call.service]
@@ -208,91 +137,45 @@ class BridgeLoop:
         except MalformedMessageError:
             call.drop()
             raise
-        response, outputs = self.services.call(call.service, request)
+        response = self.services.call(call.service, request)
         call.respond(encode(response, response_of(ros_type)))
-        self._do(outputs)
 
-    def _do(self, outputs: Iterable[Output]) -> None:
-        for output in outputs:
-            match output:
-                case Publish(topic=topic, message=message):
-                    self._publishers[topic.name].put(message)
-                case Refused():
-                    self._refused(output)
-                case Bond(alive=True):
-                    self._bond.begin()
-                case Bond():
-                    self._bond.end()
-                case LaserReading() | OdometryReading() | Observation() | MapReading():
-                    self._map = output if isinstance(output, MapReading) else self._map
-                    self._readings[type(output)].put(output)
-                case AskAdvice():
-                    self._ask_advice()
-                case Configure():
-                    self._command(output)
-                case SetPose() | Relocalize() | Update():
-                    self._command(replace(output, command_id=uuid.uuid4().hex))
+    # --- from the engine
 
-    def _ask_advice(self) -> None:
-        self._node.ask(
-            keys.ADVICE,
-            Advice,
-            lambda advice: self._do(self._amcl.on_advice(advice)),
-            lambda problem: self._refused(Refused(Cause.NO_ADVICE, problem or "no answer")),
-            timeout_s=_ADVICE_TIMEOUT_S,
-        )
+    def on_belief(self, belief: Belief) -> None:
+        self._port.on_belief(belief)
 
-    def _refused(self, refused: Refused) -> None:
-        self._node.warn(_log, refused.cause, refused.detail)
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        self._port.on_particles(cluster, particles)
 
-    def _every_second(self) -> None:
-        now_s = time.monotonic()
-        if now_s < self._next_status_s:
-            return
-        self._next_status_s = now_s + _STATUS_EVERY_S
-        self._node.ask(
-            keys.STATUS, Status, self._on_status, self._on_no_status, timeout_s=_COMMAND_TIMEOUT_S
-        )
-        self._publishers[topics.DIAGNOSTICS.name].put(self._diagnostics())
+    def on_advice(self, advice: Advice) -> None:
+        self._port.on_advice(advice)
 
-    def _diagnostics(self) -> object:
-        status, belief = self._status, self._amcl.belief
-        values: dict[str, object] = {"life cycle": self.services.lifecycle.state.label}
-        if belief is not None and belief.hypotheses:
-            values["places"] = len(belief.hypotheses)
-            values["probability"] = f"{belief.probability:.3f}"
-        if belief is not None:
-            values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
-            values["probability off the map"] = f"{belief.off_map_probability:.3f}"
-        if status is not None:
-            values |= {"step": status.step, "workers": len(status.workers)}
-        values |= self._node.health.dropped()
-        state = status.state if status is not None else "searching"
-        node_name = self._settings.ros2.node_name
-        return diagnostics(state, self.services.freshness, values, node_name, self._clock_ns())
+    def on_status(self, status: Status | None) -> None:
+        self._port.on_status(status)
 
-    def _clock_ns(self) -> int:
-        if self._settings.ros2.use_sim_time:
-            return self._amcl.clock_ns or 0
-        return time.time_ns()
+    # --- from the port
 
-    # --- messages to our system
+    def publish(self, topic: Topic, message: Any) -> None:
+        self._publishers[topic.name].put(message)
 
-    def _command(self, command: Command) -> None:
-        def on_done(done: CommandDone) -> None:
-            if done.problem:
-                self._refused(Refused(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}"))
+    def bond(self, *, alive: bool) -> None:
+        if alive:
+            self._bond.begin()
+        else:
+            self._bond.end()
 
-        def on_failure(problem: str) -> None:
-            detail = f"{command.key}: {problem or 'no answer'}"
-            self._refused(Refused(Cause.COMMAND_LOST, detail))
+    def show_parameters(self, values: Mapping[str, Value]) -> None:
+        self.services.show(values)
 
-        self._node.ask(
-            command.key,
-            CommandDone,
-            on_done,
-            on_failure,
-            timeout_s=_COMMAND_TIMEOUT_S,
-            message=command,
-            repeat_for_s=_COMMAND_TIMEOUT_S,  # the system may have just begun, or begin again
-        )
+    def refuse(self, cause: AnyCause, detail: str) -> None:
+        self._node.warn(_log, cause, detail)
+
+    def refused(self) -> Mapping[str, int]:
+        return self._node.health.dropped()
+
+    def now_ns(self) -> int:
+        return self._clock_ns if self._settings.ros2.use_sim_time else time.time_ns()
+
+    def monotonic_ns(self) -> int:
+        return time.monotonic_ns()

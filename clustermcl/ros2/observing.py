@@ -19,6 +19,7 @@ from clustermcl.recordings.rigid import IDENTITY, Rigid
 from clustermcl.recordings.transforms import TransformMissingError, TransformTree
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.initial_pose import pose_in_map
+from clustermcl.ros2.topics import Topic
 from clustermcl.runtime.ros2_settings import Ros2Settings
 
 MAX_WAITING = 100
@@ -90,13 +91,14 @@ class Observing:
         self.settings, self._frames = settings, frames
         self._datum = Datum.of(settings)
 
-    def conversions(self, message: Any, topic: str) -> Iterator[Callable[[], Observation]]:
+    def conversions(self, message: Any, of: Topic) -> Iterator[Callable[[], Observation]]:
         """Yield a function for each observation in a message; its topic is the source.
 
         The functions raise a `TransformMissingError` if a transform of the time is missing, and a
         `ValueError` if the message has no stamp, a wrong frame, or numbers that are not valid.
         """
-        match message.__msgtype__:
+        topic = of.name
+        match of.ros_type:
             case types.POSE_STAMPED:
                 yield partial(self._pose, message, topic)
             case types.NAV_SAT_FIX:

@@ -1,4 +1,4 @@
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from math import inf, nan, pi
 from typing import Any
 
@@ -17,6 +17,7 @@ from clustermcl.ros2.laser_scans import MAX_WAITING
 from clustermcl.ros2.message_types import decode, new
 from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
 from clustermcl.ros2.outputs import Output, Publish, Refused
+from clustermcl.ros2.wire import Qos
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.sensor_bridge.step_maker import beams_of
 from tests.unit.coordinator.reports import particles
@@ -86,6 +87,11 @@ class Robot:
     def believe(self, stamp_ns: int, state: Any = "localized") -> list[Output]:
         reported = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
         return [*self.amcl.on_belief(reported), *self.amcl.all_places()]
+
+
+def observe(amcl: Amcl, message: Any, name: str) -> Iterator[Output]:
+    topic = topics.Topic(name, message.__msgtype__, Qos())
+    return amcl.on_observed(message, topic, 0)
 
 
 def readings(outputs: list[Output]) -> list[LaserReading]:
@@ -478,7 +484,7 @@ def observed(covariance: Any, stamp_ns: int = SECOND, frame: str = "map") -> Any
 
 def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -> None:
     amcl = Robot().amcl
-    (seen,) = amcl.on_observed(observed(wide(0.4, 0.5, 0.1)), "uwb/pose", 0)
+    (seen,) = observe(amcl, observed(wide(0.4, 0.5, 0.1)), "uwb/pose")
     assert isinstance(seen, Observation)
     assert (seen.sender, seen.stamp_ns, seen.landmark) == ("uwb/pose", SECOND, "")
     np.testing.assert_allclose(seen.mean, PLACE)
@@ -487,7 +493,7 @@ def test_a_pose_by_another_sensor_is_an_observation_with_the_topic_as_source() -
 
 @pytest.mark.parametrize("heading", [0.0, -1.0, 1e6, nan])
 def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -> None:
-    (seen,) = Robot().amcl.on_observed(observed(wide(0.4, 0.5, heading)), "gnss", 0)
+    (seen,) = observe(Robot().amcl, observed(wide(0.4, 0.5, heading)), "gnss")
     assert isinstance(seen, Observation)
     assert (len(seen.mean), seen.covariance) == (2, (0.4, 0.0, 0.0, 0.5))
 
@@ -504,7 +510,7 @@ def test_an_observed_pose_without_usable_heading_is_a_position(heading: float) -
     ],
 )
 def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None:
-    (refused,) = Robot().amcl.on_observed(message, "gnss", 0)
+    (refused,) = observe(Robot().amcl, message, "gnss")
     assert isinstance(refused, Refused)
     assert refused.cause == "observation refused"
     assert refused.detail.startswith(f"gnss: {problem}")
@@ -512,7 +518,7 @@ def test_an_invalid_observed_pose_is_refused(message: Any, problem: str) -> None
 
 def test_an_inactive_node_uses_no_observed_pose() -> None:
     amcl = Robot(active=False).amcl
-    assert list(amcl.on_observed(observed(wide(1.0, 1.0, 1.0)), "gnss", 0)) == []
+    assert list(observe(amcl, observed(wide(1.0, 1.0, 1.0)), "gnss")) == []
 
 
 def test_a_pose_given_while_inactive_is_remembered() -> None:

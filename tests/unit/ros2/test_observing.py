@@ -14,7 +14,7 @@ from clustermcl.ros2.messages_out import header, transform
 from clustermcl.ros2.observing import MAX_WAITING, Datum
 from clustermcl.ros2.outputs import Output, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
-from tests.unit.ros2.test_amcl import SECOND, Robot, causes, link
+from tests.unit.ros2.test_amcl import SECOND, Robot, causes, link, observe
 
 OPTICAL = Rigid(0.2, 0.0, 0.5, -0.5, 0.5, -0.5, 0.5)
 """Pose of a camera that looks ahead: its z axis is the robot's x axis."""
@@ -43,7 +43,7 @@ def seen(outputs: list[Output]) -> list[Observation]:
 def test_a_minute_of_arc_is_a_nautical_mile_and_the_map_may_be_turned() -> None:
     amcl = Robot(NORTHWARD).amcl
     north, east = (
-        seen(list(amcl.on_observed(fix(*at), "fix", 0)))[0]
+        seen(list(observe(amcl, fix(*at), "fix")))[0]
         for at in ((52.0 + 1 / 60, 4.0), (52.0, 4.0 + 1 / 60))
     )
     # Published lengths at 52 degrees: 1,854.4 m of latitude, 1,144.5 m of longitude.
@@ -57,7 +57,7 @@ def test_the_antenna_s_distance_from_the_base_adds_to_the_error() -> None:
     robot = Robot(NORTHWARD)
     mount = link("base_footprint", "antenna", flat((-3.0, 4.0, 0.0)))
     list(robot.amcl.on_transforms(mount, 0, fixed=True))
-    (one,) = seen(list(robot.amcl.on_observed(fix(), "fix", 0)))
+    (one,) = seen(list(observe(robot.amcl, fix(), "fix")))
     np.testing.assert_allclose(one.covariance, (26.0, 0.0, 0.0, 29.0), atol=1e-12)
 
 
@@ -74,7 +74,7 @@ def test_the_antenna_s_distance_from_the_base_adds_to_the_error() -> None:
     ],
 )
 def test_a_fix_that_cannot_be_used_is_refused(message: Any, problem: str) -> None:
-    (refused,) = Robot(NORTHWARD).amcl.on_observed(message, "fix", 0)
+    (refused,) = observe(Robot(NORTHWARD).amcl, message, "fix")
     assert isinstance(refused, Refused)
     assert refused.cause == "observation refused"
     assert refused.detail == f"fix: {problem}"
@@ -110,7 +110,7 @@ def with_camera() -> Robot:
 
 def test_a_tag_is_a_landmark_with_the_name_of_its_frame_once_tf_has_it() -> None:
     robot = with_camera()
-    assert list(robot.amcl.on_observed(tags(7), "tags", 0)) == []
+    assert list(observe(robot.amcl, tags(7), "tags")) == []
     in_camera = transform((-0.5, 0.1, 0.0), SECOND, "camera", "tag36h11:7")
     in_camera.transforms[0].transform.translation.z = 3.0
     (one,) = seen(list(robot.amcl.on_transforms(in_camera, 0, fixed=False)))
@@ -123,15 +123,15 @@ def test_a_tag_is_a_landmark_with_the_name_of_its_frame_once_tf_has_it() -> None
 
 def test_a_tag_without_transform_is_refused_and_a_flood_is_bounded() -> None:
     robot = with_camera()
-    assert list(robot.amcl.on_observed(tags(7), "tags", 0)) == []
+    assert list(observe(robot.amcl, tags(7), "tags")) == []
     assert causes(list(robot.amcl.on_tick(2 * SECOND))) == [
         "observation without transform: frames not connected"
     ]
-    flood = list(robot.amcl.on_observed(tags(*range(MAX_WAITING + 5)), "tags", 0))
+    flood = list(observe(robot.amcl, tags(*range(MAX_WAITING + 5)), "tags"))
     assert causes(flood) == ["observation without transform: too many wait"] * 5
     robot.amcl.deactivate()
     assert list(robot.amcl.on_tick(9 * SECOND)) == []
-    (refused,) = with_camera().amcl.on_observed(tags(7, stamp_ns=0), "tags", 0)
+    (refused,) = observe(with_camera().amcl, tags(7, stamp_ns=0), "tags")
     assert refused == Refused("observation refused", "tags: it has no stamp")
 
 
@@ -154,17 +154,17 @@ def detected(*results: tuple[str, float], covariance: Any = None, x: float = -0.
 def test_a_detected_object_is_a_landmark_of_its_likeliest_class() -> None:
     amcl = with_camera().amcl
     message = detected(("pillar", 0.3), ("door", 0.6))
-    (one,) = seen(list(amcl.on_observed(message, "objects", 0)))
+    (one,) = seen(list(observe(amcl, message, "objects")))
     assert (one.sender, one.landmark) == ("objects", "door")
     np.testing.assert_allclose(one.mean, (3.2, 0.5), atol=1e-12)
     spread = np.diag([0.01, 0.04, 0.09, 0.0, 0.0, 0.0])  # across, down, ahead of the camera
-    (one,) = seen(list(amcl.on_observed(detected(("door", 0.6), covariance=spread), "o", 0)))
+    (one,) = seen(list(observe(amcl, detected(("door", 0.6), covariance=spread), "o")))
     np.testing.assert_allclose(one.covariance, (0.09, 0.0, 0.0, 0.01), atol=1e-12)
 
 
 def test_an_object_without_a_class_or_place_is_not_used() -> None:
     amcl = with_camera().amcl
-    assert list(amcl.on_observed(detected(), "objects", 0)) == []
-    assert list(amcl.on_observed(detected(("", 1.0)), "objects", 0)) == []
-    (refused,) = amcl.on_observed(detected(("door", 1.0), x=nan), "objects", 0)
+    assert list(observe(amcl, detected(), "objects")) == []
+    assert list(observe(amcl, detected(("", 1.0)), "objects")) == []
+    (refused,) = observe(amcl, detected(("door", 1.0), x=nan), "objects")
     assert refused == Refused("observation refused", "objects: not all numbers are finite")

@@ -3,29 +3,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
-from clustermcl.protocol.answers import Configure, SetPose
+from clustermcl.protocol.answers import Configure, SetPose, Status
 from clustermcl.protocol.errors import InputFileError, SettingsError
 from clustermcl.protocol.live_settings import LiveSettings
-from clustermcl.ros2 import message_types as types
-from clustermcl.ros2.amcl import Amcl
-from clustermcl.ros2.lifecycle import ACTIVATE, CONFIGURE
-from clustermcl.ros2.message_types import decode, encode, new, request_of
+from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.nav2_params import read_nav2_params
 from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
 from clustermcl.ros2.parameters import Parameters
 from clustermcl.ros2.robot_session import node_name
-from clustermcl.ros2.services import Services
-from clustermcl.ros2.topics import PARAMETER_EVENTS, Topics
+from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import TABLE
+from tests.unit.evaluation.places import STATUS
 from tests.unit.ros2.beliefs import belief
+from tests.unit.ros2.ports import port
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
-DEACTIVATE, CLEAN_UP = 4, 2
-BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
 
 
 def test_every_parameter_has_a_setting_or_a_reason() -> None:
@@ -246,196 +243,91 @@ def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> No
         load_settings(None, [], beneath=values, beneath_from=str(path))
 
 
-# --- services
+# --- while the node runs
 
 
-def get(parameters: Parameters, *names: str) -> list[Any]:
-    request = new(request_of(types.GET_PARAMETERS), names=list(names))
-    values: list[Any] = parameters.get(request).values
-    return values
-
-
-def parameter(name: str, number: int, **value: Any) -> Any:
-    reported = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
-    return new("rcl_interfaces/msg/Parameter", name=name, value=reported)
-
-
-def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
-    one = parameter(name, number, **value)
-    request = new(request_of(types.SET_PARAMETERS), parameters=[one])
-    return parameters.set(request)[0].results[0]
-
-
-def node(settings: Settings | None = None) -> Services:
-    settings = settings or Settings()
-    return Services(Amcl(settings.ros2), settings, lambda: 0, "/amcl")
-
-
-def value_of(services: Services, name: str) -> Any:
-    request = new(request_of(types.GET_PARAMETERS), names=[name])
-    response, _ = services.call("~/get_parameters", request)
-    return response.values[0]
-
-
-def test_parameter_values_are_returned_with_their_types() -> None:
-    names = ("tf_broadcast", "max_beams", "alpha1", "odom_frame_id", "what")
-    values = get(Parameters(Settings()), *names)
-    assert [one.type for one in values] == [BOOL, INTEGER, DOUBLE, STRING, 0]
-    assert (values[0].bool_value, values[1].integer_value) == (True, 60)
-    assert (values[2].double_value, values[3].string_value) == (pytest.approx(0.04), "odom")
-    request = new(request_of(types.GET_PARAMETER_TYPES), names=list(names))
-    assert list(Parameters(Settings()).kinds(request).types) == [BOOL, INTEGER, DOUBLE, STRING, 0]
+def status(live: LiveSettings) -> Status:
+    return replace(STATUS, settings=live)
 
 
 def test_the_bridges_own_parameters_can_be_set() -> None:
     parameters = Parameters(Settings())
-    assert set_one(parameters, "publish", STRING, string_value="best").successful
-    assert set_one(parameters, "initial_pose.x", DOUBLE, double_value=3.0).successful
+    assert parameters.set({"publish": "best", "initial_pose.x": 3.0}) == ""
     assert parameters.settings.ros2 == Ros2Settings(publish="best", initial_x_m=3.0)
 
 
 @pytest.mark.parametrize(
-    ("name", "number", "value", "reason"),
+    ("name", "value", "reason"),
     [
-        ("what", DOUBLE, {"double_value": 1.0}, "there is no parameter what"),
-        ("publish", STRING, {"string_value": "all"}, "expected"),
-        ("publish", BOOL, {"bool_value": True}, "publish is a str"),
-        ("transform_tolerance", DOUBLE, {"double_value": -1.0}, "ros2.transform_tolerance_s"),
-        ("max_beams", INTEGER, {"integer_value": 0}, "max_beams: sensor.max_beams = 0: expected"),
-        (
-            "alpha1",
-            DOUBLE,
-            {"double_value": -0.1},
-            "alpha1 = -0.1: a variance must not be negative",
-        ),
-        ("scan_topic", STRING, {"string_value": "a"}, "ros2.scan_topic is read only at the start"),
-        ("pf_err", DOUBLE, {"double_value": 9.0}, PARAMETERS["pf_err"].reason),
+        ("what", 1.0, "there is no parameter what"),
+        ("publish", "all", "expected"),
+        ("publish", True, "publish is a str"),
+        ("publish", None, "publish is a str"),
+        ("transform_tolerance", -1.0, "ros2.transform_tolerance_s"),
+        ("max_beams", 0, "max_beams: sensor.max_beams = 0: expected"),
+        ("alpha1", -0.1, "alpha1 = -0.1: a variance must not be negative"),
+        ("scan_topic", "a", "ros2.scan_topic is read only at the start"),
+        ("pf_err", 9.0, PARAMETERS["pf_err"].reason),
     ],
 )
 def test_a_parameter_that_cannot_be_set_is_refused_with_a_reason(
-    name: str, number: int, value: dict[str, Any], reason: str
+    name: str, value: object, reason: str
 ) -> None:
     parameters = Parameters(Settings())
-    result = set_one(parameters, name, number, **value)
-    assert not result.successful
-    assert reason in result.reason
+    assert reason in parameters.set({name: value})
     assert parameters.settings == Settings()
 
 
-def test_set_parameters_atomically_sets_all_or_none() -> None:
-    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 7 * 10**9 + 5, "/amcl")
-    best, tolerance, wrong = (
-        parameter("publish", STRING, string_value="best"),
-        parameter("transform_tolerance", DOUBLE, double_value=0.5),
-        parameter("transform_tolerance", DOUBLE, double_value=-1.0),
+def test_parameters_set_together_are_all_set_or_none() -> None:
+    tested, kept = port()
+    assert "ros2.transform_tolerance_s" in tested.set_parameters(
+        {"publish": "best", "alpha1": 0.25, "transform_tolerance": -1.0}
     )
-
-    def set_at_once(*wanted: Any) -> tuple[Any, Any]:
-        request = new(request_of(types.SET_PARAMETERS_ATOMICALLY), parameters=list(wanted))
-        response, outputs = services.call("~/set_parameters_atomically", request)
-        return response.result, outputs
-
-    result, outputs = set_at_once(best, wrong)
-    assert (result.successful, outputs) == (False, [])
-    assert "ros2.transform_tolerance_s" in result.reason
-    assert value_of(services, "publish").string_value == "held"
-    result, (reported,) = set_at_once(best, tolerance)
-    assert result.successful
-    assert reported.topic == PARAMETER_EVENTS
-    assert (reported.message.node, reported.message.stamp.sec, reported.message.stamp.nanosec) == (
-        "/amcl",
-        7,
-        5,
-    )
-    assert reported.message.changed_parameters == [best, tolerance]
-    assert value_of(services, "publish").string_value == "best"
-
-
-def test_only_accepted_parameters_are_published_as_changed() -> None:
-    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/robot1/amcl")
-    taken = parameter("tf_broadcast", BOOL, bool_value=False)
-    refused = parameter("max_particles", INTEGER, integer_value=9)
-    request = new(request_of(types.SET_PARAMETERS), parameters=[refused, taken])
-    _, (reported,) = services.call("~/set_parameters", request)
-    assert reported.message.changed_parameters == [taken]
-    assert reported.message.node == "/robot1/amcl"
-    data = encode(reported.message, types.PARAMETER_EVENT)
-    assert decode(data, types.PARAMETER_EVENT).changed_parameters[0].name == "tf_broadcast"
+    assert tested.parameters.settings == Settings()
+    assert tested.set_parameters({"publish": "best", "transform_tolerance": 0.5}) == ""
+    assert tested.parameters.settings.ros2.publish == "best"
+    assert kept.commands == []
 
 
 def test_setting_a_parameter_to_its_current_value_always_succeeds() -> None:
-    parameters = Parameters(Settings())
-    assert set_one(parameters, "max_particles", INTEGER, integer_value=2000).successful
-
-
-@pytest.mark.parametrize(
-    ("prefixes", "depth", "found"),
-    [
-        ([], 0, len(PARAMETERS)),
-        (["initial_pose"], 0, 4),
-        (["initial_pose"], 1, 4),
-        (["initial"], 0, 0),
-        ([], 1, len(PARAMETERS) - 4),
-    ],
-)
-def test_names_are_listed_by_prefix_and_depth(prefixes: list[str], depth: int, found: int) -> None:
-    request = new(request_of(types.LIST_PARAMETERS), prefixes=prefixes, depth=depth)
-    assert len(Parameters(Settings()).names(request).result.names) == found
-
-
-def test_descriptions_of_parameters_name_the_setting_and_whether_it_can_be_set() -> None:
-    names = ["transform_tolerance", "max_beams", "pf_err", "what"]
-    request = new(request_of(types.DESCRIBE_PARAMETERS), names=names)
-    reported = Parameters(Settings()).describe(request).descriptors
-    assert [one.read_only for one in reported] == [False, False, True, False]
-    assert reported[0].description == "ros2.transform_tolerance_s"
-    assert reported[2].description.startswith("without effect: all places share belief.particles")
-    assert reported[3].type == 0
+    assert Parameters(Settings()).set({"max_particles": 2000}) == ""
 
 
 def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0)
-    amcl = Amcl(settings)
-    services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
+    tested, kept = port(Settings(ros2=settings))
 
-    def given(outputs: list[Any]) -> list[Any]:
-        return [one.pose for one in outputs if isinstance(one, SetPose)]
+    def given() -> list[Any]:
+        poses = [one.pose for one in kept.commands if isinstance(one, SetPose)]
+        kept.commands.clear()
+        return poses
 
-    services.change(CONFIGURE)
-    assert given(services.change(ACTIVATE)) == [(1.0, 0.0, 0.0)]
-    list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
-    services.change(DEACTIVATE)
-    events = [one for one in services.change(CLEAN_UP) if one.topic == PARAMETER_EVENTS]
-    (reported,) = (one.message.changed_parameters for one in events)
-    assert [(one.name, one.value.double_value) for one in reported] == [
-        ("initial_pose.x", 5.0),
-        ("initial_pose.y", -3.0),
-        ("initial_pose.yaw", 0.5),
-    ]
-    services.change(CONFIGURE)
-    assert given(services.change(ACTIVATE)) == [(5.0, -3.0, 0.5)]
-    assert value_of(services, "initial_pose.x").double_value == 5.0
+    tested.enter(State.INACTIVE)
+    tested.enter(State.ACTIVE)
+    assert given() == [(1.0, 0.0, 0.0)]
+    tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
+    tested.enter(State.INACTIVE)
+    assert kept.shown == {}
+    tested.enter(State.UNCONFIGURED)
+    assert kept.shown == {"initial_pose.x": 5.0, "initial_pose.y": -3.0, "initial_pose.yaw": 0.5}
+    tested.enter(State.INACTIVE)
+    tested.enter(State.ACTIVE)
+    assert given() == [(5.0, -3.0, 0.5)]
+    assert tested.parameters.values()["initial_pose.x"] == 5.0
+    assert kept.bonds == [True, False, True]
 
 
 def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> None:
     for is_set in (True, False):
-        settings = Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0)
-        amcl = Amcl(settings)
-        services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
-        services.change(CONFIGURE)
+        settings = Settings(ros2=Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0))
+        tested, kept = port(settings)
+        tested.enter(State.INACTIVE)
         if not is_set:
-            services.change(ACTIVATE)
-            list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
-            services.change(DEACTIVATE)
-        services.change(CLEAN_UP)
-        assert amcl.settings == settings
-
-
-def set_live(services: Services, *wanted: Any) -> list[Any]:
-    request = new(request_of(types.SET_PARAMETERS), parameters=list(wanted))
-    response, outputs = services.call("~/set_parameters", request)
-    assert all(result.successful for result in response.results)
-    return [one for one in outputs if isinstance(one, Configure)]
+            tested.enter(State.ACTIVE)
+            tested.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized"))
+            tested.enter(State.INACTIVE)
+        tested.enter(State.UNCONFIGURED)
+        assert (tested.parameters.settings, kept.shown) == (settings, {})
 
 
 NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")
@@ -445,34 +337,39 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 
 @pytest.mark.parametrize("name", NAV2_LIVE)
 def test_parameters_that_nav2_changes_while_driving_can_be_set(name: str) -> None:
-    services = node()
-    value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
-    reported = set_live(
-        services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value)
-    )
-    ((field, found),) = value.items()
-    assert getattr(value_of(services, name), field) == pytest.approx(found)
+    tested, kept = port()
+    value = 31 if name == "max_beams" else 0.25
+    assert tested.set_parameters({name: value}) == ""
+    assert tested.parameters.values()[name] == pytest.approx(value)
     if not PARAMETERS[name].setting.startswith("ros2."):
-        (reconfigured,) = reported
+        (reconfigured,) = kept.commands
         setting = PARAMETERS[name].setting.rpartition(".")[2]
-        expected = {setting: PARAMETERS[name].converted(found)}
-        assert reconfigured.settings == LiveSettings(**expected)
+        expected = LiveSettings(**{setting: PARAMETERS[name].converted(value)})
+        assert isinstance(reconfigured, Configure)
+        assert reconfigured.settings == expected
 
 
 def test_all_live_settings_are_sent_together() -> None:
-    services = node()
-    set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
-    (reported,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
-    assert reported.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
-    assert set_live(services, parameter("tf_broadcast", BOOL, bool_value=False)) == []
+    tested, kept = port()
+    tested.set_parameters({"alpha1": 0.25})
+    tested.set_parameters({"max_beams": 60})
+    assert kept.commands[1:] == [
+        Configure(sender="amcl", settings=LiveSettings(turn_noise_per_turn=0.5, max_beams=60))
+    ]
+    tested.set_parameters({"tf_broadcast": False})
+    assert len(kept.commands) == 2
 
 
 def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
-    services = node()
-    before = LiveSettings(max_beams=31)
-    assert services.on_live_settings(before) == []
-    assert value_of(services, "max_beams").integer_value == 31
-    (reported,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
+    tested, kept = port()
+    tested.on_status(None)
+    tested.on_status(status(LiveSettings(max_beams=31)))
+    assert (kept.commands, kept.shown) == ([], {"max_beams": 31})
+    tested.set_parameters({"sigma_hit": 0.3})
+    (reported,) = kept.commands
+    assert isinstance(reported, Configure)
     assert reported.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
-    assert services.on_live_settings(reported.settings) == []
-    assert services.on_live_settings(LiveSettings()) == [reported]
+    tested.on_status(status(reported.settings))
+    assert kept.commands == [reported]
+    tested.on_status(status(LiveSettings()))
+    assert kept.commands == [reported, reported]

@@ -1,0 +1,259 @@
+"""AMCL's node without ROS, and without the engine that localizes: both are given."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import Belief, Configure, Relocalize, Status, Update
+from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.live_settings import AS_STARTED
+from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
+from clustermcl.protocol.work import Particles
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2 import topics
+from clustermcl.ros2.amcl import Amcl
+from clustermcl.ros2.lifecycle import State
+from clustermcl.ros2.message_types import new, response_of
+from clustermcl.ros2.messages_out import diagnostics
+from clustermcl.ros2.outputs import (
+    NO_ID,
+    AskAdvice,
+    Bond,
+    Command,
+    Output,
+    Publish,
+    Reading,
+    Refused,
+)
+from clustermcl.ros2.parameter_table import Value
+from clustermcl.ros2.parameters import Parameters
+from clustermcl.ros2.topics import Topic, Topics
+from clustermcl.runtime.settings import Settings
+
+SERVICES = {
+    "reinitialize_global_localization": types.EMPTY,
+    "request_nomotion_update": types.EMPTY,
+    "set_initial_pose": types.SET_INITIAL_POSE,
+    "~/advise": types.EMPTY,
+    "~/is_localized": types.TRIGGER,
+}
+"""The services with their types; names follow ROS's rules."""
+
+_DIAGNOSTICS_EVERY_NS = 1_000_000_000
+
+
+class Ros(Protocol):
+    """The node in ROS's graph, which carries out what is decided here."""
+
+    def publish(self, topic: Topic, message: Any) -> None: ...
+
+    def bond(self, *, alive: bool) -> None:
+        """Start or end the heartbeat for nav2's lifecycle manager."""
+
+    def show_parameters(self, values: Mapping[str, Value]) -> None:
+        """Set the node's parameters to values that were not set by a call."""
+
+    def refuse(self, cause: AnyCause, detail: str) -> None:
+        """Count something unusable by its cause, and log it."""
+
+    def refused(self) -> Mapping[str, int]: ...
+
+    def now_ns(self) -> int:
+        """Return ROS's time."""
+
+    def monotonic_ns(self) -> int: ...
+
+
+class Engine(Protocol):
+    """What localizes; it calls the `on_...` methods of `Port`."""
+
+    def put(self, reading: Reading) -> None: ...
+
+    def command(self, command: Command) -> None: ...
+
+    def ask_advice(self) -> None: ...
+
+
+class Port:
+    """Takes messages, calls and changes of state from ROS, and beliefs from the engine."""
+
+    def __init__(self, settings: Settings, ros: Ros, engine: Engine) -> None:
+        self._ros, self._engine = ros, engine
+        self._amcl = Amcl(settings.ros2)
+        self._topics = Topics(settings.ros2)
+        self._sender = settings.ros2.node_name
+        self.parameters, self._is_new = Parameters(settings), True
+        self.state = State.UNCONFIGURED
+        self.has_places = False
+        """Whether `tick` will publish the places of a belief."""
+        self._status: Status | None = None
+        self._diagnostics_ns = 0
+
+    @property
+    def held(self) -> int | None:
+        """Return the cluster that is published as the pose."""
+        return self._amcl.choice.held
+
+    # --- from ROS
+
+    def on_message(self, topic: Topic, message: Any) -> None:
+        amcl, now_ns = self._amcl, self._ros.monotonic_ns()
+        match topic:
+            case topic if topic in self._topics.scans:
+                self._do(amcl.on_scan(message, now_ns))
+            case self._topics.tf:
+                self._do(amcl.on_transforms(message, now_ns, fixed=False))
+            case self._topics.tf_static:
+                self._do(amcl.on_transforms(message, now_ns, fixed=True))
+            case self._topics.map:
+                self._do(amcl.on_map(message))
+            case topic if topic in self._topics.observed:
+                self._do(amcl.on_observed(message, topic, now_ns))
+            case topics.INITIAL_POSE:
+                self._do(amcl.on_initial_pose(message))
+            case topics.CLOCK:
+                self._do(amcl.on_clock(message))
+
+    def call(self, service: str, request: Any) -> Any:
+        """Return the response to a call of one of `SERVICES`."""
+        match service:
+            case "reinitialize_global_localization":
+                self._engine.command(Relocalize(sender=self._sender, command_id=NO_ID))
+            case "request_nomotion_update":
+                self._update()
+            case "set_initial_pose":
+                self._do(self._amcl.on_initial_pose(request.pose))
+            case "~/advise":
+                self._engine.ask_advice()
+            case "~/is_localized":
+                return self._is_localized()
+        return new(response_of(SERVICES[service]))
+
+    def enter(self, state: State) -> None:
+        """Enter a state of the lifecycle; UNCONFIGURED after another state resets the node."""
+        before, self.state = self.state, state
+        if state is State.ACTIVE:
+            self._do([*self._amcl.activate(), Bond(alive=True)])
+        elif before is State.ACTIVE:
+            self._amcl.deactivate()
+            self._do([Bond(alive=False)])
+        if state is State.UNCONFIGURED:
+            self._reset()
+
+    def resume(self, held: int | None) -> None:
+        """Be active in place of a killed node, which published the cluster `held` as the pose."""
+        self.state = State.ACTIVE
+        self._amcl.resume(held)
+        self._update()  # otherwise a standing robot gets no belief
+
+    def set_parameters(self, values: Mapping[str, object]) -> str:
+        """Set all parameters or, if one is invalid, none; return the reason, or an empty text."""
+        before = self.parameters.live
+        reason = self.parameters.set(values)
+        self._amcl.use(self.parameters.settings.ros2)
+        if self.parameters.live != before:
+            self._configure()
+        return reason
+
+    def tick(self) -> None:
+        """Do what is due; to be called when nothing else is to do, and ten times a second."""
+        self._do(self._amcl.on_tick(self._ros.monotonic_ns()))
+        if self.has_places:
+            self.has_places = False
+            self._do(self._amcl.all_places())
+        if (now_ns := self._ros.monotonic_ns()) >= self._diagnostics_ns:
+            self._diagnostics_ns = now_ns + _DIAGNOSTICS_EVERY_NS
+            self._ros.publish(topics.DIAGNOSTICS, self._diagnostics())
+
+    # --- from the engine
+
+    def on_belief(self, belief: Belief) -> None:
+        self._do(self._amcl.on_belief(belief))
+        self.has_places = True
+
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        self._amcl.on_particles(cluster, particles)
+
+    def on_advice(self, advice: Advice) -> None:
+        self._do(self._amcl.on_advice(advice))
+
+    def on_status(self, status: Status | None) -> None:
+        """Take the engine's status, at least once a second; None: it does not answer.
+
+        At the first one, a node whose parameters are unchanged adopts the engine's live settings.
+        Otherwise the engine gets the node's.
+        """
+        self._status = status
+        if status is None:
+            return
+        is_first, self._is_new = self._is_new, False
+        if status.settings == self.parameters.live:
+            return
+        if is_first and self.parameters.live == AS_STARTED:
+            self._ros.show_parameters(self.parameters.adopt(status.settings))
+        else:
+            self._configure()
+
+    # --- helpers
+
+    def _do(self, outputs: Iterable[Output]) -> None:
+        for output in outputs:
+            match output:
+                case Publish(topic=topic, message=message):
+                    self._ros.publish(topic, message)
+                case Refused(cause=cause, detail=detail):
+                    self._ros.refuse(cause, detail)
+                case Bond(alive=alive):
+                    self._ros.bond(alive=alive)
+                case LaserReading() | OdometryReading() | Observation() | MapReading():
+                    self._engine.put(output)
+                case AskAdvice():
+                    self._engine.ask_advice()
+                case _:
+                    self._engine.command(output)
+
+    def _update(self) -> None:
+        """Request a step of the next scan although the robot stands."""
+        self._engine.command(Update(sender=self._sender, command_id=NO_ID))
+
+    def _configure(self) -> None:
+        self._engine.command(Configure(sender=self._sender, settings=self.parameters.live))
+
+    def _reset(self) -> None:
+        """As in nav2, the last pose becomes the initial pose of the next activation."""
+        self._amcl.clean_up()
+        initial = self._amcl.last_pose
+        if initial is None or not self._amcl.settings.set_initial_pose:
+            return
+        names = ("initial_pose.x", "initial_pose.y", "initial_pose.yaw")
+        values = dict(zip(names, initial, strict=True))
+        self.parameters.replace(values)
+        self._amcl.use(self.parameters.settings.ros2)
+        self._ros.show_parameters(values)
+
+    @property
+    def _freshness(self) -> str:
+        return "unreachable" if self._status is None else self._status.freshness
+
+    def _is_localized(self) -> Any:
+        belief = self._amcl.belief
+        state = belief.state if belief is not None else "searching"
+        probable = belief.probability if belief is not None else 0.0
+        is_localized = state == "localized" and self._freshness == "fresh"
+        words = f"{state}, {self._freshness}, probability {probable:.3f}"
+        return new(response_of(types.TRIGGER), success=is_localized, message=words)
+
+    def _diagnostics(self) -> Any:
+        status, belief = self._status, self._amcl.belief
+        values: dict[str, object] = {"life cycle": self.state.label}
+        if belief is not None and belief.hypotheses:
+            values["places"] = len(belief.hypotheses)
+            values["probability"] = f"{belief.probability:.3f}"
+        if belief is not None:
+            values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
+            values["probability off the map"] = f"{belief.off_map_probability:.3f}"
+        if status is not None:
+            values |= {"step": status.step, "workers": len(status.workers)}
+        values |= self._ros.refused()
+        state = status.state if status is not None else "searching"
+        return diagnostics(state, self._freshness, values, self._sender, self._ros.now_ns())

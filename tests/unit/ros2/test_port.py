@@ -1,0 +1,87 @@
+"""What passes between ROS, the node's decisions and the engine."""
+
+from msgspec.structs import replace
+
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import Relocalize, SetPose, Update
+from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
+from clustermcl.recordings.rigid import flat
+from clustermcl.ros2 import message_types as types
+from clustermcl.ros2 import topics
+from clustermcl.ros2.lifecycle import State
+from clustermcl.ros2.message_types import new, request_of
+from clustermcl.ros2.messages_out import pose_stamped, transform
+from clustermcl.ros2.port import SERVICES, Port
+from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.settings import Settings
+from tests.unit.evaluation.places import STATUS
+from tests.unit.ros2.beliefs import COVARIANCE, belief
+from tests.unit.ros2.ports import Kept, port
+from tests.unit.ros2.test_amcl import SECOND, grid, link, scan
+
+PLACES = ((1, 0.95, (5.0, -3.0, 0.5)),)
+
+
+def active(settings: Settings | None = None) -> tuple[Port, Kept]:
+    tested, kept = port(settings)
+    tested.enter(State.INACTIVE)
+    tested.enter(State.ACTIVE)
+    mount = link("base_footprint", "laser", flat((0.2, 0.1, 0.3)))
+    tested.on_message(topics.Topics(Ros2Settings()).tf_static, mount)
+    return tested, kept
+
+
+def test_readings_go_to_the_engine_and_its_belief_to_ros() -> None:
+    tested, kept = active()
+    names = topics.Topics(Ros2Settings())
+    tested.on_message(names.map, grid())
+    tested.on_message(names.tf, transform((0.0, 0.0, 0.0), SECOND, "odom", "base_footprint"))
+    tested.on_message(names.scans[0], scan(SECOND))
+    assert [type(one) for one in kept.readings] == [MapReading, OdometryReading, LaserReading]
+    tested.on_belief(belief(SECOND, *PLACES, state="localized"))
+    assert len(kept.on(topics.AMCL_POSE)) == 1
+    assert not kept.on(topics.HYPOTHESES)
+    tested.tick()
+    tested.tick()
+    assert len(kept.on(topics.HYPOTHESES)) == 1
+    tested.on_message(names.scans[0], scan(SECOND + 1))
+    assert not kept.on(names.tf)  # it waits for odometry of its time
+    kept.process_ns += 2 * SECOND
+    tested.tick()
+    assert dict(kept.causes) == {"laser scan without transform: transform does not arrive": 1}
+
+
+def test_every_service_has_its_response_and_its_effect() -> None:
+    tested, kept = active()
+    request = new(
+        request_of(types.SET_INITIAL_POSE),
+        pose=pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map"),
+    )
+    for service in SERVICES:
+        tested.call(service, request)
+    assert [type(one) for one in kept.commands] == [Relocalize, Update, SetPose]
+    assert kept.questions == 1
+    tested.on_advice(Advice(sender="engine"))
+    assert len(kept.on(topics.ADVICE)) == 1
+
+
+def test_a_robot_is_localized_only_with_fresh_data() -> None:
+    tested, _ = active()
+    answer = tested.call("~/is_localized", None)
+    assert (answer.success, answer.message) == (False, "searching, unreachable, probability 0.000")
+    tested.on_belief(belief(SECOND, *PLACES, state="localized"))
+    for freshness, success in (("fresh", True), ("stale", False)):
+        tested.on_status(replace(STATUS, freshness=freshness))
+        assert tested.call("~/is_localized", None).success is success
+
+
+def test_diagnostics_come_once_a_second_with_counts_of_what_was_refused() -> None:
+    tested, kept = active()
+    tested.on_message(topics.INITIAL_POSE, pose_stamped((0, 0, 0), COVARIANCE, 0, "moon"))
+    for kept.process_ns in range(0, 3 * SECOND, SECOND // 2):
+        tested.tick()
+    reported = kept.on(topics.DIAGNOSTICS)
+    assert len(reported) == 3
+    (status,) = reported[-1].status
+    values = {one.key: one.value for one in status.values}
+    assert values == {"life cycle": "active", "initial pose refused": "1"}
