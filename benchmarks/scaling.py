@@ -1,7 +1,7 @@
 """Cost of a step against the size of everything: `python -m benchmarks.scaling`.
 
 CPU time of one thread, the least of some rounds: what other processes do counts little. These
-are the numbers of docs/scaling.md.
+are the numbers of docs/results.md.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""Write the picture of the packages and the lists of modules in docs/architecture.md.
+"""Write the picture and the list of folders in docs/architecture.md; list all modules for the site.
 
 python docs/list_modules.py
 
@@ -14,10 +14,6 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "clustermcl"
 PAGE = ROOT / "docs" / "architecture.md"
-LISTED = (
-    *("ros2", "coordinator", "worker", "sensor_bridge", "jobs", "belief"),
-    *("link", "recordings", "runtime", "protocol", "filter"),
-)
 TOUCHED = {
     "Zenoh": {"zenoh", "link"},
     "clock": {"time"},
@@ -32,8 +28,8 @@ def main() -> None:
 
 
 def renewed(page: str) -> str:
-    """Return the page with the picture and the lists of the present files."""
-    for mark, lines in (("rooms", picture()), ("modules", tables())):
+    """Return the page with the picture and the list of the present folders."""
+    for mark, lines in (("rooms", picture()), ("folders", folders())):
         before, start, rest = page.partition(f"<!-- {mark}: python docs/list_modules.py -->\n")
         _, end, after = rest.partition(f"<!-- end of {mark} -->\n")
         page = "".join([before, start, *(f"{line}\n" for line in lines), end, after])
@@ -57,20 +53,23 @@ def picture() -> Iterator[str]:
     yield "```"
 
 
-def tables() -> Iterator[str]:
-    """A list for each folder: its modules, what they are for, and what they touch."""
-    for room in LISTED:
-        folders = sorted({file.parent for file in (PACKAGE / room).rglob("*.py")})
-        for folder in folders:
-            yield from (
-                "",
-                f"**`{folder.relative_to(PACKAGE)}/`** {summary(folder / '__init__.py')}",
-                "",
-            )
-            for file in sorted(folder.glob("[!_]*.py")):
-                means = f" *({', '.join(touched(file))})*" if touched(file) else ""
-                yield f"* `{file.name}`: {summary(file)}{means}"
-    yield ""
+def folders() -> Iterator[str]:
+    """List the folders inside the packages, with what they are for."""
+    for init in sorted(PACKAGE.glob("*/**/__init__.py")):
+        if init.parent.parent != PACKAGE:
+            yield f"* `{init.parent.relative_to(PACKAGE)}/`: {summary(init)}"
+
+
+def modules_page() -> str:
+    """List the modules of each folder, what they are for, and what they touch."""
+    lines = ["# Modules", "", "In brackets: Zenoh, the clock, the log or files, if imported."]
+    for init in sorted(PACKAGE.rglob("__init__.py")):
+        folder = init.parent.relative_to(PACKAGE.parent)
+        lines += ["", f"## {folder}", "", summary(init), ""]
+        for file in sorted(init.parent.glob("[!_]*.py")):
+            means = f" *({', '.join(touched(file))})*" if touched(file) else ""
+            lines.append(f"* `{file.name}`: {summary(file)}{means}")
+    return "\n".join(lines) + "\n"
 
 
 def source(room: str) -> Path:

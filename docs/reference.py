@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import clustermcl
 from clustermcl.commands.command import app
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
 
@@ -130,16 +131,16 @@ def fields(module: ModuleType, name: str) -> Iterator[tuple[str, str, str]]:
             yield node.target.id, type_.replace("|", "\\|"), meaning.replace("|", "\\|")
 
 
-def decisions_page() -> str:
-    """All decisions by their titles."""
-    pages = sorted((DOCS / "decisions").glob("*.md"), key=title_of)
-    lines = ["# Decisions", "", "What was not obvious, and why it is as it is.", ""]
-    return "\n".join([*lines, *(f"* [{title_of(page)}]({page.name})" for page in pages)]) + "\n"
-
-
-def title_of(page: Path) -> str:
-    """The first heading of a page."""
-    return page.read_text().partition("\n")[0].removeprefix("# ")
+def causes_page() -> str:
+    """Every cause of dropped data, with its meaning."""
+    lines = [
+        "# Causes",
+        "",
+        "What to do: [Operations](../operations.md#dropped-or-refused-data).",
+        "",
+    ]
+    lines += ["| cause | means |", "| --- | --- |"]
+    return "\n".join([*lines, *(f"| `{cause}` | {cause.means} |" for cause in Cause)]) + "\n"
 
 
 def _docstring(text: str) -> Iterator[str]:
@@ -161,6 +162,7 @@ PAGES = {
     "reference/library.md": library_page,
     "reference/client.md": client_page,
     "reference/messages.md": messages_page,
+    "reference/causes.md": causes_page,
 }
 
 if __name__ == "__main__":

@@ -14,21 +14,20 @@ from mkdocs.structure.pages import Page
 DOCS = Path(__file__).parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent)]  # MkDocs loads this file alone
 
+import list_modules  # noqa: E402 - see above
 import notebook  # noqa: E402 - see above
 import play_runs  # noqa: E402 - see above
-from reference import PAGES, decisions_page, title_of  # noqa: E402 - see above
+from reference import PAGES  # noqa: E402 - see above
 
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[\w./-]+)\)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Add every decision, and every page without a place, to the navigation."""
+    """Add every page without a place to the navigation."""
     nav: list[dict[str, Any]] = list(config.nav or [])
-    decisions = sorted((DOCS / "decisions").glob("*.md"), key=title_of)
     placed = re.findall(r"[\w/-]+\.md", str(nav))
-    more = [page.name for page in sorted(DOCS.glob("*.md")) if page.name not in placed]
-    explanation = next(section["Explanation"] for section in nav if "Explanation" in section)
-    explanation[-1]["Decisions"] += [f"decisions/{page.name}" for page in decisions]
+    pages = [page.relative_to(DOCS).as_posix() for page in sorted(DOCS.rglob("*.md"))]
+    more = [page for page in pages if page not in placed]
     config.nav = [*nav, {"More": more}] if more else nav
     return config
 
@@ -36,11 +35,23 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is made from the code."""
     made: dict[str, str | bytes] = {name: make() for name, make in PAGES.items()}
-    made["decisions/index.md"] = decisions_page()
+    made["index.md"] = _home()
+    made["reference/modules.md"] = list_modules.modules_page()
     made[notebook.PAGE], pictures = notebook.page()
     for name, content in {**made, **pictures, **_runs()}.items():
         files.append(File.generated(config, name, content=content))
     return files
+
+
+def _home() -> str:
+    """The README, with its links as from this folder, and runs to play."""
+    readme = (DOCS.parent / "README.md").read_text()
+    readme = re.sub(r"\]\((?!https?:|docs/|#)", "](../", readme)
+    readme = re.sub(r"""(\]\(|src(?:set)?=")docs/""", r"\1", readme)
+    played = ", ".join(f"[{name}](demo/{name}.html#step=0)" for name in play_runs.STORIES)
+    return readme.replace(
+        "## Try it\n", f"**Play a run** without installing (press ▶): {played}.\n\n## Try it\n"
+    )
 
 
 @cache
@@ -67,5 +78,4 @@ def on_page_markdown(markdown: str, page: Page, **_rest: object) -> str:
             raise PluginError(f"{page.file.src_uri} links to {link[2]}, which is not there")
         return f"{words} (`{target.relative_to(DOCS.parent)}` in the repository)"
 
-    inside = _OUTSIDE.sub(named, markdown).replace("](decisions)", "](decisions/index.md)")
-    return inside.replace("notebook.ipynb)", "notebook.md)")
+    return _OUTSIDE.sub(named, markdown).replace("notebook.ipynb)", "notebook.md)")

@@ -116,7 +116,7 @@ RAYS_PER_POSE = 6
 """Beams cast per pose, different ones for neighbouring poses: a weight errs by 0.2 nat, and a step
 takes a third of the time that half of all beams would."""
 TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
-"""Tuned by us, on seeds that no experiment uses; docs/decisions/fair-baselines.md."""
+"""Tuned by us, on seeds that no experiment uses; docs/decisions.md."""
 
 
 class KldSampling(OrdinaryMCL):

@@ -7,6 +7,7 @@ from itertools import groupby
 
 from clustermcl.protocol.advice import Advice, Way
 from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import NumberedEvent, event_text
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
@@ -220,7 +221,8 @@ def _process_lines(process: Health) -> Iterator[str]:
         age_s = process.ages_s.get(what, 0.0) + process.age_s
         yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
     for cause, count in sorted(process.dropped.items()):
-        yield f"  dropped or refused: {cause}: {count}"
+        means = next((f" ({known.means})" for known in Cause if known == cause), "")
+        yield f"  dropped or refused: {cause}: {count}{means}"
     for source in process.sources:
         yield (
             f"  source {source.name}: {source.recent_nat:.1f} nat in 20 steps, "

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 from clustermcl.filter.settings import user_models
 
 Kind: TypeAlias = Literal["sensor_model", "motion_model", "recording_reader"]
-"""Kind of an extension; its entry point is in the group ``clustermcl.KIND``. docs/extending.md
+"""Kind of an extension; its entry point is in the group ``clustermcl.KIND``. docs/library.md
 has recipes."""
 
 

@@ -21,8 +21,8 @@ from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.waiting import wait_until
 
 REPOSITORY = Path(__file__).parents[2]
-PAGE = (REPOSITORY / "docs" / "tutorials" / "certificates.md").read_text()
-MAKE, START, ASK = re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL)
+PAGE = (REPOSITORY / "docs" / "tutorials" / "two-machines.md").read_text()
+MAKE, START, ASK = re.findall(r"```bash\n(.*?)```", PAGE, re.DOTALL)[-3:]
 
 
 def argv(line: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Ways for the robot to drive so that scans distinguish its possible places (docs/advice.md).
+"""Ways for the robot to drive so that scans distinguish its possible places.
 
 A way is relative to the robot, and lies on ground that is free at every place. At views along it,
 scans are predicted for each place by ray casting, and weighed at all other places by the sensor

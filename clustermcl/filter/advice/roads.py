@@ -1,4 +1,4 @@
-"""Ground where the robot can drive, whichever of its possible places is right (docs/advice.md)."""
+"""Ground where the robot can drive, whichever of its possible places is right."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""docs/cost.md: workers start as the belief widens and end as it narrows; no update is lost."""
+"""docs/results.md: workers start as the belief widens and end as it narrows; no update is lost."""
 
 import os
 import signal

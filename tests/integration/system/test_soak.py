@@ -15,7 +15,7 @@ from tests.soak.schedule import Kind
 MINUTES = 0.5
 SEED = 7
 LONG_ONLY = {Kind.ROBOT_KIDNAPPED, Kind.WORKER_LINKS_CUT, Kind.COORDINATOR_LINK_CUT}
-"""Not all promises are kept yet where these follow closely; docs/soak.md lists them."""
+"""Not all promises are kept yet where these follow closely; docs/results.md lists them."""
 KINDS = [kind for kind in Kind if kind not in LONG_ONLY]
 
 
@@ -25,7 +25,7 @@ def test_half_a_minute_of_faults_breaks_no_promise_that_holds_on_a_busy_machine(
 ) -> None:
     """The true places and a clean end do not depend on the load; times do.
 
-    `python -m tests.soak --chaos` itself demands all; docs/soak.md has an hour of it.
+    `python -m tests.soak --chaos` itself demands all; docs/results.md has an hour of it.
     """
     file, kept = tmp_path / "soak.json", tmp_path / "kept"
     words = [

@@ -113,7 +113,8 @@ def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:
     at = lines.index("processes")
     assert lines[at + 1 :] == [
         "  coordinator (coordinator) 1.2, up 99 s, 50 MB",
-        "    dropped or refused: scan of another map: 7",
+        "    dropped or refused: scan of another map: 7"
+        " (the bridge and this process have different maps)",
         "  worker-0 (worker) 1.1, up 9 s, silent for 5 s",
         "    reports: 80, 9.5/s, last 5.2 s ago",
     ]

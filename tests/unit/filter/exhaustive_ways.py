@@ -23,7 +23,7 @@ Node = tuple[int, int]
 STEP_M = 0.2
 MARGIN_M = 0.1
 TURN_M, BEGINNING_M = 0.3, 5.0
-"""What a radian costs, and what is added to each length (docs/advice.md) [m]."""
+"""What a radian costs, and what is added to each length (docs/tutorials/planner.md) [m]."""
 _OFF_M, _OFF_RAD = (0.0, -0.075, -0.0375, 0.0375, 0.075), (0.0, -0.03, -0.015, 0.015, 0.03)
 OFF = np.array([*itertools.product(_OFF_M, _OFF_M, _OFF_RAD)])
 """(125, 3) errors of a place that are no evidence: x, y [m], heading [rad]."""
