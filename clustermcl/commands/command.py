@@ -77,6 +77,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     },
     "Maps, recordings, settings": {
         "check": recordings.check,
+        "changes": recordings.changes,
         "evaluate": recordings.evaluate,
         "replay": recordings.replay,
         "settings": recordings.settings,

@@ -145,6 +145,14 @@ def print_answer(answer: JsonObject | Iterable[str]) -> None:
     print("\n".join(map(escaped, lines)), flush=True)  # noqa: T201 - the command's answer
 
 
+def seconds_of(option: str, text: str) -> float:
+    """Return a time such as ``90s``, ``15m``, ``2h`` or ``7d`` [s]."""
+    unit = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text[-1:])
+    if unit is None or not text[:-1].isdecimal():
+        raise SettingsError(key=option, problem=f"{option} {text!r}: write such as 90s, 2h or 7d")
+    return int(text[:-1]) * unit
+
+
 def refuse_without(needed: str, is_there: object, **options: object) -> None:
     """Refuse given options that have no effect without `needed`, unless it is there."""
     for name, value in options.items():

@@ -108,6 +108,39 @@ def check(
     )
 
 
+@common.recording_command
+def changes(
+    settings: Settings,
+    recording: Annotated[
+        Path, typer.Option(metavar="FILE", help="Recording of a robot in the map.")
+    ],
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(metavar="7d", help="Only what was seen in this time: s, m, h, d.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE.yaml", help="Write the map with the changes.")
+    ] = None,
+    as_json: common.AsJson = False,
+) -> None:
+    """Print what has changed in the building since it was mapped, and write a new map.
+
+    The old map and a picture are written beside the new one.
+    """
+    from clustermcl.commands.changes import run_changes  # noqa: PLC0415 - see the package
+
+    run_changes(
+        settings,
+        recording=recording,
+        map_file=map_file,
+        since_s=None if since is None else common.seconds_of("--since", since),
+        output=output,
+        as_json=as_json,
+    )
+
+
 @common.client_command
 def record(
     settings: Settings,

@@ -15,6 +15,7 @@ from clustermcl.filter.grid import Grid
 from clustermcl.filter.kernels import compiled as kernels
 from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses
+from clustermcl.filter.laser.seen_cells import codes_of, seen_cells
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import (
     FilterSettings,
@@ -132,6 +133,9 @@ def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
         job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
     angles = np.zeros(1)
     cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice
+    seen, out, hits = np.zeros(cells.shape, np.int32), np.zeros((9, 2), np.int32), np.ones((1, 2))
+    pose, codes = np.zeros(3), codes_of(cells)
+    seen_cells(codes, seen, 1, model.grid.in_cells, pose, pose, hits, 9.0, 3.0, out)  # changes
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:

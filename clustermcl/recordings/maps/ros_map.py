@@ -27,10 +27,12 @@ from clustermcl.protocol.errors import MapFileError
 from clustermcl.protocol.message import Finite, PoseTuple
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 from clustermcl.runtime.compressed import read_decompressed
+from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.yaml_text import yaml_of
 
 MAX_HEADER_BYTES = 64 * 1024
 _STRIP_ROWS = 512
+_SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 _UNKNOWN_GREY, _MIN_GREY_SHARE = 205, 0.02
 _IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
 _BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
@@ -88,6 +90,24 @@ def load_ros_map(content: bytes, path: Path) -> GridMap:
     if beside.is_file():
         remedy = f"{beside} does: write 'image: {named.name}'"
     raise MapFileError(path, f"its image {named} does not exist; {remedy}")
+
+
+def save_ros_map(grid_map: GridMap, path: Path) -> None:
+    """Write a map as a YAML file, and beside it a PNG with the shades of map_saver.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    shades = np.array([_SHADES[FREE], _SHADES[OCCUPIED], _SHADES[UNKNOWN]], np.uint8)
+    image, png = path.with_suffix(".png"), io.BytesIO()
+    Image.fromarray(shades[grid_map.cells[::-1]]).save(png, "PNG")
+    write_output_file(image, png.getvalue())
+    origin = ", ".join(map(repr, grid_map.map_from_grid))
+    write_output_file(
+        path,
+        f"image: {image.name}\nmode: trinary\nresolution: {grid_map.cell_m!r}\n"
+        f"origin: [{origin}]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+    )
 
 
 def _header(content: bytes, path: Path) -> _Header:

@@ -1,0 +1,234 @@
+"""Collects the cells of a map that the building contradicts, while the robot is localized.
+
+A cell changes once scans from several places contradict it without others that agree. Two
+snapshots, of the time `TRUSTED_STEPS` and more ago, take back what a wrong robot has collected.
+"""
+
+import math
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import Pose
+from clustermcl.filter.kernels.compiled import to_cells
+from clustermcl.filter.laser import seen_cells as cells_seen
+from clustermcl.filter.laser.seen_cells import GROUND, WALL, WATCHED, codes_of, seen_cells
+from clustermcl.filter.poses import between, compose
+from clustermcl.protocol.answers import Hypothesis, State
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.changes import GONE, MOST_CELLS, MOVED, NEW, Changes
+from clustermcl.protocol.steps import LaserBeams, Scan
+from clustermcl.recordings.maps.grid_map import GridMap, coarse
+
+CELL_M = 0.1
+"""Side of a coarse cell, as near as whole cells of the map allow [m]."""
+REACH_M = 8.0
+"""Beams are used up to this length: a heading's error moves the end of longer ones [m]."""
+PLACES, PLACE_M = 3, 0.5
+"""A cell changes once it was contradicted from this many places, at least so far apart [m]."""
+SIGHTS = 2.0
+"""Scans that contradict a cell, less those that agree, that change it; to change it again it takes
+this many more, so that the edges of an obstacle are not moving."""
+LEAST_S = 2.0
+"""Least time between the first and the last of these [s]."""
+MOST_SIGHTS = 6.0
+FORGOTTEN_S = 7 * 86_400.0
+"""Time after which 63 % of the sights of a cell are forgotten [s]."""
+MOVING = 3
+"""Changes after which a cell is moving, as at a door."""
+TRUSTED_STEPS = 200
+"""Localized steps after which what was collected is kept, if the robot was not found elsewhere."""
+JUMP_M, JUMP_SHARE = 0.6, 0.2
+JUMP_RAD, JUMP_RAD_PER_M = 0.35, 0.05
+"""If another cluster is the best, and differs more from the last pose and odometry since, the robot
+was wrong."""
+MOST_RECORDS = 50_000
+"""Limit for the cells that were contradicted; 5 MB."""
+SIGMA_M, SIGMA_RAD = 0.5, 0.12
+"""Poses that are less certain are not used."""
+
+RECORD = np.dtype(
+    [
+        ("cell", "<i4"),
+        ("evidence", "<f4"),  # scans that contradict what the cell is, less those that agree
+        ("places", "<i4", (PLACES, 2)),  # where from [cells]
+        ("count", "<i4"),
+        ("first_s", "<f8"),
+        ("last_s", "<f8"),  # last sight of any kind
+        ("occupied", "?"),  # what the cell is by what was seen
+        ("changes", "<i4"),
+        ("since_s", "<f8"),  # first sight of its last change
+        ("sights", "<i4"),  # scans that agreed since
+        ("seen_s", "<f8"),  # last of these
+    ]
+)
+
+
+class ChangeCollector:
+    """Collects changes of one map; its methods take events and keep the state."""
+
+    def __init__(self, grid_map: GridMap) -> None:
+        self.map = grid_map
+        least = math.ceil(math.sqrt(grid_map.cells.size / MOST_CELLS))
+        every = max(round(CELL_M / grid_map.cell_m), least)
+        self.cell_m = every * grid_map.cell_m
+        self._codes = codes_of(coarse(grid_map.cells, every))
+        self.seen_min = np.zeros(self._codes.shape, np.int32)
+        self._in_cells = to_cells(np.array(grid_map.map_from_grid), self.cell_m)
+        self._out = np.empty((8_192, 2), np.int32)
+        self.records = np.empty(0, RECORD)
+        """By cell."""
+        self._trusted = self._recent = self.records
+        self._steps, self._way_m = 0, 0.0
+        self.stamp_ns = 0
+        self._last: tuple[int, Pose, Pose] | None = None
+        """The cluster, the pose and odometry when the robot was last localized."""
+        self._odometry: Pose | None = None
+
+    def on_step(self, scan: Scan, state: State, places: Sequence[Hypothesis]) -> None:
+        """Collect what a scan shows, if the robot is localized by it.
+
+        Args:
+            scan: the step.
+            state: state of the belief after it.
+            places: its places, the most probable first.
+        """
+        self.stamp_ns = scan.stamp_ns
+        odometry = np.array(scan.odom_from_robot)
+        if self._odometry is not None:
+            self._way_m += math.dist(odometry[:2], self._odometry[:2])
+        self._odometry = odometry
+        if state != "localized" or scan.map_digest != self.map.digest:
+            return
+        best = places[0]
+        pose = np.array(best.pose)
+        if self._last is not None and best.cluster != self._last[0]:
+            by_odometry = compose(self._last[1], between(self._last[2], odometry))
+            x, y, turn = between(by_odometry, pose).tolist()
+            is_far = math.hypot(x, y) > JUMP_M + JUMP_SHARE * self._way_m
+            if is_far or abs(turn) > JUMP_RAD + JUMP_RAD_PER_M * self._way_m:
+                self.withdraw()
+        self._last, self._way_m = (best.cluster, pose, odometry), 0.0
+        xx, _, _, _, yy, _, _, _, turn = best.covariance
+        if max(xx, yy) > SIGMA_M**2 or turn > SIGMA_RAD**2:
+            return
+        self._collect(pose, scan)
+        self._steps += 1
+        if self._steps % TRUSTED_STEPS == 0:
+            self._trusted, self._recent = self._recent, self.records
+
+    def withdraw(self) -> None:
+        """Take back what was collected since the robot was last right."""
+        self.records = self._recent = self._trusted
+        self._watch()
+        self._steps = 0
+
+    def changes(self, sender: str) -> Changes:
+        """Return what has changed, as a message."""
+        all_of, moved = self.records, self.records["changes"] >= MOVING
+        mapped = self._codes.reshape(-1)[all_of["cell"]] & WALL > 0
+        kind = np.where(moved, MOVED, np.where(mapped, GONE, NEW))
+        shown = moved | (all_of["occupied"] != mapped)
+        kept, rows_cols = all_of[shown], self._codes.shape
+        cells = [kept["cell"], kind[shown], kept["sights"], kept["changes"]]
+        ground = self._codes & GROUND > 0
+        lately = self.seen_min > minute_of(self.stamp_ns) - FORGOTTEN_S / 60.0
+        lately &= self.seen_min > 0
+        return Changes(
+            sender=sender,
+            map_digest=self.map.digest,
+            stamp_ns=self.stamp_ns,
+            cell_m=self.cell_m,
+            rows=rows_cols[0],
+            cols=rows_cols[1],
+            map_from_grid=self.map.map_from_grid,
+            cells=ArrayBlob.of(np.column_stack(cells), "int32"),
+            times_s=ArrayBlob.of(np.column_stack([kept["since_s"], kept["seen_s"]]), "float64"),
+            seen_share=float(np.mean(lately[ground])) if ground.any() else 0.0,
+            zlib_seen_min=zlib.compress(self.seen_min.data, level=1),
+        )
+
+    def _collect(self, pose: Pose, scan: Scan) -> None:
+        stamp_s = scan.stamp_ns * 1e-9
+        lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
+        for laser in lasers:
+            mount = np.array(laser.robot_from_laser)
+            count = seen_cells(
+                self._codes, self.seen_min, minute_of(scan.stamp_ns), self._in_cells, pose,
+                mount, hits_of(laser), REACH_M / self.cell_m,
+                cells_seen.BEYOND_M / self.cell_m, self._out,
+            )  # fmt: skip
+            self._update(self._out[:count], compose(pose, mount), stamp_s)
+
+    def _update(self, seen: NDArray[np.int32], place: Pose, stamp_s: float) -> None:
+        """Weigh what one laser has seen of cells, each at most once."""
+        seen = seen[np.argsort(seen[:, 0])]
+        records = self._with(seen[:, 0], stamp_s)
+        seen = seen[np.isin(seen[:, 0], records["cell"])]  # all, unless there are too many
+        at = np.searchsorted(records["cell"], seen[:, 0])
+        of = records[at]
+        against = of["occupied"] != (seen[:, 1] > 0)
+        kept = np.exp(-np.maximum(stamp_s - of["last_s"], 0.0) / FORGOTTEN_S) * of["evidence"]
+        of["first_s"][against & (kept <= 0.0)] = stamp_s
+        of["evidence"] = np.clip(kept + np.where(against, 1.0, -1.0), 0.0, MOST_SIGHTS)
+        of["count"][of["evidence"] <= 0.0] = 0
+        of["last_s"] = stamp_s
+        of["sights"] += ~against
+        of["seen_s"][~against] = stamp_s
+        here = np.rint(place[:2] / self.cell_m).astype(np.int32)
+        is_far = np.abs(of["places"] - here).max(axis=2) * self.cell_m >= PLACE_M
+        is_far |= np.arange(PLACES) >= of["count"][:, None]
+        is_new = against & (of["count"] < PLACES) & is_far.all(axis=1)
+        of["places"][is_new, of["count"][is_new]] = here
+        of["count"] += is_new
+        turned = (of["count"] >= PLACES) & (
+            of["evidence"] >= SIGHTS * (1 + of["changes"].clip(max=2))
+        )
+        turned &= stamp_s - of["first_s"] >= LEAST_S
+        one = of[turned]
+        one["occupied"] ^= True
+        one["changes"] += 1
+        one["since_s"], one["seen_s"] = one["first_s"], stamp_s
+        one["sights"], one["evidence"], one["count"] = one["evidence"], 0.0, 0
+        of[turned] = one
+        records[at] = of
+        idle = at[(of["evidence"] <= 0.0) & (of["changes"] == 0)]
+        self._codes.reshape(-1)[records["cell"][idle]] &= np.uint16(~WATCHED & 0xFFFF)
+        self.records = np.delete(records, idle)
+
+    def _with(self, cells: NDArray[np.int32], stamp_s: float) -> NDArray[np.void]:
+        """Return a copy of the records, with these cells as far as there is room."""
+        records, codes = self.records, self._codes.reshape(-1)
+        if len(records) + len(cells) > MOST_RECORDS:
+            self.records = records = records[records["changes"] > 0]
+            self._watch()
+        new = np.setdiff1d(cells, records["cell"], assume_unique=True)
+        new = new[: max(MOST_RECORDS - len(records), 0)]
+        made = np.zeros(len(new), RECORD)
+        made["cell"], made["first_s"], made["last_s"] = new, stamp_s, stamp_s
+        made["occupied"] = codes[new] & WALL > 0
+        codes[new] |= np.uint16(WATCHED)
+        return np.insert(records, np.searchsorted(records["cell"], new), made)
+
+    def _watch(self) -> None:
+        """Watch the cells of the records, and no others."""
+        self._codes &= np.uint16(~WATCHED & 0xFFFF)
+        self._codes.reshape(-1)[self.records["cell"]] |= np.uint16(WATCHED)
+
+
+def hits_of(laser: Scan | LaserBeams) -> NDArray[np.float64]:
+    """Return the (B, 2) ends of the beams that returned, in the robot's frame [m]."""
+    ranges = laser.ranges.array().astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        at = np.flatnonzero((ranges > 0.0) & (ranges < laser.range_max_m))
+    x, y, heading = laser.robot_from_laser
+    angles = heading + laser.angle_min_rad + laser.angle_step_rad * at
+    ends = (x + ranges[at] * np.cos(angles), y + ranges[at] * np.sin(angles))
+    return np.column_stack(ends)
+
+
+def minute_of(stamp_ns: int) -> int:
+    """Return a stamp as the number of its minute, from 1 on; 0 is never."""
+    return 1 + min(max(stamp_ns // 60_000_000_000, 0), 2**31 - 2)

@@ -1,0 +1,81 @@
+"""`clustermcl changes`: what has changed in the building, and a map with it."""
+
+from pathlib import Path
+
+from clustermcl.changes.collector import ChangeCollector
+from clustermcl.changes.new_map import with_changes
+from clustermcl.commands.options import print_answer
+from clustermcl.jobs import in_process
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.changes import Changes
+from clustermcl.protocol.errors import SettingsError
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_file_of
+from clustermcl.recordings.maps.ros_map import save_ros_map
+from clustermcl.runtime.folders import kept_folder
+from clustermcl.runtime.output_files import check_output_file
+from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.sources import NO_MAP
+from clustermcl.sensor_bridge.recorded import opened, steps_of
+from clustermcl.view.changes_picture import drawn_changes
+
+
+def run_changes(
+    settings: Settings,
+    *,
+    recording: Path,
+    map_file: str | None,
+    since_s: float | None,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Print what has changed; with `output`, write the new map, the old one, and a picture."""
+    files = [] if output is None else _files(output)
+    for file in files:
+        check_output_file(file)
+    named = map_file_of(map_file or "", str(recording))
+    if not named:
+        raise SettingsError(key="--map", problem=NO_MAP)
+    grid_map = load_map_with_obstacles(named)
+    changes = changes_of_recording(recording, grid_map, settings)
+    if since_s is not None:
+        changes = changes.seen_within(since_s)
+    if files:
+        new, old, picture = files
+        save_ros_map(with_changes(grid_map, changes), new)
+        save_ros_map(grid_map, old)
+        drawn_changes(grid_map, changes, summary(changes)).save(picture)
+    print_answer(as_object(changes) if as_json else [summary(changes)])
+
+
+def _files(output: Path) -> list[Path]:
+    """Return where the new map, the old one and the picture are written."""
+    if output.suffix != ".yaml":
+        raise SettingsError(key="--output", problem=f"--output {output}: a map is a .yaml file")
+    return [output, *(output.with_suffix(end) for end in (".old.yaml", ".changes.png"))]
+
+
+def changes_of_recording(recording: Path, grid_map: GridMap, settings: Settings) -> Changes:
+    """Localize with a recording, and collect what has changed since its map was made."""
+    collector = ChangeCollector(grid_map)
+    model = sensor_model(grid_map, settings.sensor, kept_folder("maps"))
+    scans = steps_of(opened(str(recording), settings.bridge), settings.bridge, grid_map.digest)
+    for scan, outcome in in_process.outcomes(scans, model, settings):
+        collector.on_step(scan, outcome.state, outcome.hypotheses)
+    return collector.changes("changes")
+
+
+def summary(changes: Changes) -> str:
+    gone, new, moving = changes.area_m2
+    return (
+        f"gone {gone:.2f} m2, new {new:.2f} m2, moving {moving:.2f} m2; "
+        f"{changes.seen_share:.0%} of the free ground was seen lately"
+    )
+
+
+def as_object(changes: Changes) -> dict[str, object]:
+    gone, new, moving = changes.area_m2
+    return {
+        "gone_m2": gone, "new_m2": new, "moving_m2": moving, "seen_share": changes.seen_share,
+        "stamp_ns": changes.stamp_ns, "map_digest": changes.map_digest,
+    }  # fmt: skip

@@ -1,0 +1,136 @@
+"""Which cells of a map a scan contradicts: beams that pass through walls, or end on free ground.
+
+Cells are coarse, some 0.1 m, so that the errors of poses and maps fall into one cell or the next.
+"""
+
+from math import ceil, cos, floor, sin, sqrt
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import FREE, OCCUPIED, Cells, Points, Pose
+from clustermcl.filter.kernels.compiled import ToCells, kernel
+
+Codes: TypeAlias = NDArray[np.uint16]
+"""(rows, cols) bits of each cell: `WALL`, `OPEN`, `WATCHED`, and marks of the kernel."""
+
+WALL, GROUND, OPEN, WATCHED = 1, 2, 4, 8
+"""The map has an obstacle; is free; is free here and around. Every sight is reported."""
+_NEAR, _HIT, _PASSED, _MOST, _UNMARKED = 16, 1 << 5, 1 << 10, 31, 15
+"""Marks of one scan: beams end in a cell or next to it; units of the numbers of beams that end in
+it and that pass it, up to 31 each; and the bits of a code without marks."""
+WALL_MARGIN = 2
+"""Cells around an obstacle of the map that beams may hit without contradicting it."""
+BEYOND_M = 0.3
+"""A beam passed an obstacle of the map if it ends this far behind it [m]."""
+_BEFORE = 1.5
+"""A beam passed free ground up to this distance before its end [cells]."""
+
+
+def codes_of(cells: Cells) -> Codes:
+    """Return the codes of a map's coarse cells."""
+    wall = cells == OCCUPIED
+    wide, (rows, cols) = np.pad(wall, WALL_MARGIN), cells.shape
+    shifts = np.ndindex(2 * WALL_MARGIN + 1, 2 * WALL_MARGIN + 1)
+    near = np.logical_or.reduce([wide[i : i + rows, j : j + cols] for i, j in shifts])
+    free = cells == FREE
+    return np.asarray(WALL * wall + GROUND * free + OPEN * (free & ~near), np.uint16)
+
+
+@kernel
+def seen_cells(  # noqa: PLR0912 - one loop over the beams
+    codes: Codes,
+    seen: NDArray[np.int32],
+    now: int,
+    in_cells: ToCells,
+    pose: Pose,
+    laser: Pose,
+    hits: Points,
+    reach: float,
+    beyond: float,
+    out: NDArray[np.int32],
+) -> int:
+    """Write the cells that a scan contradicts or that are watched to `out`; return their number.
+
+    A cell is occupied if at least as many beams end in it as pass it, and free if beams pass it and
+    none ends in it or next to it. A few beams that end at people do not hide that it is free.
+
+    Args:
+        codes: see `codes_of`; the marks are removed again.
+        seen: (rows, cols) when a beam last passed or hit each cell; set to `now`.
+        now: the present time, as in `seen`.
+        in_cells: transform from points of the map to cells.
+        pose: (3,) the robot in the map.
+        laser: (3,) the laser on the robot.
+        hits: (B, 2) ends of the beams that returned, in the robot's frame [m].
+        reach: length of beams that is used [cells].
+        beyond: `BEYOND_M` [cells].
+        out: (N, 2) cell, as row * cols + col, and whether it is occupied.
+    """
+    c, s, x0, y0 = in_cells
+    rows, cols = codes.shape
+    ch, sh = cos(pose[2]), sin(pose[2])
+    laser_x = pose[0] + ch * laser[0] - sh * laser[1]
+    laser_y = pose[1] + sh * laser[0] + ch * laser[1]
+    from_col, from_row = c * laser_x - s * laser_y + x0, s * laser_x + c * laser_y + y0
+    count = 0
+    for turn in range(3):  # count ends, then passes; decide, and remove the marks
+        for j in range(len(hits)):
+            hit_x = pose[0] + ch * hits[j, 0] - sh * hits[j, 1]
+            hit_y = pose[1] + sh * hits[j, 0] + ch * hits[j, 1]
+            dx, dy = c * hit_x - s * hit_y + x0 - from_col, s * hit_x + c * hit_y + y0 - from_row
+            length = sqrt(dx * dx + dy * dy)
+            if not length > 0.0:
+                continue
+            col, row = floor(from_col + dx), floor(from_row + dy)
+            side = 1 if turn != 1 and length <= reach else -1
+            for at_row in range(max(row - side, 0), min(row + side + 1, rows)):
+                for at_col in range(max(col - side, 0), min(col + side + 1, cols)):
+                    code = codes[at_row, at_col]
+                    if turn == 2:
+                        count = _report(codes, seen, now, at_row, at_col, out, count)
+                    elif at_row == row and at_col == col and (code // _HIT) & _MOST < _MOST:
+                        codes[at_row, at_col] = (code | _NEAR) + _HIT
+                    else:
+                        codes[at_row, at_col] = code | _NEAR
+            far = ceil(min(length - _BEFORE, reach)) if turn else 0
+            for k in range(1, far):
+                x, y = from_col + k * dx / length, from_row + k * dy / length
+                if not (0.0 <= x < cols and 0.0 <= y < rows):
+                    continue
+                col, row = int(x), int(y)
+                code = codes[row, col]
+                if turn == 2:
+                    if code > _UNMARKED:
+                        count = _report(codes, seen, now, row, col, out, count)
+                elif code // _PASSED < _MOST and not (code & WALL and k > length - beyond):
+                    codes[row, col] = code + _PASSED
+    return count
+
+
+@kernel
+def _report(
+    codes: Codes,
+    seen: NDArray[np.int32],
+    now: int,
+    row: int,
+    col: int,
+    out: NDArray[np.int32],
+    count: int,
+) -> int:
+    code = codes[row, col]
+    ends, passes, is_near = (code // _HIT) & _MOST, code // _PASSED, code & _NEAR
+    codes[row, col] = code & _UNMARKED
+    if ends or passes:
+        seen[row, col] = now
+    is_free = passes and (not is_near or (not code & WALL and passes >= 3 and passes > 3 * ends))
+    is_occupied = not is_free and (ends >= passes if ends else is_near and code & WATCHED)
+    if code & WATCHED:
+        is_news = is_free or is_occupied
+    else:
+        is_news = (is_free and code & WALL) or (is_occupied and code & OPEN)
+    if is_news and count < len(out):
+        out[count, 0], out[count, 1] = row * codes.shape[1] + col, 1 if is_occupied else 0
+        count += 1
+    return count

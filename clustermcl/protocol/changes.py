@@ -1,0 +1,108 @@
+"""What has changed in the building since it was mapped, as cells of a coarse grid over the map."""
+
+import zlib
+from typing import ClassVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.protocol.message import (
+    LARGEST_BYTES,
+    Message,
+    PoseTuple,
+    Positive,
+    Probability,
+    Stamp,
+)
+
+GONE, NEW, MOVED = 0, 1, 2
+"""Kinds of a cell: beams pass the map's obstacle; beams end where the map is free; both in turn."""
+MOST_CELLS = 2**24
+"""Limit for the cells of the coarse grid."""
+
+
+class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
+    """The cells that are not as mapped, collected while the robot was localized.
+
+    Published by the bridge on ``changes`` when it has changed; answers queries there.
+    """
+
+    max_bytes: ClassVar[int] = LARGEST_BYTES
+    map_digest: str
+    stamp_ns: Stamp
+    """Robot's clock at the last step."""
+    cell_m: Positive
+    """Side of a cell of the coarse grid [m]."""
+    rows: int
+    cols: int
+    map_from_grid: PoseTuple
+    """Pose of the low corner of cell [0, 0] in the map."""
+    cells: ArrayBlob
+    """(N, 4) int32 in rising order of the first: row * cols + col; kind (`GONE`, `NEW`, `MOVED`);
+    number of scans that showed the cell so; number of changes of the cell."""
+    times_s: ArrayBlob
+    """(N, 2) float64 robot's clock when the cell was first and last seen so [s]."""
+    seen_share: Probability = 0.0
+    """Share of the map's free cells that were seen in the last seven days."""
+    zlib_seen_min: bytes = b""
+    """zlib of rows x cols int32: minute of the robot's clock, from 1 on, when a beam last passed or
+    hit each cell; 0: never. Empty in publications."""
+
+    def __post_init__(self) -> None:
+        """Check the arrays; of a received message, a ValueError makes it malformed."""
+        cells, times_s, size = self.cells.array(), self.times_s.array(), self.rows * self.cols
+        if not (self.rows > 0 and self.cols > 0 and size <= MOST_CELLS):
+            raise ValueError(f"{self.rows} x {self.cols} cells")
+        is_table = cells.shape == (len(times_s), 4) and times_s.shape == (len(cells), 2)
+        if not is_table or cells.dtype != np.int32 or times_s.dtype != np.float64:
+            raise ValueError(f"cells are {cells.shape}, times {times_s.shape}")
+        at, kinds = cells[:, 0], cells[:, 1]
+        if not ((np.diff(at) > 0).all() and (at >= 0).all() and (at < size).all()):
+            raise ValueError("cells outside the grid, or in no order")
+        if not ((kinds <= MOVED).all() and (cells >= 0).all() and np.isfinite(times_s).all()):
+            raise ValueError("a kind, a number or a time of a cell is impossible")
+
+    def __repr__(self) -> str:
+        gone, new, moving = self.area_m2
+        return f"<Changes: {gone:.2f} m² gone, {new:.2f} m² new, {moving:.2f} m² moving>"
+
+    @property
+    def area_m2(self) -> tuple[float, float, float]:
+        """Area of the cells of each kind [m²]."""
+        counts = np.bincount(self.cells.array()[:, 1], minlength=3) * self.cell_m**2
+        gone, new, moved = counts.tolist()
+        return gone, new, moved
+
+    def seen_min(self) -> NDArray[np.int32]:
+        """Return (rows, cols) when each cell was last seen, or 0 everywhere.
+
+        Raises:
+            MalformedMessageError: the bytes are no such array.
+        """
+        size = 4 * self.rows * self.cols
+        if not self.zlib_seen_min:
+            return np.zeros((self.rows, self.cols), np.int32)
+        try:
+            unpacker = zlib.decompressobj()
+            data = unpacker.decompress(self.zlib_seen_min, size + 1)  # stops a decompression bomb
+        except zlib.error as error:
+            raise MalformedMessageError(expected="Changes", problem=str(error)) from error
+        if len(data) != size or not unpacker.eof:
+            problem = f"its bytes do not fill {self.rows} x {self.cols} cells"
+            raise MalformedMessageError(expected="Changes", problem=problem)
+        return np.frombuffer(data, "<i4").reshape(self.rows, self.cols)
+
+    def chosen(self, kept: NDArray[np.bool_]) -> "Changes":
+        """Return some of the cells."""
+        return msgspec.structs.replace(
+            self,
+            cells=ArrayBlob.of(self.cells.array()[kept], "int32"),
+            times_s=ArrayBlob.of(self.times_s.array()[kept], "float64"),
+        )
+
+    def seen_within(self, age_s: float) -> "Changes":
+        """Return the cells that were last seen so within this time [s]."""
+        return self.chosen(self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s)
