@@ -154,6 +154,9 @@ class ClusterMCL(RobotCommands):
         SettingsError: a setting is unknown, of the wrong type or out of its range.
     """
 
+    _SNAPSHOT_EVERY_STEPS = 0
+    """Interval in which a subclass gets particles, in `self._filter.reports`; 0: never."""
+
     def __init__(
         self,
         grid_map: GridMap,
@@ -312,7 +315,7 @@ class ClusterMCL(RobotCommands):
         self.map = grid_map.with_landmarks(landmarks)
         self._ground = FreeGround.of(self.map)
         self._maker.change_map(self.map.digest, landmarks)
-        self._filter = InProcess(self._model, self._settings)
+        self._filter = InProcess(self._model, self._settings, self._SNAPSHOT_EVERY_STEPS)
         self.belief: Belief | None = None
 
     def save(self, file: Path | str) -> None:

@@ -42,10 +42,17 @@ class InProcessState(msgspec.Struct, frozen=True):
 
 
 class InProcess:
-    """The belief and all its jobs; arguments as for `outcomes`."""
+    """The belief and all its jobs; arguments as for `outcomes` and `running`.
 
-    def __init__(self, model: SensorModel, settings: FilterSettings) -> None:
+    Attributes:
+        reports: the jobs' reports of the last step.
+    """
+
+    def __init__(
+        self, model: SensorModel, settings: FilterSettings, snapshot_every_steps: int = 0
+    ) -> None:
         self._model, self._settings = model, settings
+        self._snapshot_every, self.reports = snapshot_every_steps, list[Report]()
         self._started = settings
         self.ensemble = Ensemble.of(settings)
         self._jobs: dict[str, RunningJob] = {}
@@ -59,17 +66,14 @@ class InProcess:
         self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
-        reports = self._reports(scan)
+        self.reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
         before, self.applied = self.applied, scan
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
-        outcome = self.ensemble.advance(scan.step, reports, moved, scan.own_robot_found)
+        outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found)
         self._searched = [*self._searched, scan] if outcome.searching else []
         self.carry_out(outcome)
         return outcome
-
-    def _reports(self, scan: Scan) -> list[Report]:
-        return [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
 
     def _use(self, settings: FilterSettings) -> None:
         if settings == self._settings:
@@ -99,7 +103,12 @@ class InProcess:
 
     def _run(self, assignment: Assignment) -> RunningJob:
         job = running(
-            assignment, self._model, self._settings, sender="in-process", arrays=self._arrays
+            assignment,
+            self._model,
+            self._settings,
+            sender="in-process",
+            snapshot_every_steps=self._snapshot_every,
+            arrays=self._arrays,
         )
         self._jobs[assignment.job_id] = job
         return job

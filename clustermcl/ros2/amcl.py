@@ -108,7 +108,12 @@ class Amcl:
             return
         before_ns, self.clock_ns = self.clock_ns, now_ns
         if before_ns is not None and now_ns < before_ns:
-            yield from self._on_clock_set_back("/clock", before_ns - now_ns)
+            yield from self.on_clock_set_back(before_ns - now_ns)
+
+    def on_clock_set_back(self, back_ns: int) -> Iterator[Output]:
+        """Handle a simulated clock that was set back by this time."""
+        self._frames.forget_moving()
+        yield from self._on_set_back(f"/clock goes back by {back_ns / 1e9:.3f} s")
 
     def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
         """Handle a `tf2_msgs/TFMessage`; `fixed`: it came on `/tf_static`."""
@@ -127,7 +132,7 @@ class Amcl:
                 case Kept.NO:
                     yield Refused(Cause.LATE_TRANSFORM, f"{parent!r} -> {child!r} at {stamp_ns} ns")
                 case Kept.CLOCK_SET_BACK:
-                    yield from self._on_clock_set_back(f"tf from {parent!r} to {child!r}", 0)
+                    yield from self._on_set_back(f"tf from {parent!r} to {child!r} goes back")
         yield from self._odometry()
         yield from self.on_tick(now_ns)
 
@@ -273,11 +278,8 @@ class Amcl:
                 names = (self.settings.global_frame, self.settings.odom_frame)
                 yield Publish(self._topics.tf, transform(map_from_odom, until_ns, *names))
 
-    def _on_clock_set_back(self, where: str, back_ns: int) -> Iterator[Output]:
+    def _on_set_back(self, detail: str) -> Iterator[Output]:
         self._waiting.clear()
         self._place.forget_scans()
         self._odometry_ns = self._published_ns = None
-        if where == "/clock":
-            self._frames.forget_moving()
-        by = f" by {back_ns / 1e9:.3f} s" if back_ns else ""
-        yield Refused(Cause.CLOCK_SET_BACK, f"{where} goes back{by}")
+        yield Refused(Cause.CLOCK_SET_BACK, detail)

@@ -9,7 +9,7 @@ from typing import Any
 from clustermcl.link.node import Node
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import Belief, Status
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Particles
@@ -19,7 +19,7 @@ from clustermcl.ros2.lifecycle import ACTIVATE, CONFIGURE, State
 from clustermcl.ros2.message_types import decode, encode, request_of, response_of
 from clustermcl.ros2.node import Called, FromRos, RosNode, RosPublisher, log_to_ros
 from clustermcl.ros2.parameter_table import Value
-from clustermcl.ros2.port import Port
+from clustermcl.ros2.port import EngineStatus, Port
 from clustermcl.ros2.robot_session import look_at_graph, node_name, open_robot_session
 from clustermcl.ros2.service_engine import ServiceEngine
 from clustermcl.ros2.services import Services
@@ -151,8 +151,11 @@ class BridgeLoop:
     def on_advice(self, advice: Advice) -> None:
         self._port.on_advice(advice)
 
-    def on_status(self, status: Status | None) -> None:
+    def on_status(self, status: EngineStatus | None) -> None:
         self._port.on_status(status)
+
+    def on_refused(self, cause: AnyCause, detail: str) -> None:
+        self.refuse(cause, detail)
 
     # --- from the port
 

@@ -4,6 +4,7 @@ The library `rosbags` defines most types and encodes them (CDR); missing types a
 Messages are objects of its classes, with ROS's field names.
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -163,15 +164,27 @@ def _as_message(service: str) -> str:
     return service.replace("/srv/", "/msg/")  # the library has no services
 
 
+def of_rosbags(ros_type: str, fields: dict[str, Any]) -> Any:
+    """Messages share the objects of the other fields: do not change them afterwards."""
+    return typestore().types[ros_type](**_defaults(ros_type) | fields)
+
+
+class _Library:
+    create: Callable[[str, dict[str, Any]], Any] = staticmethod(of_rosbags)
+
+
+def use(create: Callable[[str, dict[str, Any]], Any]) -> None:
+    """Create all messages of this process by this function of a type and its fields."""
+    _Library.create = staticmethod(create)
+
+
 def new(ros_type: str, **fields: Any) -> Any:
     """Create a message with these fields; the others are zero, empty or false, as in ROS.
-
-    Messages share the objects of the other fields: do not change them afterwards.
 
     Raises:
         TypeError: the type has no such field.
     """
-    return typestore().types[ros_type](**_defaults(ros_type) | fields)
+    return _Library.create(ros_type, fields)
 
 
 def encode(message: Any, ros_type: str) -> bytes:

@@ -13,7 +13,7 @@ from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
 from clustermcl.recordings.headers import LAST_NS
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import message_types as types
-from clustermcl.ros2.message_types import encode, new
+from clustermcl.ros2.message_types import new
 
 _PLANAR = (0, 1, 5)
 """x, y and heading among the six rows of a ROS covariance."""
@@ -110,9 +110,9 @@ def particle_cloud(
     rows[:, :2] = map_from_robot[:, :2]
     rows[:, 5], rows[:, 6] = np.sin(map_from_robot[:, 2] / 2), np.cos(map_from_robot[:, 2] / 2)
     rows[:, 7] = weights
-    empty = new(types.PARTICLE_CLOUD, header=header(stamp_ns, frame))
-    start = encode(empty, types.PARTICLE_CLOUD)[len(types.CDR_HEADER) : -_COUNT.size]
-    start += _COUNT.pack(len(rows))
+    stamp, name = header(stamp_ns, frame).stamp, frame.encode() + b"\0"
+    start = struct.pack("<iII", stamp.sec, stamp.nanosec, len(name)) + name
+    start += bytes(-len(start) % _COUNT.size) + _COUNT.pack(len(rows))
     aligned = bytes(-len(start) % rows.itemsize) if len(rows) else b""
     return types.CDR_HEADER + start + aligned + rows.astype("<f8").tobytes()
 

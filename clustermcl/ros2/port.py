@@ -1,12 +1,14 @@
 """AMCL's node without ROS, and without the engine that localizes: both are given."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import Belief, Configure, Relocalize, Status, Update
+from clustermcl.protocol.answers import Belief, Configure, Freshness, Relocalize, Update
+from clustermcl.protocol.answers import State as Found
 from clustermcl.protocol.causes import AnyCause
-from clustermcl.protocol.live_settings import AS_STARTED
+from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import message_types as types
@@ -74,6 +76,17 @@ class Engine(Protocol):
     def ask_advice(self) -> None: ...
 
 
+@dataclass(frozen=True)
+class EngineStatus:
+    """The state of an engine."""
+
+    state: Found
+    freshness: Freshness
+    step: int
+    workers: int
+    settings: LiveSettings
+
+
 class Port:
     """Takes messages, calls and changes of state from ROS, and beliefs from the engine."""
 
@@ -86,7 +99,7 @@ class Port:
         self.state = State.UNCONFIGURED
         self.has_places = False
         """Whether `tick` will publish the places of a belief."""
-        self._status: Status | None = None
+        self._status: EngineStatus | None = None
         self._diagnostics_ns = 0
 
     @property
@@ -113,6 +126,10 @@ class Port:
                 self._do(amcl.on_initial_pose(message))
             case topics.CLOCK:
                 self._do(amcl.on_clock(message))
+
+    def on_clock_set_back(self, back_ns: int) -> None:
+        """Handle a simulated clock that was set back by this time."""
+        self._do(self._amcl.on_clock_set_back(back_ns))
 
     def call(self, service: str, request: Any) -> Any:
         """Return the response to a call of one of `SERVICES`."""
@@ -177,7 +194,7 @@ class Port:
     def on_advice(self, advice: Advice) -> None:
         self._do(self._amcl.on_advice(advice))
 
-    def on_status(self, status: Status | None) -> None:
+    def on_status(self, status: EngineStatus | None) -> None:
         """Take the engine's status, at least once a second; None: it does not answer.
 
         At the first one, a node whose parameters are unchanged adopts the engine's live settings.
@@ -253,7 +270,7 @@ class Port:
             values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
             values["probability off the map"] = f"{belief.off_map_probability:.3f}"
         if status is not None:
-            values |= {"step": status.step, "workers": len(status.workers)}
+            values |= {"step": status.step, "workers": status.workers}
         values |= self._ros.refused()
         state = status.state if status is not None else "searching"
         return diagnostics(state, self._freshness, values, self._sender, self._ros.now_ns())

@@ -16,6 +16,7 @@ from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles, Reported, TrackReport
 from clustermcl.ros2.outputs import Command, Reading
+from clustermcl.ros2.port import EngineStatus
 
 _KEPT_MESSAGES = 64
 _STATUS_EVERY_S = 1.0
@@ -31,9 +32,9 @@ class Localizing(Protocol):
 
     def on_advice(self, advice: Advice) -> None: ...
 
-    def on_status(self, status: Status | None) -> None: ...
+    def on_status(self, status: EngineStatus | None) -> None: ...
 
-    def refuse(self, cause: AnyCause, detail: str) -> None: ...
+    def on_refused(self, cause: AnyCause, detail: str) -> None: ...
 
 
 class ServiceEngine:
@@ -60,12 +61,11 @@ class ServiceEngine:
         event = self._node.turn(wait_s)
         if (now_s := time.monotonic()) >= self._next_status_s:
             self._next_status_s = now_s + _STATUS_EVERY_S
-            on_status = self._listener.on_status
             self._node.ask(
                 keys.STATUS,
                 Status,
-                on_status,
-                lambda _problem: on_status(None),
+                self._on_status,
+                lambda _problem: self._listener.on_status(None),
                 timeout_s=_COMMAND_TIMEOUT_S,
             )
         return event
@@ -73,7 +73,8 @@ class ServiceEngine:
     def put(self, reading: Reading) -> None:
         if isinstance(reading, MapReading):
             self._map = reading
-        self._readings[type(reading)].put(reading)
+        if self._node.is_open:
+            self._readings[type(reading)].put(reading)
 
     def command(self, command: Command) -> None:
         if not isinstance(command, Configure):
@@ -81,10 +82,12 @@ class ServiceEngine:
 
         def on_done(done: CommandDone) -> None:
             if done.problem:
-                self._listener.refuse(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}")
+                self._listener.on_refused(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}")
 
         def on_failure(problem: str) -> None:
-            self._listener.refuse(Cause.COMMAND_LOST, f"{command.key}: {problem or 'no answer'}")
+            self._listener.on_refused(
+                Cause.COMMAND_LOST, f"{command.key}: {problem or 'no answer'}"
+            )
 
         self._node.ask(
             command.key,
@@ -97,7 +100,7 @@ class ServiceEngine:
         )
 
     def ask_advice(self) -> None:
-        refuse = partial(self._listener.refuse, Cause.NO_ADVICE)
+        refuse = partial(self._listener.on_refused, Cause.NO_ADVICE)
         self._node.ask(
             keys.ADVICE,
             Advice,
@@ -105,6 +108,11 @@ class ServiceEngine:
             lambda problem: refuse(problem or "no answer"),
             timeout_s=_ADVICE_TIMEOUT_S,
         )
+
+    def _on_status(self, found: Status) -> None:
+        workers, live = len(found.workers), found.settings
+        status = EngineStatus(found.state, found.freshness, found.step, workers, live)
+        self._listener.on_status(status)
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         self._listener.on_belief(belief)

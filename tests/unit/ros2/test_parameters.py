@@ -3,22 +3,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from msgspec.structs import replace
 
-from clustermcl.protocol.answers import Configure, SetPose, Status
+from clustermcl.protocol.answers import Configure, SetPose
 from clustermcl.protocol.errors import InputFileError, SettingsError
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.nav2_params import read_nav2_params
 from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
 from clustermcl.ros2.parameters import Parameters
+from clustermcl.ros2.port import EngineStatus
 from clustermcl.ros2.robot_session import node_name
 from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import TABLE
-from tests.unit.evaluation.places import STATUS
 from tests.unit.ros2.beliefs import belief
 from tests.unit.ros2.ports import port
 
@@ -246,8 +245,8 @@ def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> No
 # --- while the node runs
 
 
-def status(live: LiveSettings) -> Status:
-    return replace(STATUS, settings=live)
+def status(live: LiveSettings) -> EngineStatus:
+    return EngineStatus("localized", "fresh", 5, 2, live)
 
 
 def test_the_bridges_own_parameters_can_be_set() -> None:

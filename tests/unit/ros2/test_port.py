@@ -1,9 +1,8 @@
 """What passes between ROS, the node's decisions and the engine."""
 
-from msgspec.structs import replace
-
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Relocalize, SetPose, Update
+from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
 from clustermcl.ros2 import message_types as types
@@ -11,10 +10,9 @@ from clustermcl.ros2 import topics
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import new, request_of
 from clustermcl.ros2.messages_out import pose_stamped, transform
-from clustermcl.ros2.port import SERVICES, Port
+from clustermcl.ros2.port import SERVICES, EngineStatus, Port
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
-from tests.unit.evaluation.places import STATUS
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 from tests.unit.ros2.ports import Kept, port
 from tests.unit.ros2.test_amcl import SECOND, grid, link, scan
@@ -71,7 +69,7 @@ def test_a_robot_is_localized_only_with_fresh_data() -> None:
     assert (answer.success, answer.message) == (False, "searching, unreachable, probability 0.000")
     tested.on_belief(belief(SECOND, *PLACES, state="localized"))
     for freshness, success in (("fresh", True), ("stale", False)):
-        tested.on_status(replace(STATUS, freshness=freshness))
+        tested.on_status(EngineStatus("localized", freshness, 5, 2, LiveSettings()))
         assert tested.call("~/is_localized", None).success is success
 
 

@@ -1,0 +1,1 @@
+"""Cluster-MCL as a node of ROS 2, in place of nav2's AMCL."""

@@ -1,0 +1,92 @@
+"""The process of AMCL's node. All its arguments are those of ROS: `--ros-args ...`."""
+
+import logging
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from typing import NoReturn
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from clustermcl.ros2 import message_types
+from clustermcl.ros2.port import Port
+from clustermcl.runtime.main import Invocation, process_main
+from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.threads import run_in_threads
+from clustermcl_ros import messages
+from clustermcl_ros.inside import InsideEngine
+from clustermcl_ros.node import AmclNode
+from clustermcl_ros.service import SystemEngine, system_engine
+
+_TICK_S = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+def main(argv: Sequence[str] | None = None) -> NoReturn:
+    """Run the node until SIGINT or SIGTERM; `argv` as `sys.argv`."""
+    of_ros = list(sys.argv if argv is None else argv)
+    sys.argv = of_ros[:1]
+    process_main("amcl", partial(_run, of_ros), describe="Cluster-MCL in place of nav2's AMCL.")
+
+
+def _run(of_ros: list[str], invocation: Invocation) -> None:
+    message_types.use(messages.new)
+    with ExitStack() as resources:
+        rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
+        resources.callback(rclpy.try_shutdown)
+        node = AmclNode(invocation.settings)
+        resources.callback(node.end)
+        _log_by(node)
+        engine: InsideEngine | SystemEngine
+        if node.engine == "inside":
+            engine = InsideEngine(node.settings, node)
+        else:
+            engine = resources.enter_context(system_engine(invocation.process, node.settings, node))
+        port = node.begin(engine)
+        middleware = rclpy.get_rmw_implementation_identifier()
+        _log.info("%s is running over %s, engine %s", node.full_name, middleware, node.engine)
+        run_in_threads([partial(_spin, node, port), engine.run], invocation.stop)
+
+
+def _spin(node: AmclNode, port: Port, stop: StopFlag) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    if node.settings.ros2.autostart:
+        node.trigger_configure()
+        node.trigger_activate()
+    tick_s = 0.0
+    while not stop.is_set():
+        executor.spin_once(timeout_sec=max(tick_s - time.monotonic(), 0.0))
+        if time.monotonic() >= tick_s:
+            tick_s = time.monotonic() + _TICK_S
+            port.tick()
+
+
+class _RosLog(logging.Handler):
+    """Passes the log to ROS, which wants a line of its own for each severity."""
+
+    def __init__(self, node: AmclNode) -> None:
+        super().__init__(logging.INFO)
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        if record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        else:
+            self._logger.info(text)
+
+
+def _log_by(node: AmclNode) -> None:
+    logging.getLogger().handlers[:] = [_RosLog(node)]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""The engine inside of AMCL's node: the filter in a thread, without Zenoh and without ROS."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace as replaced
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import pytest
+from clustermcl_ros.inside import InsideEngine
+from msgspec.structs import replace
+
+from clustermcl.filter.arrays import OCCUPIED
+from clustermcl.filter.poses import compose
+from clustermcl.filter.settings import SearchSettings
+from clustermcl.localizer import Belief
+from clustermcl.protocol.advice import Advice
+from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.live_settings import LiveSettings
+from clustermcl.protocol.steps import MapReading, OdometryReading
+from clustermcl.protocol.work import Particles
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.ros2.outputs import Reading
+from clustermcl.ros2.port import EngineStatus
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.worlds.catalogue import world
+from tests.integration.alone import assert_same, outcomes_of_scans
+from tests.integration.faults.system import SMALL
+from tests.integration.running import running
+from tests.integration.waiting import wait_until
+
+WORLD = world("cross_feature")
+QUICK = replace(SMALL, search=SearchSettings(poses=2_000, max_steps=20))
+
+
+class Heard:
+    """Keeps what the engine reports."""
+
+    def __init__(self) -> None:
+        self.beliefs: list[Belief] = []
+        self.clusters: list[int] = []
+        self.advice: list[Advice] = []
+        self.status: EngineStatus | None = None
+        self.refused: list[str] = []
+
+    def on_belief(self, belief: Belief) -> None:
+        self.beliefs.append(belief)
+
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        assert len(particles.log_weights.array()) > 0
+        self.clusters.append(cluster)
+
+    def on_advice(self, advice: Advice) -> None:
+        self.advice.append(advice)
+
+    def on_status(self, status: EngineStatus | None) -> None:
+        self.status = status
+
+    def on_refused(self, cause: AnyCause, detail: str) -> None:
+        self.refused.append(f"{cause}: {detail}")
+
+
+class Counting(InsideEngine):
+    """Counts what was given, and what of it is done."""
+
+    given = done = 0
+
+    def put(self, reading: Reading) -> None:
+        self.given += 1
+        super().put(reading)
+
+    def _on_event(self, arrived_s: float, event: Any) -> None:
+        super()._on_event(arrived_s, event)
+        self.done += isinstance(event, Reading)
+
+    @property
+    def is_idle(self) -> bool:
+        return self.done == self.given
+
+
+class Driven:
+    """An engine with a simulated robot, which waits for the engine after each reading."""
+
+    def __init__(self, engine: Counting, heard: Heard) -> None:
+        self.engine, self.heard = engine, heard
+        self._ticks = iter(Simulation(WORLD, seed=3))
+        self.truth = (0.0, 0.0, 0.0)
+
+    def drive(self, ticks: int) -> None:
+        for tick in islice(self._ticks, ticks):
+            self.truth = tick.map_from_robot
+            for reading in tick.readings:
+                self.engine.put(reading)
+            wait_until(lambda: self.engine.is_idle)
+
+    def drive_until(self, condition: Callable[[], object]) -> None:
+        for _ in range(600):
+            self.drive(1)
+            if condition():
+                return
+        pytest.fail("not within a minute of driving")
+
+
+@pytest.fixture
+def driven() -> Iterator[Driven]:
+    heard = Heard()
+    engine = Counting(QUICK, heard)
+    with running(engine.run):
+        yield Driven(engine, heard)
+
+
+def map_reading(grid_map: GridMap) -> MapReading:
+    cells = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
+    return MapReading(
+        sender="amcl",
+        cell_m=grid_map.cell_m,
+        map_from_grid=grid_map.map_from_grid,
+        occupancy=ArrayBlob.of(cells, "int8"),
+    )
+
+
+def test_beliefs_are_those_of_the_library_bit_for_bit_through_live_settings(
+    driven: Driven,
+) -> None:
+    heard = driven.heard
+    driven.drive(1)
+    assert heard.refused[0].startswith("reading before the map")
+    assert heard.status is None
+    driven.engine.put(map_reading(WORLD.map))
+    driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].hypotheses)
+    driven.engine.command(Configure(sender="amcl", settings=LiveSettings(max_beams=31)))
+    driven.drive_until(lambda: len(heard.beliefs) > 40)
+    scans = [belief.scan for belief in heard.beliefs]
+    assert {scan.settings.max_beams for scan in scans} == {None, 31}
+    assert_same(heard.beliefs, outcomes_of_scans(scans, WORLD.map, QUICK))
+    assert heard.clusters
+    wait_until(lambda: heard.status and heard.status.settings == LiveSettings(max_beams=31))
+
+
+def test_commands_from_before_the_map_are_carried_out_with_it(driven: Driven) -> None:
+    heard, first = driven.heard, next(iter(Simulation(WORLD, seed=3)))
+    driven.engine.command(SetPose(sender="amcl", command_id="", pose=first.map_from_robot))
+    driven.engine.put(map_reading(WORLD.map))
+    driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].state == "localized")
+    assert len(heard.beliefs) < 10
+    found = heard.beliefs[-1].hypotheses[0].pose
+    assert math.dist(found[:2], driven.truth[:2]) < 0.3
+    count = len(heard.beliefs)
+    driven.engine.command(Relocalize(sender="amcl", command_id=""))
+    wait_until(lambda: len(heard.beliefs) > count and heard.beliefs[-1].state == "searching")
+    driven.engine.command(Relocalize(sender="amcl", command_id="", region="attic"))
+    wait_until(lambda: any("attic" in one for one in heard.refused))
+
+
+def test_a_standing_robot_is_searched_for_and_else_makes_steps_only_on_request(
+    driven: Driven,
+) -> None:
+    heard, tick = driven.heard, next(iter(Simulation(WORLD, seed=3)))
+    driven.engine.put(map_reading(WORLD.map))
+    stamp_ns = tick.laser.stamp_ns
+
+    def stand() -> None:
+        nonlocal stamp_ns
+        stamp_ns += 100_000_000
+        pose = tick.odometry[0].odom_from_robot
+        driven.engine.put(OdometryReading(sender="t", stamp_ns=stamp_ns, odom_from_robot=pose))
+        driven.engine.put(replace(tick.laser, stamp_ns=stamp_ns, odom_from_robot=pose))
+        wait_until(lambda: driven.engine.is_idle)
+        time.sleep(0.05)
+
+    def stand_until(condition: Callable[[], object]) -> None:
+        def holds() -> object:
+            stand()
+            return condition()
+
+        wait_until(holds, 60.0)
+
+    stand_until(lambda: heard.beliefs and heard.beliefs[-1].state != "searching")
+    count = len(heard.beliefs)
+    for _ in range(10):
+        stand()
+    assert len(heard.beliefs) == count
+    driven.engine.command(Update(sender="amcl", command_id=""))
+    stand_until(lambda: len(heard.beliefs) == count + 1)
+
+
+def test_a_new_map_is_searched_and_a_map_without_obstacles_is_refused(driven: Driven) -> None:
+    heard, before = driven.heard, WORLD.map
+    driven.engine.put(map_reading(replaced(before, cells=np.zeros_like(before.cells))))
+    wait_until(lambda: any("no occupied cell" in one for one in heard.refused))
+    driven.engine.ask_advice()
+    wait_until(lambda: any("no map has" in one for one in heard.refused))
+    driven.engine.put(map_reading(before))
+    driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].hypotheses)
+    driven.engine.ask_advice()
+    wait_until(lambda: heard.advice)
+    shift = np.array([10.0, -5.0, 0.0])
+    origin = tuple(compose(shift, np.array(before.map_from_grid)).tolist())
+    driven.engine.put(map_reading(replaced(before, map_from_grid=origin)))
+    driven.drive_until(
+        lambda: heard.beliefs[-1].map.map_from_grid == origin and heard.beliefs[-1].hypotheses
+    )
+    assert heard.status is not None
