@@ -85,7 +85,8 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         from clustermcl.view.frames import step_frame  # noqa: PLC0415
 
         slots = {place.cluster: place.cluster for place in self.hypotheses}
-        return drawn_picture(self.map, step_frame(self, slots, self.scan, None))
+        belief = self.map.floors.drawn(self)
+        return drawn_picture(self.map, step_frame(belief, slots, self.scan, None))
 
     def plot(self, ax: Any = None) -> Any:
         """Draw `picture` in axes of matplotlib, with x and y in metres.
@@ -314,7 +315,7 @@ class ClusterMCL(RobotCommands):
         self._model = sensor_model(grid_map, self._settings.sensor, kept_folder("maps"))
         self.map = grid_map.with_landmarks(landmarks)
         self._ground = FreeGround.of(self.map)
-        self._maker.change_map(self.map.digest, landmarks)
+        self._maker.change_map(self.map.digest, self.map.landmarks, self.map.floors)
         self._filter = InProcess(self._model, self._settings, self._SNAPSHOT_EVERY_STEPS)
         self.belief: Belief | None = None
 
@@ -363,7 +364,11 @@ class ClusterMCL(RobotCommands):
             raise StateFileError(path, f"not a state: {error}") from None
         self._filter, scan = resumed, state.filter.applied
         self._maker = StepMaker(
-            self._settings.bridge, self.map.digest, _SENDER, landmarks=self.map.landmarks
+            self._settings.bridge,
+            self.map.digest,
+            _SENDER,
+            landmarks=self.map.landmarks,
+            floors=self.map.floors,
         )
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
@@ -384,7 +389,7 @@ class ClusterMCL(RobotCommands):
             return Advice(sender=_SENDER, note="there is no belief yet")
         views, bridge = self._filter.ensemble.seen.views, self._settings.bridge
         question = advice_question(
-            belief.hypotheses,
+            self.map.floors.drawn(belief).hypotheses,
             belief.elsewhere_probability,
             belief.scan,
             views,
@@ -417,7 +422,7 @@ class ClusterMCL(RobotCommands):
     def _set_belief(self, outcome: Outcome, scan: Scan) -> Belief:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
-        self._maker.sources.on_belief(self.belief)
+        self._maker.on_belief(self.belief)
         return self.belief
 
 

@@ -26,6 +26,7 @@ class RobotCommands:
         heading_sigma_rad: float = 0.26,
         covariance: ArrayLike | None = None,
         stamp_ns: int | None = None,
+        floor: str = "",
     ) -> None:
         """Replace the belief by a pose, whose probability is `belief.set_pose_probability`.
 
@@ -40,10 +41,11 @@ class RobotCommands:
                 row by row; replaces both standard deviations.
             stamp_ns: time of the pose by the robot's clock [ns]; the motion since then is added.
                 None: now.
+            floor: the floor of the pose; a building of several floors needs it.
 
         Raises:
-            CommandRefusedError: the map has no free space within three standard deviations, or
-                odometry of that time is no longer stored.
+            CommandRefusedError: the map has no free space within three standard deviations or no
+                such floor, or odometry of that time is no longer stored.
             ValueError: a number is not finite, the heading is beyond a full turn, a standard
                 deviation is not positive, or the covariance is not positive semi-definite.
         """
@@ -59,21 +61,23 @@ class RobotCommands:
             heading_sigma_rad=heading_sigma_rad,
             covariance=None if numbers is None else covariance_tuple(numbers),
             stamp_ns=stamp_ns,
+            floor=floor,
         )
         if problem := refusal_of(command):
             raise ValueError(f"pose {named} is invalid: {problem}")
         self._carry_out(command)
 
-    def relocalize(self, near: Circle | None = None, region: str = "") -> None:
+    def relocalize(self, near: Circle | None = None, region: str = "", floor: str = "") -> None:
         """Drop all places, including the last pose in the state file, and search for places.
 
         Args:
             near: x, y and radius of a circle to search in [m]; None: search everywhere.
             region: name of a region of the setting `search.regions` to search in; empty: search
                 everywhere.
+            floor: the floor of `near` or `region`, or to search without these; empty: all floors.
 
         Raises:
-            CommandRefusedError: there is no region of this name.
+            CommandRefusedError: there is no region or floor of this name.
             ValueError: a number of `near` is not finite, or the radius is not positive.
         """
         if near is not None:
@@ -81,7 +85,9 @@ class RobotCommands:
             near = (x, y, radius_m)
             if not (math.isfinite(x + y + radius_m) and radius_m > 0.0):
                 raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
-        self._carry_out(Relocalize(sender=caller(), command_id=new_id(), near=near, region=region))
+        self._carry_out(
+            Relocalize(sender=caller(), command_id=new_id(), near=near, region=region, floor=floor)
+        )
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         raise NotImplementedError

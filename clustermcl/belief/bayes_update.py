@@ -53,6 +53,7 @@ def weigh(
     news: float = 1.0,
     decoy: TrackReport | None = None,
     awaits_decoy: bool = False,
+    is_evidence: bool = True,
 ) -> float:
     """Apply kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
@@ -71,6 +72,7 @@ def weigh(
             (`new_evidence_share`).
         decoy: report of a job that tracks the mirrored scans; None: there is none.
         awaits_decoy: the first decoy is being searched for; classes do not count until then.
+        is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
 
     Returns:
         Log of the scan's likelihood, averaged over the belief before the scan; a hypothesis
@@ -84,6 +86,8 @@ def weigh(
         return 0.0  # nothing but evidence moves probabilities
     update = _Update(held, ordered, news, new_view)
     update.take_poses()
+    if not is_evidence:
+        return 0.0
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
     among, log_scan = update.among_clusters(among)

@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
@@ -326,6 +326,13 @@ class ClusterSet(Part):
         is_certain = best.probability >= self.rules.localized_probability
         if self.on_map and is_certain and best.born_step < first_step:
             self.given = Given(ESTABLISHED_VIEWS)
+
+    def move(self, gains: Mapping[int, float]) -> None:
+        """Add to the probabilities of clusters; negative: take from them."""
+        for number, gain in gains.items():
+            cluster = self.clusters[number]
+            moved = log_of(max(cluster.probability + gain, 0.0))
+            self.clusters[number] = replace(cluster, log_probability=max(moved, LEAST_LOG))
 
     def take_from_elsewhere(self, share: float) -> None:
         """Reduce elsewhere by a share, which a search has assigned to candidates or clusters."""

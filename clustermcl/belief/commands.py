@@ -17,6 +17,7 @@ from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.search.regions import parsed_regions
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.errors import printable
+from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.job_events import MAX_DETAIL_CHARACTERS, Remark
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.steps import Scan
@@ -89,7 +90,7 @@ class Commands(Part):
         if applied is None or _needs_map(command, ground):
             self.waiting = replace(commanded, during_search=ensemble.searches > 0)
             return None
-        return self._outcome(commanded, ensemble, applied)
+        return self._outcome(commanded, ensemble, applied, ground)
 
     def carry_out_waiting(
         self,
@@ -117,16 +118,20 @@ class Commands(Part):
             return None
         if waiting.odom_from_robot is None and (oldest_ns := odometry.oldest_ns) is not None:
             waiting = Commanded(waiting.command, oldest_ns, odometry.pose_at(oldest_ns))
-        return self._outcome(waiting, ensemble, applied)
+        return self._outcome(waiting, ensemble, applied, ground)
 
-    def _outcome(self, commanded: Commanded, ensemble: Ensemble, applied: Scan) -> Outcome:
+    def _outcome(
+        self, commanded: Commanded, ensemble: Ensemble, applied: Scan, ground: FreeGround | None
+    ) -> Outcome:
+        floors = ground.floors if ground else ONE_MAP  # a command that names a floor has waited
         if isinstance(commanded.command, Relocalize):
-            asked = commanded.command
-            corners = parsed_regions(ensemble.settings.search.regions).get(asked.region, ())
-            return ensemble.relocalize(applied.step, near=asked.near, corners=corners)
+            asked, regions = commanded.command, ensemble.settings.search.regions
+            corners = parsed_regions(regions).get(asked.region, ())
+            near, corners = floors.area(asked.floor, asked.near, corners)
+            return ensemble.relocalize(applied.step, near=near, corners=corners)
         self.set_poses += 1
         given, settings = commanded.command, ensemble.settings
-        mean, covariance = given.pose, _covariance(given)
+        mean, covariance = floors.in_atlas(given.floor, given.pose), _covariance(given)
         if commanded.odom_from_robot is not None:
             # Motion to the step makes a pose less certain. A pose of a later time is carried back
             # without noise, because the next step adds the noise.
@@ -172,7 +177,8 @@ def command_remark(command: SetPose | Relocalize, problem: str = "") -> Remark:
         case Relocalize(near=(x, y, radius)):
             cause, what = "search requested", f"within {radius:g} m of x {x:.2f} m  y {y:.2f} m"
     refused = f"refused: {problem}" if problem else ""
-    parts = (what, f"by {printable(command.sender)}", refused)
+    floor = f"floor {printable(command.floor)}" if command.floor else ""
+    parts = (floor, what, f"by {printable(command.sender)}", refused)
     return Remark(cause=cause, detail=", ".join(filter(None, parts))[:MAX_DETAIL_CHARACTERS])
 
 
@@ -201,13 +207,23 @@ def _with_odometry(
 
 
 def _needs_map(command: SetPose | Relocalize, ground: FreeGround | None) -> bool:
-    return ground is None and isinstance(command, SetPose)
+    return ground is None and (isinstance(command, SetPose) or bool(command.floor))
 
 
 def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) -> str:
-    if ground is None or isinstance(command, Relocalize):
-        return ""
-    return ground.problem_of(command.pose, _covariance(command)) or ""
+    match ground, command:
+        case None, _:
+            return ""
+        case FreeGround(), SetPose():
+            return ground.problem_of(command.pose, _covariance(command), command.floor) or ""
+        case FreeGround(floors=floors), Relocalize(floor=floor):
+            is_partial = command.near is not None or command.region
+            try:
+                if floor or (floors and is_partial):
+                    floors.floor(floor)
+            except ValueError as error:
+                return str(error)
+    return ""
 
 
 def _covariance(given: SetPose) -> Covariance:

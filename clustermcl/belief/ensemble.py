@@ -15,7 +15,8 @@ from msgspec.structs import replace
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
 from clustermcl.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
-from clustermcl.belief.given_places import PriorPose, with_prior_pose
+from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
+from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
 from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
@@ -23,10 +24,12 @@ from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import UsualFit
+from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Circle, Corners
+from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
@@ -131,6 +134,7 @@ class Ensemble(Part, kw_only=True):
         reports: Sequence[Report],
         before_from_after: Pose | None = None,
         own_robot_found: bool = False,
+        scan: Scan | None = None,
     ) -> Outcome:
         """Apply one step.
 
@@ -141,6 +145,7 @@ class Ensemble(Part, kw_only=True):
             before_from_after: (3,) motion of the robot since the step before, by odometry; moves
                 clusters without a report. None: unknown.
             own_robot_found: see `Scan.own_robot_found`.
+            scan: the step's scan, for the links of a building; None: there are none.
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
@@ -156,6 +161,7 @@ class Ensemble(Part, kw_only=True):
         is_given = not all(cluster.confirmed for cluster in self.clusters.all())
         if before_from_after is not None and observed is None and not is_given:
             news = new_evidence_share(before_from_after)
+        in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         log_likelihood = weigh(
             self.clusters,
             tracks,
@@ -165,12 +171,17 @@ class Ensemble(Part, kw_only=True):
             news=news,
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
+            is_evidence=not in_cabin,
         )
+        if scan is not None and scan.floors.links:
+            self._ride(scan, news * self.settings.belief.link_probability, in_cabin=in_cabin)
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
         if own_robot_found and best < self.settings.belief.localized_probability:
             return self.relocalize(step, "own robot found")
         if self.search.runs:
-            self.search.evidence.gather(step, log_likelihood if is_weighed else NOT_WEIGHED)
+            self.search.evidence.gather(
+                step, log_likelihood if is_weighed and not in_cabin else NOT_WEIGHED
+            )
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
@@ -375,6 +386,33 @@ class Ensemble(Part, kw_only=True):
         if entering and not own:
             self.clusters.apply_floor(step, first_step)
         return found.eligible <= len(room) or len(room) == settings.belief.max_clusters
+
+    def _ride(self, scan: Scan, hazard: float, *, in_cabin: bool) -> None:
+        """Admit places at the other ends of links that the robot may have taken."""
+        settings, step = self.settings, scan.step
+        if not settings.belief.link_probability:
+            return
+        ends = ride(self.clusters, scan, hazard, in_cabin=in_cabin)
+        room = self.clusters.room(step)
+        entering: list[Candidate] = []
+        for (cluster, end, share), leaving in zip(ends, room, strict=False):
+            if share <= max(leaving, settings.belief.least_probability):
+                break
+            place = candidate(
+                share,
+                end,
+                cluster.covariance,
+                seed=settings.seed,
+                purpose=Purpose.RIDE,
+                entity=self.clusters.next_cluster + len(entering),
+                step=step,
+                odom_from_robot=scan.odom_from_robot,
+            )
+            self.clusters.move({cluster.cluster: -share})
+            entering.append((place, "ride"))
+        if entering:
+            protected = step + settings.belief.minimum_lifetime_steps
+            self._admit(entering, step, protected_until=protected)
 
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; they share the probability of elsewhere."""

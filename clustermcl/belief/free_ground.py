@@ -7,6 +7,7 @@ import numpy as np
 
 from clustermcl.filter.arrays import FREE
 from clustermcl.filter.poses import between
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -28,6 +29,7 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
     cols: int
     bits: bytes
     """(rows x cols) one bit for each leaf; row 0 has the lowest y."""
+    floors: Floors = ONE_MAP
 
     def __post_init__(self) -> None:
         if len(self.bits) != -(-self.rows * self.cols // 8):
@@ -51,18 +53,26 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
             rows=free.shape[0],
             cols=free.shape[1],
             bits=np.packbits(free).tobytes(),
+            floors=grid_map.floors,
         )
 
-    def problem_of(self, map_from_robot: PoseTuple, covariance: Covariance) -> str | None:
+    def problem_of(
+        self, map_from_robot: PoseTuple, covariance: Covariance, floor: str = ""
+    ) -> str | None:
         """Return why a robot cannot be at a pose; None if free ground is within its uncertainty.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
             covariance: covariance of the pose, 3 x 3 row by row [m^2, m rad, rad^2].
+            floor: the floor of the pose; empty for a single map.
         """
+        try:
+            in_atlas = self.floors.in_atlas(floor, map_from_robot)
+        except ValueError as error:
+            return str(error)
         bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
         free = bits.reshape(self.rows, self.cols)
-        x, y, _ = between(np.array(self.map_from_grid), np.array(map_from_robot)).tolist()
+        x, y, _ = between(np.array(self.map_from_grid), np.array(in_atlas)).tolist()
         # The robot may be anywhere in a leaf, so the variance of its side is added.
         spread = covariance_matrix(covariance)[:2, :2] + np.eye(2) * self.leaf_m**2 / 12
         variance = float(np.linalg.eigvalsh(spread)[-1])

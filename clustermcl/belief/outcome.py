@@ -54,13 +54,14 @@ BEFORE_FIRST_STEP = Outcome(
 
 def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Belief:
     """Return the belief message after a scan, or after a command that followed it."""
+    places = tuple(map(scan.floors.place, outcome.hypotheses))
     return Belief(
         sender=sender,
         step=outcome.step,
         stamp_ns=scan.stamp_ns,
         odom_from_robot=scan.odom_from_robot,
         state=outcome.state,
-        hypotheses=outcome.hypotheses,
+        hypotheses=places,
         searching=outcome.searching,
         missing=outcome.missing,
         last=scan.last,
@@ -68,6 +69,7 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
         elsewhere_probability=outcome.elsewhere_probability,
         off_map_probability=outcome.off_map_probability,
         search_progress=outcome.search_progress,
+        floors=scan.floors.probabilities(places),
     )
 
 

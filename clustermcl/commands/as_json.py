@@ -29,6 +29,7 @@ def json_object(answer: Answer | Hypothesis) -> JsonObject:
                 "state": answer.state,
                 "pose": _pose(best.pose, best.covariance) if best else None,
                 "probability": answer.probability,
+                "floor": answer.floor,
                 **_fields(answer, "sender", "term", "odom_from_robot"),
                 "hypotheses": list(map(json_object, answer.hypotheses)),
             }
@@ -43,6 +44,7 @@ def json_object(answer: Answer | Hypothesis) -> JsonObject:
             found = {
                 "cluster": answer.cluster,
                 "probability": answer.probability,
+                "floor": answer.floor,
                 **(_pose(answer.pose, answer.covariance) or {}),
                 "effective_sample_size": answer.effective_sample_size,
                 "age_steps": answer.age_steps,

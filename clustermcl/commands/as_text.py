@@ -8,6 +8,7 @@ from itertools import groupby
 from clustermcl.protocol.advice import Advice, Way
 from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.errors import printable
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import NumberedEvent, event_text
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
@@ -28,20 +29,21 @@ DOUBT = 0.01
 """Probability of elsewhere above which the text mentions it."""
 
 
-def pose_text(pose: PoseTuple) -> str:
-    """Return ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
+def pose_text(pose: PoseTuple, floor: str = "") -> str:
+    """Return ``x 1.23 m  y -4.50 m  heading 90.0 deg``, after the floor if there are several."""
     x, y, heading = pose
-    return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
+    on = f"floor {printable(floor)}  " if floor else ""
+    return f"{on}x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
 
 
-def place_text(pose: PoseTuple, covariance: Covariance) -> str:
+def place_text(pose: PoseTuple, covariance: Covariance, floor: str = "") -> str:
     """Return a pose and its standard deviations, as in ``x 1.23 m ...  +-0.06 m, 3.6 deg``.
 
     The first is the largest one of the position, the second that of the heading.
     """
     longer_m, _, _ = ellipse_axes(covariance[0], covariance[1], covariance[4])
     heading_deg = math.degrees(math.sqrt(max(covariance[8], 0.0)))
-    return f"{pose_text(pose)}  +-{longer_m:.2f} m, {heading_deg:.1f} deg"
+    return f"{pose_text(pose, floor)}  +-{longer_m:.2f} m, {heading_deg:.1f} deg"
 
 
 def pose_lines(answer: PoseAnswer) -> Iterator[str]:
@@ -53,8 +55,9 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
     else:
         yield (
             f"{answer.state} with probability {answer.probability:.2f}: "
-            f"{place_text(answer.pose, answer.covariance)}"
+            f"{place_text(answer.pose, answer.covariance, answer.floor)}"
         )
+        yield from _floors(answer)
     yield from _doubts(answer)
     if answer.pose is not None and answer.elsewhere_probability > DOUBT:
         yield f"it may be elsewhere, with probability {answer.elsewhere_probability:.2f}"
@@ -70,8 +73,9 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
     for place in answer.hypotheses:
-        yield f"  {place.probability:6.3f}  {place_text(place.pose, place.covariance)}"
+        yield f"  {place.probability:6.3f}  {place_text(place.pose, place.covariance, place.floor)}"
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
+    yield from _floors(answer.pose)
     yield from _off_map(answer.pose)
     yield from _doubts(answer.pose)
 
@@ -121,6 +125,13 @@ def _off_map(answer: PoseAnswer) -> Iterator[str]:
         yield f"probably not on this map ({answer.off_map_probability:.2f})"
 
 
+def _floors(answer: PoseAnswer) -> Iterator[str]:
+    """Yield the probable floors, if there are several."""
+    probable = [(p, printable(name)) for name, p in answer.floors.items() if p >= LEAST_SHOWN]
+    if len(probable) > 1:
+        yield f"floors: {', '.join(f'{name} {p:.2f}' for p, name in sorted(probable)[::-1])}"
+
+
 def _doubts(answer: PoseAnswer) -> Iterator[str]:
     """Yield a warning if the pose is stale or comes from dead reckoning."""
     match answer.freshness:
@@ -156,7 +167,8 @@ def belief_line(belief: Belief) -> str:
     elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
     if belief.off_map_probability > OFF_MAP:
         elsewhere += ", probably not on this map"
-    return f"{head}; best {pose_text(best.pose)}; probabilities {probabilities}{more}{elsewhere}"
+    place = pose_text(best.pose, best.floor)
+    return f"{head}; best {place}; probabilities {probabilities}{more}{elsewhere}"
 
 
 def shown_places(belief: Belief) -> tuple[Hypothesis, ...]:

@@ -1,7 +1,7 @@
 """The commands that change a running system."""
 
 import math
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import typer
 
@@ -10,6 +10,8 @@ from clustermcl.commands.options import client_command, connected, print_answer
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.settings import Settings
+
+Floor: TypeAlias = Annotated[str, typer.Option(metavar="NAME", help="Floor of a building.")]
 
 
 @client_command
@@ -26,6 +28,7 @@ def set_pose(
     heading_sigma_deg: Annotated[
         float, typer.Option(metavar="DEG", help="Standard deviation of HEADING [deg].")
     ] = 15.0,
+    floor: Floor = "",
 ) -> None:
     """Set the robot's pose; the heading is in degrees."""
     sigmas = (position_sigma_m, heading_sigma_deg)
@@ -38,10 +41,11 @@ def set_pose(
                 pose,
                 position_sigma_m=position_sigma_m,
                 heading_sigma_rad=math.radians(heading_sigma_deg),
+                floor=floor,
             )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None
-    _report(settings, f"was set to {pose_text(pose)}")
+    _report(settings, f"was set to {pose_text(pose, floor)}")
 
 
 @client_command
@@ -54,18 +58,20 @@ def relocalize(
     region: Annotated[
         str, typer.Option(metavar="NAME", help="Search only in this region of search.regions.")
     ] = "",
+    floor: Floor = "",
 ) -> None:
-    """Drop all places, and search everywhere or in a region."""
+    """Drop all places, and search everywhere, in a region or on a floor."""
     if near is not None and region:
         raise SettingsError("--near and --region exclude each other: give one")
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle needs two finite numbers and a positive radius")
     with connected(settings) as client:
-        client.relocalize(near, region)
+        client.relocalize(near, region, floor)
     where = f"in region {region}" if region else "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
-    _report(settings, f"drops all places; the search runs {where}")
+    on = f" on floor {floor}" if floor else ""
+    _report(settings, f"drops all places; the search runs {where}{on}")
 
 
 @client_command

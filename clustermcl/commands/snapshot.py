@@ -3,6 +3,8 @@
 import time
 from pathlib import Path
 
+from msgspec.structs import replace
+
 from clustermcl.client import Client
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import SettingsError
@@ -25,7 +27,11 @@ def save_snapshot(file: Path, settings: Settings) -> None:
     with Client(settings, stop=stop_on_signals()) as client:
         grid_map, scan = client.map(), _next_scan(client)
         answer = client.hypotheses()
-    places, pose = answer.hypotheses, answer.pose
+    places = tuple(
+        replace(place, pose=grid_map.floors.drawn_pose(place.floor, place.pose))
+        for place in answer.hypotheses
+    )
+    pose = answer.pose
     slots = {place.cluster: slot for slot, place in enumerate(places)}
     frame = {"places": place_frames(places, slots), **scan_frame(scan), "truth": None}
     says = {"fresh": pose.state, "none": "no scan yet", "dead_reckoning": "dead reckoning"}

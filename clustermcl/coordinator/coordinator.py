@@ -40,6 +40,7 @@ from clustermcl.protocol.answers import (
     Status,
 )
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import Scan
@@ -415,12 +416,17 @@ class Coordinator(Part):
 
     def pose(self, now_ns: int) -> PoseAnswer:
         answer = self.state.pose.answer(now_ns, len(self.state.placement.live))
+        answer = self._floors.answered(answer, self.state.pose.outcome.hypotheses)
         return msgspec.structs.replace(answer, term=self.term.number)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
-        return Hypotheses(
-            sender=self.sender, pose=self.pose(now_ns), hypotheses=self.state.pose.hypotheses()
-        )
+        places = tuple(map(self._floors.place, self.state.pose.hypotheses()))
+        return Hypotheses(sender=self.sender, pose=self.pose(now_ns), hypotheses=places)
+
+    @property
+    def _floors(self) -> Floors:
+        applied = self.state.collector.applied
+        return applied.floors if applied else ONE_MAP
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
         """Return the status; `counters` are those of the process."""

@@ -215,7 +215,7 @@ class CoordinatorState(Part):
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(
-            ready.scan.step, ready.reports, _moved(ready), ready.scan.own_robot_found
+            ready.scan.step, ready.reports, _moved(ready), ready.scan.own_robot_found, ready.scan
         )
         patient = self.overload.is_overloaded
         self.placement.on_step_decided(expected, outcome.missing, now_ns, patient=patient)

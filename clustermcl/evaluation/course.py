@@ -73,12 +73,13 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             simulation = robot.simulation(seed)
             source = SimulatedSource(simulation, steps=case.updates)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
-            steps = simulated_steps(source, settings, grid_map.digest)
+            steps = simulated_steps(source, settings, grid_map.digest, grid_map.floors)
             return Course(grid_map, str(robot.map or robot.world), steps, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
-            scans = steps_of(robot.opened(settings), settings, grid_map.digest)
+            recording = robot.opened(settings)
+            scans = steps_of(recording, settings, grid_map.digest, grid_map.floors)
             end = None if case.updates is None else start_step + case.updates
             true_steps = (
                 (scan, reference.pose_at(scan.stamp_ns) if reference else None)

@@ -33,6 +33,8 @@ class Purpose(IntEnum):
     """Particles of a cluster whose particles were lost; the entity is the cluster."""
     ELSEWHERE = 7
     """One step's poses all over the map; the entity is 0."""
+    RIDE = 8
+    """Particles of a place at the other end of a link; the entity counts clusters."""
 
 
 def generator(

@@ -180,6 +180,9 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Prior probability that the robot is not on the map, also after a kidnapping; 0: never."""
     elsewhere_poses: Annotated[int, Meta(gt=0, le=1_000_000)] = 2048
     """Poses all over the map at which a scan is weighed."""
+    link_probability: Annotated[float, Meta(ge=0, lt=1)] = 0.02
+    """Probability, near a lift or another link of a building, of another floor with the next view;
+    0: never."""
     lost_probability: Annotated[float, Meta(gt=0, le=1)] = 0.5
     """State `lost` above this probability of elsewhere, off the map included."""
     candidate_probability: Annotated[float, Meta(ge=0, le=0.5)] = 0.003

@@ -70,7 +70,7 @@ class InProcess:
         before, self.applied = self.applied, scan
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
-        outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found)
+        outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found, scan)
         self._searched = [*self._searched, scan] if outcome.searching else []
         self.carry_out(outcome)
         return outcome

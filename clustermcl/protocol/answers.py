@@ -34,6 +34,10 @@ Freshness: TypeAlias = Literal["fresh", "dead_reckoning", "stale", "none"]
 no worker is left. `stale`: no new data has arrived for a while. `none`: no scan has arrived yet,
 so there is no pose either."""
 
+MAX_FLOORS, MAX_FLOOR_CHARACTERS = 64, 64
+"""Floors of a building, and characters of a floor's name."""
+FloorName: TypeAlias = Annotated[str, Meta(max_length=MAX_FLOOR_CHARACTERS)]
+FloorProbabilities: TypeAlias = Annotated[dict[FloorName, float], Meta(max_length=MAX_FLOORS)]
 Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e4)]
 
 
@@ -81,6 +85,8 @@ class Hypothesis(HasPose, msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     """Number of equally weighted particles with the same information."""
     age_steps: int
     """Steps since the cluster entered the belief."""
+    floor: FloorName = ""
+    """The floor of `pose`, which is in the frame of that floor's map; empty for a single map."""
 
 
 class Belief(HasPose, Message, frozen=True, kw_only=True, tag="belief/1"):
@@ -114,6 +120,13 @@ class Belief(HasPose, Message, frozen=True, kw_only=True, tag="belief/1"):
     """Progress of the running search, 0 to 1."""
     off_map_probability: float = 0.0
     """The part of `elsewhere_probability` that the robot is not on this map at all."""
+    floors: FloorProbabilities = msgspec.field(default_factory=dict)
+    """Probability of each floor: the sum over its places. Empty for a single map."""
+
+    @property
+    def floor(self) -> str:
+        """The floor of `pose`; empty for a single map, and without a place."""
+        return self.hypotheses[0].floor if self.hypotheses else ""
 
     @property
     def best(self) -> Hypothesis | None:
@@ -139,7 +152,8 @@ class Belief(HasPose, Message, frozen=True, kw_only=True, tag="belief/1"):
         at = ""
         if (best := self.best) is not None:
             x, y, heading = best.pose
-            at = f", {best.probability:.1%} at ({x:.2f} m, {y:.2f} m, {heading:.2f} rad)"
+            on = f" on floor {best.floor}" if best.floor else ""
+            at = f", {best.probability:.1%} at ({x:.2f} m, {y:.2f} m, {heading:.2f} rad){on}"
         places = len(self.hypotheses)
         return f"<{type(self).__name__} of step {self.step}: {self.state}{at}, {places} places>"
 
@@ -173,6 +187,10 @@ class PoseAnswer(HasPose, Message, frozen=True, kw_only=True, tag="pose/1"):
     elsewhere_probability: float = 1.0
     """Probability that the robot is at none of the tracked places."""
     off_map_probability: float = 0.0
+    """As in `Belief`."""
+    floor: FloorName = ""
+    """As in `Hypothesis`."""
+    floors: FloorProbabilities = msgspec.field(default_factory=dict)
     """As in `Belief`."""
 
 
@@ -254,6 +272,8 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     """Covariance of the pose; replaces both sigmas."""
     stamp_ns: Stamp | None = None
     """Time of the pose by the robot's clock; the odometry since then is added. None: now."""
+    floor: FloorName = ""
+    """The floor of the pose; a building of several floors needs it."""
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
@@ -266,6 +286,8 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Search in this circle only; None: everywhere."""
     region: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)] = ""
     """Search in this one of `search.regions` only; empty: everywhere."""
+    floor: FloorName = ""
+    """The floor of `near` or `region`, or to search without these; empty: all floors."""
 
 
 class Update(Message, frozen=True, kw_only=True, tag="update/1"):

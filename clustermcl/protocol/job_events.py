@@ -12,11 +12,12 @@ from clustermcl.protocol.message import LIST_BYTES, Id, Message, Number, Probabi
 MAX_DETAIL_CHARACTERS = 400
 
 BeganCause: TypeAlias = Literal[
-    "first search", "restart", "observed", "prior pose", "given", "split"
+    "first search", "restart", "observed", "prior pose", "given", "split", "ride"
 ]
 """Found by the first search; found by a later one; allowed by
 an observation; taken from the last pose; given by a command;
-part of a cluster that split. An older release refuses a message with a cause it does not know."""
+part of a cluster that split; at the other end of a link. An older release refuses a message with a
+cause it does not know."""
 
 EndedCause: TypeAlias = Literal[
     "merged",
@@ -179,6 +180,7 @@ _BEGAN: dict[BeganCause, str] = {
     "prior pose": "restored from the last pose",
     "given": "given by a command",
     "split": "split off",
+    "ride": "reached by a lift or another link",
 }
 _ENDED: dict[EndedCause, str] = {
     "merged": "merged into",

@@ -5,7 +5,9 @@ from typing import Annotated, ClassVar, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from clustermcl.protocol.answers import FloorName
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import Remark
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import (
@@ -204,6 +206,8 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     """All landmarks of the map, if one was observed."""
     remarks: Annotated[tuple[Remark, ...], Meta(max_length=MAX_REMARKS)] = ()
     """What the bridge refused, bridged or missed since the step before."""
+    floors: Floors = ONE_MAP
+    """Floors and links of the map, by which poses on floors and in the atlas are converted."""
 
 
 def mirrored(scan: Scan) -> Scan:
@@ -265,6 +269,8 @@ class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
     """zlib of rows x cols int8, row 0 has the lowest y: 0 free, 1 occupied, -1 unknown."""
     landmarks: Annotated[tuple[Landmark, ...], Meta(max_length=MAX_LANDMARKS)] = ()
     """For display; steps carry those that the filter uses."""
+    floors: Floors = ONE_MAP
+    """Of the map, which is their atlas."""
 
 
 class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
@@ -274,3 +280,5 @@ class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
 
     step: Number
     pose: PoseTuple
+    floor: FloorName = ""
+    """As in `Hypothesis`."""

@@ -14,6 +14,7 @@ import numpy as np
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import Finite, PoseTuple, Positive, ScanStep, Stamp, ellipse_axes
 from clustermcl.protocol.steps import MAX_BEAMS, Landmark, LaserBeams, Scan
 from clustermcl.recordings.maps.grid_map import GridMap, cells_of, coarse
@@ -112,6 +113,7 @@ class MapFields(msgspec.Struct, frozen=True):
     column_count: Annotated[int, msgspec.Meta(gt=0, lt=2**31)]
     data: bytes
     landmarks: tuple[Landmark, ...] = ()
+    floors: Floors = ONE_MAP
 
     def grid_map(self) -> GridMap:
         """Return the map.
@@ -120,7 +122,8 @@ class MapFields(msgspec.Struct, frozen=True):
             ValueError: the bytes are not a map.
         """
         occupancy = np.frombuffer(self.data, np.int8).reshape(-1, self.column_count)
-        return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid, self.landmarks)
+        cells, place = cells_of(occupancy), self.map_from_grid
+        return GridMap(cells, self.cell_m, place, self.landmarks, floors=self.floors)
 
 
 def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
@@ -132,7 +135,8 @@ def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
     cells = coarse(grid_map.cells, every) if every > 1 else grid_map.cells
     cell_m, cols = grid_map.cell_m * every, cells.shape[1]
     data = np.where(cells == OCCUPIED, 100, cells).astype(np.int8).tobytes()
-    fields = MapFields(cell_m, grid_map.map_from_grid, cols, data, grid_map.landmarks)
+    place, marks = grid_map.map_from_grid, grid_map.landmarks
+    fields = MapFields(cell_m, place, cols, data, marks, grid_map.floors)
     return msgspec.structs.asdict(fields) | {
         **_header(stamp_ns, MAP),
         "pose": _pose(grid_map.map_from_grid),

@@ -18,6 +18,7 @@ from clustermcl.filter.poses import compose, inverse
 from clustermcl.protocol import conversion
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.protocol.steps import OdometryReading, Scan
 from clustermcl.protocol.validity import problem_of
@@ -66,7 +67,7 @@ class RunLog:
     def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
         from mcap.writer import Writer  # noqa: PLC0415 - 3 MB, which a reader does not need
 
-        self._path, self._map_digest = path, ""
+        self._path, self._map_digest, self._floors = path, "", ONE_MAP
         self._channels: dict[str, int] = {}
         with self._named():
             self._file = open(path, f"{mode}b", opener=_private)  # noqa: SIM115 - no opener
@@ -85,7 +86,7 @@ class RunLog:
 
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
         """Write the map of the following steps, downsampled if it has more than `max_cells`."""
-        self._map_digest = grid_map.digest
+        self._map_digest, self._floors = grid_map.digest, grid_map.floors
         self.write(GRID, foxglove.grid(grid_map, at_ns, max_cells), at_ns)
 
     def on_odometry(self, reading: OdometryReading) -> None:
@@ -106,6 +107,7 @@ class RunLog:
         """Write a belief as a message, and as drawings for Foxglove."""
         stamp_ns = belief.stamp_ns
         self.write(BELIEF, belief, at_ns)
+        belief = self._floors.drawn(belief)
         self.write(PLACES, foxglove.places(belief.hypotheses, stamp_ns), at_ns)
         if (best := belief.best) is not None:
             self.write(POSE, foxglove.pose_in_frame(best.pose, stamp_ns), at_ns)

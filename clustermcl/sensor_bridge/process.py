@@ -326,6 +326,7 @@ class Bridge:
             lockstep=self._flow.lockstep,
             live=self._is_live,
             landmarks=first_map.landmarks,
+            floors=first_map.floors,
         )
         maker.configure(live or AS_STARTED)
         return maker
@@ -375,7 +376,7 @@ class Bridge:
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         if self._maker is not None:
-            self._maker.sources.on_belief(belief)
+            self._maker.on_belief(belief)
             self._node.health.sources = self._maker.sources.health()
         searching = belief.state == "searching"
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.steps import Observation, Reading, Scan
 from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.settings import BridgeSettings
@@ -56,13 +57,15 @@ def opened(path: str, settings: BridgeSettings) -> Recording:
     return recording
 
 
-def steps_of(recording: Recording, settings: BridgeSettings, map_digest: str) -> Iterator[Scan]:
+def steps_of(
+    recording: Recording, settings: BridgeSettings, map_digest: str, floors: Floors = ONE_MAP
+) -> Iterator[Scan]:
     """Yield all steps of a recording, without a network; `Scan.last` marks the last one.
 
     Raises:
         RecordingError: no scan of the recording could be used, with the causes.
     """
-    maker = StepMaker(settings, map_digest, "bridge")
+    maker = StepMaker(settings, map_digest, "bridge", floors=floors)
     made = False
     for scan in steps_from(recording.readings, maker):
         made = True

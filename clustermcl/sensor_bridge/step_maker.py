@@ -11,7 +11,9 @@ from msgspec.structs import asdict, replace
 
 from clustermcl.filter.poses import between, compose, wrap_angle
 from clustermcl.filter.settings import section_with
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
@@ -111,6 +113,7 @@ class StepMaker:
         lockstep: put into every step: the sender waits for the belief before it sends the next.
         live: put into every step: stamps are of a robot's own clock.
         landmarks: landmarks of the map; others cannot be observed.
+        floors: floors of the map, put into every step.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry, restarts of the
@@ -127,8 +130,9 @@ class StepMaker:
         lockstep: bool = False,
         live: bool = False,
         landmarks: Sequence[Landmark] = (),
+        floors: Floors = ONE_MAP,
     ) -> None:
-        self.dropped = Refused()
+        self.dropped, self._floors = Refused(), floors
         self._map_digest, self._sender = map_digest, sender
         self._lockstep, self._live = lockstep, live
         self._next_step = first_step
@@ -168,6 +172,10 @@ class StepMaker:
         """The sources of observations, which learn from each step's belief."""
         return self._pending_observations.sources
 
+    def on_belief(self, belief: Belief) -> None:
+        """Learn how often sources of observations are wrong."""
+        self.sources.on_belief(self._floors.drawn(belief))
+
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         if self._pending_observations.moved(stamp_ns, odom_from_robot):
             self.gate.open_next()
@@ -199,9 +207,11 @@ class StepMaker:
         self._live_settings = live
         self.gate.settings = section_with(self._settings, live)
 
-    def change_map(self, map_digest: str, landmarks: Sequence[Landmark] = ()) -> None:
+    def change_map(
+        self, map_digest: str, landmarks: Sequence[Landmark] = (), floors: Floors = ONE_MAP
+    ) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
-        self._map_digest = map_digest
+        self._map_digest, self._floors = map_digest, floors
         self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
         self.gate.reset()
 
@@ -239,6 +249,7 @@ class StepMaker:
             landmarks=self._pending_observations.landmarks_of(seen),
             own_robot_found=found and self._next_step > 1,
             remarks=self.dropped.remarks(reading.stamp_ns),
+            floors=self._floors,
         )
 
     def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:

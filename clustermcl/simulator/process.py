@@ -73,7 +73,8 @@ def run_simulator(invocation: Invocation) -> None:
 
         def on_step(scan: Scan) -> None:
             pose = source.step_made()
-            truth.put(TruePose(sender=node.name, step=scan.step, pose=pose))
+            floor, there = world.map.floors.on_floor(pose)
+            truth.put(TruePose(sender=node.name, step=scan.step, pose=there, floor=floor))
             if follower:
                 follower.truths.append((scan.step, pose))
 

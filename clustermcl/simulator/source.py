@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import msgspec
 
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Observation, Reading, Scan
 from clustermcl.runtime.settings import BridgeSettings
@@ -43,11 +44,11 @@ class SimulatedSource:
 
 
 def simulated_steps(
-    source: SimulatedSource, settings: BridgeSettings, map_digest: str
+    source: SimulatedSource, settings: BridgeSettings, map_digest: str, floors: Floors = ONE_MAP
 ) -> Iterator[tuple[Scan, PoseTuple]]:
     """Yield the steps that a bridge would make of a source, each with the true pose."""
     sender, landmarks = "simulator", source.landmarks
-    maker = StepMaker(settings, map_digest, sender, landmarks=landmarks)
+    maker = StepMaker(settings, map_digest, sender, landmarks=landmarks, floors=floors)
     made = 0
     while (reading := source.next_reading()) is not None:
         if isinstance(reading, Observation):

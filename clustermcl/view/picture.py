@@ -5,8 +5,10 @@ from collections.abc import Container, Iterable
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from clustermcl.protocol.answers import Belief, PoseAnswer, Status
+from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import MapMessage, Scan, TruePose
@@ -45,6 +47,8 @@ class Picture:
         self._events: dict[int, NumberedEvent] = {}
         self._events_term = self._term = 0
         self._last_step = -1
+        self._floors = ONE_MAP
+        """All that is drawn is in their atlas."""
         self.wanted_map = ""
         """Digest of the map that the system uses; empty: unknown, so that any map is shown."""
 
@@ -85,20 +89,22 @@ class Picture:
                 self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
+        self._floors = message.floors
         self._set("map", frames.map_frame(message))
 
     def on_scan(self, scan: Scan) -> None:
         """Store a scan for its belief, or show it if its belief arrived first."""
-        self.wanted_map = scan.map_digest
+        self.wanted_map, self._floors = scan.map_digest, scan.floors
         _keep(self._scans, scan.step, scan)
         if shown := self._shown_at(scan.step):
             self._set_step({**shown, **frames.scan_frame(scan)})
 
     def on_truth(self, truth: TruePose) -> None:
         """Store the true pose at a step for its belief, or show it if its belief arrived first."""
-        _keep(self._truths, truth.step, truth.pose)
+        pose = self._floors.drawn_pose(truth.floor, truth.pose)
+        _keep(self._truths, truth.step, pose)
         if shown := self._shown_at(truth.step):
-            self._set_step({**shown, "truth": truth.pose})
+            self._set_step({**shown, "truth": pose})
 
     def on_report(self, report: TrackReport) -> None:
         if report.snapshot is not None and report.cluster is not None:
@@ -120,12 +126,15 @@ class Picture:
         slots = self._slots.assign(place.cluster for place in belief.hypotheses)
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
         self._drop_clouds_but(slots)
-        self._set_step(frames.step_frame(belief, slots, scan, truth))
+        self._set_step(frames.step_frame(self._floors.drawn(belief), slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Show the robot's present pose; ignore an answer of an earlier coordinator."""
-        if answer.term >= self._term:
-            self._show("pose", answer)
+        if answer.term < self._term:
+            return
+        if answer.pose is not None:
+            answer = replace(answer, pose=self._floors.drawn_pose(answer.floor, answer.pose))
+        self._show("pose", answer)
 
     def on_status(self, status: Status) -> None:
         self.on_link("running")

@@ -13,6 +13,7 @@ import msgspec
 from clustermcl.link.inbox import Inbox
 from clustermcl.protocol.answers import Belief, PoseAnswer
 from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.reading_checks import MAX_LASERS
 from clustermcl.protocol.steps import KEPT_STEPS as KEPT_SCANS
@@ -144,7 +145,8 @@ class RecordedRun:
         while self._lasers and self._lasers[0].step <= belief.step:
             self._lasers.popleft()
         if lasers:
-            self.picture.on_scan(_scan(belief, lasers))
+            floors = self._map.floors if self._map else ONE_MAP
+            self.picture.on_scan(_scan(belief, lasers, floors))
         self.picture.on_belief(belief)
         self.picture.on_pose(best_pose(belief))
 
@@ -154,7 +156,7 @@ class RecordedRun:
         self.picture.on_map(shown)
 
 
-def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
+def _scan(belief: Belief, lasers: list[LaserFields], floors: Floors) -> Scan:
     first, *others = [laser.beams() for laser in lasers]
     return Scan(
         sender=belief.sender,
@@ -164,6 +166,7 @@ def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
         **msgspec.structs.asdict(first),
         map_digest=lasers[0].map_digest,
         others=tuple(others),
+        floors=floors,
     )
 
 
@@ -184,4 +187,6 @@ def best_pose(belief: Belief) -> PoseAnswer:
         term=belief.term,
         elsewhere_probability=belief.elsewhere_probability,
         off_map_probability=belief.off_map_probability,
+        floor=belief.floor,
+        floors=belief.floors,
     )

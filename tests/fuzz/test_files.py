@@ -112,6 +112,29 @@ def test_a_ros_map_is_read_or_refused(folder: Path, text: bytes, pixels: bytes) 
         load_map(folder / "map.yaml")
 
 
+building_values = yaml_values | st.sampled_from(
+    ["map.yaml", "/dev/null", "building.yaml", "{map: map.yaml, height_m: 3}", "[1, 2]",
+     "{a: [0, 0], b: [0, 0]}", "package://p/map.yaml", "package://../../map.yaml"]
+)  # fmt: skip
+LINKS = "links: [{{name: x, at: {{a: {}, b: {}}}, radius_m: {}}}]"
+LEVELS = "maps: {{a: {{yaml: {}, origin: {}}}, b: {}}}\nlinks: [{{from_point: {}}}]"
+buildings = st.builds(
+    f"floors: {{{{a: {{}}, b: {{}}, {{}}: {{}}}}}}\n{LINKS}".format, *[building_values] * 7
+) | st.builds(LEVELS.format, *[building_values] * 4)
+
+
+@cases(0.05)
+@given(damaged(buildings.map(str.encode)))
+def test_a_building_is_read_or_refused(folder: Path, text: bytes) -> None:
+    (folder / "map.yaml").write_text(header())
+    (folder / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + bytes([0, 205, 254, 254, 254, 0]))
+    (folder / "building.yaml").write_bytes(text)
+    with contextlib.suppress(MapFileError):
+        floors = load_map(folder / "building.yaml").floors
+        for name in floors.names:
+            assert floors.on_floor(floors.in_atlas(name, (0.0, 0.0, 0.0)))[0] in floors.names
+
+
 toml_values = NUMBERS | st.sampled_from(
     ["true", '"x"', "[1]", "{a=1}", "[" * 3000, "{a=" * 3000, "9" * 5000, "1979-05-27", "''", "0.5"]
 )

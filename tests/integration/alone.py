@@ -18,7 +18,10 @@ from tests.integration.worlds import world_of
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
     world = world_of(settings)
     source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
-    scans = (scan for scan, _ in simulated_steps(source, settings.bridge, world.map.digest))
+    scans = (
+        scan
+        for scan, _ in simulated_steps(source, settings.bridge, world.map.digest, world.map.floors)
+    )
     return outcomes_of_scans(scans, world.map, settings)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.poses import compose
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Landmark
 
@@ -44,6 +45,7 @@ class GridMap:
         map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
         landmarks: landmarks of the map.
         remarks: what was assumed or is odd in its source, as sentences.
+        floors: the floors of a building, of which this map is the atlas.
 
     Raises:
         ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
@@ -54,6 +56,7 @@ class GridMap:
     map_from_grid: PoseTuple
     landmarks: tuple[Landmark, ...] = ()
     remarks: tuple[str, ...] = ()
+    floors: Floors = ONE_MAP
 
     def __post_init__(self) -> None:
         _check_cells(self.cells)
@@ -98,7 +101,9 @@ class GridMap:
         rows, cols = self.cells.shape
         width_m, height_m = self.size_m
         size = f"{width_m:.1f} m x {height_m:.1f} m"
-        return f"<GridMap of {size}, {cols} x {rows} cells, {len(self.landmarks)} landmarks>"
+        floors = f", {len(self.floors.names)} floors" if self.floors else ""
+        marks = f"{len(self.landmarks)} landmarks{floors}"
+        return f"<GridMap of {size}, {cols} x {rows} cells, {marks}>"
 
     def with_landmarks(self, landmarks: Iterable[Landmark]) -> GridMap:
         """Return the map with these landmarks in place of its own."""
@@ -110,18 +115,20 @@ class GridMap:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of geometry, cells and landmarks, in hex; in maps with the same digest, a pose is
-        the same place."""
-        if not self.landmarks:
+        """SHA-256 of geometry, cells, landmarks and floors, in hex; in maps with the same digest, a
+        pose is the same place."""
+        if not self.landmarks and not self.floors:
             return self.cells_digest
         marks = [(mark.name, mark.x + 0.0, mark.y + 0.0, mark.sigma) for mark in self.landmarks]
         summed = hashlib.sha256(self.cells_digest.encode())
         summed.update(msgspec.msgpack.encode(marks))
+        if self.floors:
+            summed.update(msgspec.msgpack.encode(self.floors))
         return summed.hexdigest()
 
     @cached_property
     def cells_digest(self) -> str:
-        """Digest of the map without its landmarks."""
+        """Digest of the map without its landmarks and the names of floors."""
         rows, cols = self.cells.shape
         geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
         summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))

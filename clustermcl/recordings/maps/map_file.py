@@ -1,4 +1,4 @@
-"""Loads maps: from ROS map_server YAML, run logs and ROS bags."""
+"""Loads maps: from ROS map_server YAML, run logs, ROS bags, and buildings of these."""
 
 import logging
 from collections import deque
@@ -27,8 +27,8 @@ def load_map(path: Path | str) -> GridMap:
     Its remarks are logged.
 
     Args:
-        path: a map_server YAML file, a run log, or a ROS bag with a map;
-            ``BAG#TOPIC`` selects one of several maps of a bag.
+        path: a map_server YAML file, a run log, a ROS bag with a map, or a building of several
+            maps; ``BAG#TOPIC`` selects one of several maps of a bag.
 
     Raises:
         MapFileError: the map cannot be read.
@@ -39,7 +39,7 @@ def load_map(path: Path | str) -> GridMap:
     return grid_map
 
 
-def _loaded(path: Path, topic: str) -> GridMap:
+def _loaded(path: Path, topic: str, *, is_floor: bool = False) -> GridMap:
     if is_run_log(path):
         try:
             return last_map(path)
@@ -48,12 +48,17 @@ def _loaded(path: Path, topic: str) -> GridMap:
     if is_bag(path):
         return _load_bag_map(path, topic)
     # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
+    from clustermcl.recordings.maps.building import is_building, load_building  # noqa: PLC0415 - see above
     from clustermcl.recordings.maps.ros_map import MAX_HEADER_BYTES, load_ros_map  # noqa: PLC0415 - see above
 
     content = first_bytes(path, MAX_HEADER_BYTES + 1, MapFileError)
     if not content.strip():
         raise MapFileError(path, "empty; expected a map_server YAML file")
-    return load_ros_map(content, path)
+    if not is_building(content):
+        return load_ros_map(content, path)
+    if is_floor:
+        raise MapFileError(path, "is a building; a floor is a single map")
+    return load_building(content, path, lambda file: _loaded(*_split_topic(file), is_floor=True))
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:

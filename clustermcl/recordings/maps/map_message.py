@@ -31,6 +31,7 @@ def to_message(grid_map: GridMap, sender: str) -> MapMessage:
         cols=cols,
         zlib_cells=zlib.compress(grid_map.cells.data, level=6),
         landmarks=grid_map.landmarks,
+        floors=grid_map.floors,
     )
 
 
@@ -49,7 +50,9 @@ def from_message(message: MapMessage) -> GridMap:
         if len(cells) != size or not unpacker.eof:
             raise _malformed(f"its bytes do not fill {message.rows} x {message.cols} cells")
         grid = np.frombuffer(cells, np.int8).reshape(message.rows, message.cols)
-        grid_map = GridMap(grid, message.cell_m, message.map_from_grid, message.landmarks)
+        grid_map = GridMap(
+            grid, message.cell_m, message.map_from_grid, message.landmarks, floors=message.floors
+        )
     except (zlib.error, ValueError) as error:
         raise _malformed(str(error)) from error
     if grid_map.digest != message.digest:

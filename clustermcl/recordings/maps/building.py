@@ -1,0 +1,271 @@
+"""Reads buildings: YAML files that name the maps of several floors, and the links between them.
+
+    floors:
+      ground: ground/map.yaml                 # or {map: ground/map.yaml, height_m: 0.0}
+      third: {map: third/map.yaml, height_m: 8.4}
+    links:
+      - {name: north lift, radius_m: 1.5, at: {ground: [12.1, 3.4], third: [12.0, 3.6]}}
+
+Files of `multi_level_map_server` are read too: ``maps`` with ``yaml`` and ``origin`` of each level,
+and ``links`` from one point to another.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from clustermcl.filter.arrays import UNKNOWN, Cells
+from clustermcl.filter.poses import compose
+from clustermcl.protocol.answers import MAX_FLOORS
+from clustermcl.protocol.conversion import converted
+from clustermcl.protocol.errors import MapFileError, printable
+from clustermcl.protocol.floors import MAX_LINKS, Floor, FloorName, Floors, Link
+from clustermcl.protocol.message import Coordinate, Finite
+from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap
+from clustermcl.runtime.yaml_text import yaml_of
+
+GAP_M = 40.0
+"""Distance between floors in the atlas, in unknown ground: indoors, lasers see less far."""
+_SAME_CELL = 1e-6
+_IS_BUILDING = re.compile(rb"^[\s{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
+_PACKAGE = re.compile(r"package://[^/]+/|\$\(find [^)]+\)/")
+
+_File: TypeAlias = Annotated[str, Meta(min_length=1)]
+
+
+class _Floor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    map: _File
+    height_m: Finite = 0.0
+
+
+class _Building(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    floors: Annotated[dict[FloorName, _File | _Floor], Meta(min_length=1, max_length=MAX_FLOORS)]
+    links: Annotated[tuple[Link, ...], Meta(max_length=MAX_LINKS)] = ()
+
+
+class _Level(msgspec.Struct, frozen=True):
+    yaml: _File
+    origin: Annotated[tuple[Finite, ...], Meta(min_length=3, max_length=7)] = (0.0, 0.0, 0.0)
+    """x, y, yaw; or x, y, z and angles or a quaternion."""
+
+
+class _Point(msgspec.Struct, frozen=True):
+    level_id: FloorName
+    point: tuple[Coordinate, Coordinate, Coordinate]
+
+
+class _LevelLink(msgspec.Struct, frozen=True):
+    from_point: _Point
+    to_point: _Point
+
+    def link(self) -> Link:
+        ends = (self.from_point, self.to_point)
+        name = " - ".join(end.level_id for end in ends)[:64]
+        return Link(name, {end.level_id: end.point[:2] for end in ends})
+
+
+class _Levels(msgspec.Struct, frozen=True):
+    maps: Annotated[dict[FloorName, _Level], Meta(min_length=1, max_length=MAX_FLOORS)]
+    links: Annotated[tuple[_LevelLink, ...], Meta(max_length=MAX_LINKS)] = ()
+
+    def building(self) -> _Building:
+        heights = {
+            name: level.origin[2] if len(level.origin) > 3 else 0.0
+            for name, level in self.maps.items()
+        }
+        floors = {name: _Floor(level.yaml, heights[name]) for name, level in self.maps.items()}
+        return _Building(dict(floors), tuple(link.link() for link in self.links))
+
+
+def is_building(content: bytes) -> bool:
+    """Return whether a text is that of a building, by its first keys."""
+    return _IS_BUILDING.search(content) is not None
+
+
+def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap]) -> GridMap:
+    """Read a building as one map, the atlas, with its `floors`; that of one floor is its map.
+
+    Args:
+        content: the text of the file.
+        path: the file; names of maps are relative to its folder.
+        load_map: reads the map of a floor.
+
+    Raises:
+        MapFileError: it is not such a file, a map cannot be read, all maps together are too large,
+            or a link names an unknown floor, or a position outside of it.
+    """
+    building = _parsed(content, path)
+    maps: dict[str, GridMap] = {}
+    for name, floor in building.floors.items():
+        file = floor if isinstance(floor, str) else floor.map
+        try:
+            maps[name] = load_map(_found(file, path))
+        except MapFileError as error:
+            problem = f"floor {printable(name)!r}: {error.path}: {error.problem}"
+            raise MapFileError(path, problem) from error
+        _check_size(maps, path)
+    if len(maps) == 1:
+        return next(iter(maps.values()))
+    heights = {n: 0.0 if isinstance(f, str) else f.height_m for n, f in building.floors.items()}
+    atlas = atlas_of(maps, heights, building.links)
+    for link in building.links:
+        _check_link(link, atlas.floors.floors, path)
+    return atlas
+
+
+def atlas_of(
+    maps: dict[str, GridMap], heights_m: dict[str, float], links: tuple[Link, ...] = ()
+) -> GridMap:
+    """Return several floors as one map: side by side, in cells of the finest."""
+    cell_m = min(each.cell_m for each in maps.values())
+    pieces = {name: _in_own_axes(each, cell_m) for name, each in maps.items()}
+    cells, floors = _laid_out(pieces, heights_m, cell_m)
+    remarks = [f"floor {n}: {remark}" for n, each in maps.items() for remark in each.remarks]
+    remarks += [
+        f"floor {name}: resampled to cells of {cell_m:g} m along its axes"
+        for name, each in maps.items()
+        if pieces[name][0] is not each.cells
+    ]
+    floors_and_links = Floors(floors, links)
+    return GridMap(cells, cell_m, (0.0, 0.0, 0.0), remarks=tuple(remarks), floors=floors_and_links)
+
+
+def _parsed(content: bytes, path: Path) -> _Building:
+    values, _ = yaml_of(content, path, MapFileError)
+    kind: Any = _Levels if isinstance(values, dict) and "maps" in values else _Building
+    try:
+        read = converted(_with_text_keys(values), kind)
+    except (ValueError, OverflowError, RecursionError) as error:
+        raise MapFileError(path, f"not a building: {printable(str(error))}") from None
+    building: _Building = read.building() if isinstance(read, _Levels) else read
+    for link in building.links:
+        if unknown := sorted(link.at.keys() - building.floors.keys()):
+            problem = f"link {printable(link.name)!r} names the unknown floor {unknown[0]!r}"
+            raise MapFileError(path, f"{problem}; floors are {', '.join(building.floors)}")
+        if len(link.at) < 2:
+            problem = f"link {printable(link.name)!r} begins and ends on one floor"
+            raise MapFileError(path, problem)
+    return building
+
+
+def _with_text_keys(value: Any) -> Any:
+    """Return a value of YAML in which numbers as names of floors are text."""
+    if isinstance(value, list):
+        return [_with_text_keys(each) for each in value]
+    if isinstance(value, dict):
+        return {
+            str(key) if isinstance(key, int) else key: _with_text_keys(each)
+            for key, each in value.items()
+        }
+    return value
+
+
+def _check_link(link: Link, floors: tuple[Floor, ...], path: Path) -> None:
+    for floor in floors:
+        if floor.name not in link.at:
+            continue
+        x, y = link.at[floor.name]
+        if floor.distance_m(x + floor.shift[0], y + floor.shift[1]) > 0.0:
+            problem = f"link {printable(link.name)!r} is outside of floor {printable(floor.name)!r}"
+            raise MapFileError(path, f"{problem}: x {x:g} m, y {y:g} m is not on its map")
+
+
+def _found(file: str, building: Path) -> Path:
+    """Return the path of a map; that of a ROS package is looked for above the building's file."""
+    package = _PACKAGE.match(file)
+    if package is None:
+        return building.parent / file
+    rest = file[package.end() :]
+    above = (folder / rest for folder in building.absolute().parents)
+    return next((each for each in above if each.is_file()), building.parent / rest)
+
+
+def _check_size(maps: dict[str, GridMap], path: Path) -> None:
+    """Refuse an atlas of too many cells before there is any.
+
+    The last of the maps is the first with which it is too large.
+    """
+    cell_m = min(each.cell_m for each in maps.values())
+    boxes = [_box(each) for each in maps.values()]
+    width, height = _size_m([(right - left, high - low) for left, low, right, high in boxes])
+    count = width / cell_m * (height / cell_m)
+    if count > MAX_CELLS:
+        finest = min(maps, key=lambda name: maps[name].cell_m)
+        problem = f"floor {printable(list(maps)[-1])!r}: with it, the floors and the ground between"
+        problem += f" them have {count:.3g} cells of {cell_m:g} m (the finest, of floor"
+        problem += f" {printable(finest)!r}); at most {MAX_CELLS} are read"
+        raise MapFileError(path, f"{problem}: use larger cells or fewer floors")
+
+
+def _box(grid_map: GridMap) -> tuple[float, float, float, float]:
+    """Return least x, least y, largest x and largest y of a map's grid in its frame [m]."""
+    width, height = grid_map.size_m
+    corners = np.array([(x, y, 0.0) for x in (0.0, width) for y in (0.0, height)])
+    x, y, _ = compose(np.array(grid_map.map_from_grid), corners).T
+    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
+
+
+def _size_m(sizes: list[tuple[float, float]]) -> tuple[float, float]:
+    """Return width and height of the atlas [m]."""
+    widths, heights = zip(*sizes, strict=True)
+    gaps = GAP_M * (len(sizes) - 1)
+    if _in_a_row(sizes):
+        return sum(widths) + gaps, max(heights)
+    return max(widths), sum(heights) + gaps
+
+
+def _in_a_row(sizes: list[tuple[float, float]]) -> bool:
+    """Return whether floors side by side along x have less ground between them than along y."""
+    return max(height for _, height in sizes) <= max(width for width, _ in sizes)
+
+
+def _in_own_axes(grid_map: GridMap, cell_m: float) -> tuple[Cells, float, float]:
+    """Return the cells of a map along the axes of its frame, and x and y of their corner [m].
+
+    Each cell is the one of the map at its centre.
+    """
+    x0, y0, heading = grid_map.map_from_grid
+    if heading == 0.0 and grid_map.cell_m <= cell_m * (1.0 + _SAME_CELL):
+        return grid_map.cells, x0, y0
+    left, low, right, high = _box(grid_map)
+    x = left + (np.arange(math.ceil((right - left) / cell_m)) + 0.5) * cell_m - x0
+    c, s = math.cos(heading), math.sin(heading)
+    source, (rows, cols) = grid_map.cells, grid_map.cells.shape
+    cells: Cells = np.full((math.ceil((high - low) / cell_m), len(x)), UNKNOWN, np.int8)
+    for row, into in enumerate(cells):
+        y = low + (row + 0.5) * cell_m - y0
+        col = np.floor((c * x + s * y) / grid_map.cell_m).astype(np.int64)
+        at_row = np.floor((c * y - s * x) / grid_map.cell_m).astype(np.int64)
+        inside = (col >= 0) & (col < cols) & (at_row >= 0) & (at_row < rows)
+        into[inside] = source[at_row[inside], col[inside]]
+    return cells, left, low
+
+
+def _laid_out(
+    pieces: dict[str, tuple[Cells, float, float]], heights_m: dict[str, float], cell_m: float
+) -> tuple[Cells, tuple[Floor, ...]]:
+    """Return the cells of the atlas, and the part of each floor."""
+    sizes = [(float(cells.shape[1]), float(cells.shape[0])) for cells, _, _ in pieces.values()]
+    in_a_row, gap = _in_a_row(sizes), math.ceil(GAP_M / cell_m)
+    shapes = [cells.shape for cells, _, _ in pieces.values()]
+    along, across = (1, 0) if in_a_row else (0, 1)
+    size = [0, 0]
+    size[along] = sum(shape[along] for shape in shapes) + gap * (len(shapes) - 1)
+    size[across] = max(shape[across] for shape in shapes)
+    atlas: Cells = np.full(size, UNKNOWN, np.int8)
+    floors, begin = [], 0
+    for name, (cells, x, y) in pieces.items():
+        row, col = (0, begin) if in_a_row else (begin, 0)
+        rows, cols = cells.shape
+        atlas[row : row + rows, col : col + cols] = cells
+        begin += cells.shape[along] + gap
+        low, high = (col * cell_m, row * cell_m), ((col + cols) * cell_m, (row + rows) * cell_m)
+        floors.append(Floor(name, (low[0] - x, low[1] - y), low, high, heights_m[name]))
+    atlas.flags.writeable = False
+    return atlas, tuple(floors)
