@@ -22,7 +22,6 @@ from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import BOND_STATUS, new
 from clustermcl.ros2.messages_out import header
 from clustermcl.runtime.folders import state_folder
-from clustermcl.runtime.settings import Settings
 
 PERIOD_S, TIMEOUT_S = 0.1, 4.0
 
@@ -86,11 +85,11 @@ class BridgeState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class RestartFile:
-    """Exists while the bridge runs and after it was killed, in the coordinator's state folder."""
+    """Exists while the node runs and after it was killed, in the coordinator's state folder."""
 
-    def __init__(self, settings: Settings, node: str) -> None:
-        folder = state_folder(settings.coordinator.state_folder)
-        name = quote(f"{settings.robot.name}-{settings.ros2.domain_id}{node}", safe="")
+    def __init__(self, folder_setting: str, node: str) -> None:
+        folder = state_folder(folder_setting)
+        name = quote(node, safe="")
         self._path = None if folder is None else folder / f"ros2-{name}.json"
         self._kept: BridgeState | None = None
         self._again_s = 0.0

@@ -55,7 +55,10 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         resources.enter_context(log_to_ros(publishers[topics.ROSOUT.name], full_name))
         bond = BondThread(publishers[topics.BOND.name].put, settings.ros2.node_name)
         resources.callback(bond.end)
-        file = RestartFile(settings, full_name)
+        file = RestartFile(
+            settings.coordinator.state_folder,
+            f"{settings.robot.name}-{name.domain_id}{full_name}",
+        )
         resources.callback(file.remove)
         loop = BridgeLoop(settings, full_name, core, publishers, bond, file)
         for service, ros_type in loop.services.types().items():

@@ -10,9 +10,13 @@ from typing import NoReturn
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
+from clustermcl.protocol.causes import Cause
 from clustermcl.ros2 import message_types
+from clustermcl.ros2.bond import RestartFile
+from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.port import Port
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.stop import StopFlag
@@ -50,21 +54,31 @@ def _run(of_ros: list[str], invocation: Invocation) -> None:
         port = node.begin(engine)
         middleware = rclpy.get_rmw_implementation_identifier()
         _log.info("%s is running over %s, engine %s", node.full_name, middleware, node.engine)
-        run_in_threads([partial(_spin, node, port), engine.run], invocation.stop)
+        domain = node.context.get_domain_id()
+        file = RestartFile(node.settings.coordinator.state_folder, f"{domain}{node.full_name}")
+        resources.callback(file.remove)
+        run_in_threads([partial(_spin, node, port, file), engine.run], invocation.stop)
 
 
-def _spin(node: AmclNode, port: Port, stop: StopFlag) -> None:
+def _spin(node: AmclNode, port: Port, file: RestartFile, stop: StopFlag) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    if node.settings.ros2.autostart:
+    before = file.read()
+    if before is not None and before.state in (State.INACTIVE, State.ACTIVE):
+        node.resume(before)
+    elif node.settings.ros2.autostart:
         node.trigger_configure()
         node.trigger_activate()
     tick_s = 0.0
     while not stop.is_set():
-        executor.spin_once(timeout_sec=max(tick_s - time.monotonic(), 0.0))
-        if time.monotonic() >= tick_s:
-            tick_s = time.monotonic() + _TICK_S
+        try:
+            executor.spin_once(timeout_sec=max(tick_s - time.monotonic(), 0.0))
+        except (rclpy_implementation.RCLError, UnicodeDecodeError) as error:
+            node.refuse(Cause.NOT_ROS, str(error))
+        if (now_s := time.monotonic()) >= tick_s:
+            tick_s = now_s + _TICK_S
             port.tick()
+            file.keep(node.kept_state, now_s)
 
 
 class _RosLog(logging.Handler):

@@ -26,7 +26,7 @@ from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import topics
-from clustermcl.ros2.bond import BondThread
+from clustermcl.ros2.bond import BondThread, BridgeState
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Parameter, Value
 from clustermcl.ros2.port import SERVICES, Engine, EngineStatus, Port
@@ -61,6 +61,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         """Stamps and positions of our own transforms, which ROS delivers to this node too."""
         self._bond = BondThread(self._publishers_of[topics.BOND].publish, self.get_name())
         self._causes, self._showing = CauseCounter(), False
+        self._resumed: BridgeState | None = None
         self._calls: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._called = self.create_guard_condition(self._run_calls)
 
@@ -110,7 +111,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         self.engine = self.get_parameter(ENGINE).value
         if self.engine not in ("inside", "service"):
             raise SettingsError(f"{ENGINE} = {self.engine!r}: expected inside or service")
-        for name in given.keys() - PARAMETERS.keys() - {ENGINE, *_OF_RCLPY}:
+        for name in given.keys() - PARAMETERS.keys() - ROS1_NAMES.keys() - {ENGINE, *_OF_RCLPY}:
             if name in TABLE:
                 self.settings = with_setting(self.settings, name, given[name].value, name)
             elif not name.startswith("qos_overrides."):
@@ -144,7 +145,10 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
 
     def _on_set(self, wanted: list[RosParameter]) -> SetParametersResult:
         values = {one.name: one.value for one in wanted if one.name not in _OF_RCLPY}
-        reason = "" if self._showing or not values else self._port.set_parameters(values)
+        if fixed := values.keys() - PARAMETERS.keys():
+            reason = f"{', '.join(fixed)}: read only at the start"
+        else:
+            reason = "" if self._showing or not values else self._port.set_parameters(values)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def show_parameters(self, values: Mapping[str, Value]) -> None:
@@ -177,8 +181,26 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
     def on_shutdown(self, _state: Any) -> TransitionCallbackReturn:
         return self._enter(State.FINALIZED)
 
+    def resume(self, before: BridgeState) -> None:
+        """Continue in the state of a killed node, with its bond."""
+        _log.info("%s again: continuing the state of the killed node", before.state.label)
+        self._resumed = before
+        self.trigger_configure()
+        if before.state is State.ACTIVE:
+            self.trigger_activate()
+        self._resumed = None
+
+    @property
+    def kept_state(self) -> BridgeState:
+        bond, held = self._bond.instance_id, self._port.held
+        return BridgeState(state=self._port.state, bond=bond, held=held)
+
     def _enter(self, state: State) -> TransitionCallbackReturn:
-        self._port.enter(state)
+        if state is State.ACTIVE and (before := self._resumed):
+            self._bond.begin(before.bond)
+            self._port.resume(before.held if self.engine == "service" else None)
+        else:
+            self._port.enter(state)
         return _DONE
 
     # --- from ROS to the port
