@@ -3,16 +3,25 @@ import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
-import typer
 import yaml
 
-from clustermcl.commands.command import app
+from clustermcl.ros2.parameter_table import PARAMETERS
 from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
+from clustermcl.runtime.version import VERSION
 
-DEPLOY = Path(__file__).parents[2] / "deploy"
+PACKAGE = Path(__file__).parents[2] / "ros" / "clustermcl_ros"
+MADE = (
+    *("LaunchDescription", "DeclareLaunchArgument", "OpaqueFunction", "LaunchConfiguration"),
+    *("Node", "ParameterFile", "RewrittenYaml"),
+)
+NAV2_ARGUMENTS = {
+    *("namespace", "map", "use_sim_time", "params_file", "autostart", "use_respawn", "log_level")
+}
+"""Of nav2_bringup's `localization_launch.py`; without those for composition in one process."""
 SHOWS = {
     "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
     "rviz_default_plugins/LaserScan": "sensor_msgs/msg/LaserScan",
@@ -26,7 +35,9 @@ OURS = {f"/{topic.name}".replace("/~/", "/amcl/"): topic for topic in (*NODE.rea
 
 
 def test_rviz_subscribes_to_what_the_bridge_and_the_robot_publish() -> None:
-    manager = yaml.safe_load((DEPLOY / "clustermcl.rviz").read_text())["Visualization Manager"]
+    manager = yaml.safe_load((PACKAGE / "rviz" / "clustermcl.rviz").read_text())[
+        "Visualization Manager"
+    ]
     assert manager["Global Options"]["Fixed Frame"] == "map"
     shown = [*manager["Displays"], *(tool for tool in manager["Tools"] if "Topic" in tool)]
     for display in shown:
@@ -43,26 +54,41 @@ class Made:
     def __init__(self, *arguments: Any, **named: Any) -> None:
         self.arguments, self.named = arguments, named
 
+    def perform(self, _context: object) -> str:
+        return "/robot1/" if self.arguments == ("namespace",) else ""
+
 
 def test_the_launch_file_starts_us_in_the_place_of_amcl(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("launch", "launch.actions", "launch.substitutions", "launch_ros.actions"):
-        module = ModuleType(name)
-        for made in ("LaunchDescription", "DeclareLaunchArgument", "ExecuteProcess", "Node"):
+    names = ("", ".actions", ".substitutions", "_ros.actions", "_ros.descriptions")
+    for module in (
+        *(ModuleType(f"launch{name}") for name in names),
+        ModuleType("nav2_common.launch"),
+    ):
+        for made in MADE:
             setattr(module, made, type(made, (Made,), {}))
-        setattr(module, "LaunchConfiguration", lambda argument: f"<{argument}>")  # noqa: B010 - mypy
-        monkeypatch.setitem(sys.modules, name, module)
-    described = runpy.run_path(str(DEPLOY / "localization.launch.py"))[
-        "generate_launch_description"
-    ]
-    actions = described().arguments[0]
-    declared = {a.arguments[0] for a in actions if type(a).__name__ == "DeclareLaunchArgument"}
-    assert declared == {"map", "params_file", "use_sim_time", "clustermcl"}
-    (command,) = (a.named["cmd"] for a in actions if type(a).__name__ == "ExecuteProcess")
-    assert command[:2] == ["<clustermcl>", "up"]
-    group = typer.main.get_command(app)
-    assert isinstance(group, typer.core.TyperGroup)
-    known = {option for one in group.commands["up"].params for option in one.opts}
-    assert {word for word in command if word.startswith("--")} <= known
-    manager = next(a for a in actions if a.named.get("executable") == "lifecycle_manager")
-    assert manager.named["parameters"][0]["node_names"] == ["map_server", "amcl"]
-    assert not any(a.named.get("package") == "nav2_amcl" for a in actions)
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    file = runpy.run_path(str(PACKAGE / "launch" / "localization.launch.py"))
+    *declared, nodes = file["generate_launch_description"]().arguments[0]
+    assert {one.arguments[0] for one in declared} == NAV2_ARGUMENTS
+    assert Path(file["ARGUMENTS"]["params_file"][0]).is_file()
+    by_program = {one.named["executable"]: one.named for one in nodes.named["function"](None)}
+    assert set(by_program) == {"map_server", "amcl", "lifecycle_manager"}
+    assert by_program["amcl"]["package"] == "clustermcl_ros"
+    assert by_program["amcl"]["name"] == "amcl"
+    assert by_program["lifecycle_manager"]["parameters"][0]["node_names"] == ["map_server", "amcl"]
+    assert all(one["namespace"] == "/robot1" for one in by_program.values())
+
+
+def test_the_package_names_all_files_and_one_version() -> None:
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    setup = (PACKAGE / "setup.py").read_text()
+    assert manifest.findtext("version") == VERSION
+    assert f'version="{VERSION}"' in setup
+    for folder in ("launch", "config", "rviz"):
+        for file in (PACKAGE / folder).iterdir():
+            assert f'"{folder}/{file.name}"' in setup
+
+
+def test_the_parameters_of_the_package_are_ones_of_the_node() -> None:
+    file = yaml.safe_load((PACKAGE / "config" / "amcl.yaml").read_text())
+    assert file["amcl"]["ros__parameters"].keys() <= PARAMETERS.keys() | {"engine"}

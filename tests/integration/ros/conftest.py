@@ -1,0 +1,110 @@
+"""AMCL's node as `colcon build` installs it, and robots; each test has a domain of its own."""
+
+import itertools
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import RunningProcess
+
+if TYPE_CHECKING:
+    from tests.integration.ros.robot import Robot
+
+ROOT = Path(__file__).parents[3]
+RUNNING = "is running over rmw_"
+_domains = itertools.count(1)
+
+StartNode = Callable[..., RunningProcess]
+OpenRobot = Callable[..., "Robot"]
+
+
+@pytest.fixture(scope="session")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder into which colcon installs the package, with this virtual environment active."""
+    colcon = os.environ.get("COLCON") or shutil.which("colcon")
+    if colcon is None:
+        pytest.skip("no colcon: see .ci/run")
+    workspace = tmp_path_factory.mktemp("workspace")
+    (workspace / "src").mkdir()
+    shutil.copytree(ROOT / "ros" / "clustermcl_ros", workspace / "src" / "clustermcl_ros")
+    active = os.environ | {"VIRTUAL_ENV": sys.prefix}
+    built = subprocess.run(
+        [colcon, "build"], cwd=workspace, env=active, capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stdout + built.stderr
+    return workspace / "install"
+
+
+@pytest.fixture
+def domain(worker_id: str) -> int:
+    """A ROS domain that no other running test has."""
+    number = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
+    return 1 + (next(_domains) + 30 * number) % 60
+
+
+@pytest.fixture
+def start_node(
+    installed: Path, domain: int, start_process: StartProcess, tmp_path: Path
+) -> StartNode:
+    """Starts AMCL's node as launch does: by the installed script, with ROS's arguments."""
+    count = itertools.count()
+
+    def start(
+        *arguments: str,
+        parameters: dict[str, Any] | None = None,
+        file: str = "",
+        in_domain: int | None = None,
+        expect: str = RUNNING,
+    ) -> RunningProcess:
+        if parameters:
+            file = yaml.safe_dump({"/**": {"ros__parameters": parameters}})
+        if file:
+            path = tmp_path / f"parameters-{next(count)}.yaml"
+            path.write_text(file)
+            arguments = (*arguments, "--params-file", str(path))
+        script = installed / "clustermcl_ros" / "lib" / "clustermcl_ros" / "amcl"
+        words = [str(script), *(["--ros-args", *arguments] if arguments else [])]
+        chosen = domain if in_domain is None else in_domain
+        command = (
+            f"source {shlex.quote(str(installed / 'setup.bash'))}"
+            f" && export ROS_DOMAIN_ID={chosen} && exec {shlex.join(words)}"
+        )
+        process = start_process(["bash", "-c", command])
+        if expect:
+            process.wait_for(expect)
+        return process
+
+    return start
+
+
+@pytest.fixture
+def open_robot(domain: int) -> Iterator[OpenRobot]:
+    """Makes robots; they live as long as the test."""
+    from tests.integration.ros.robot import Robot  # noqa: PLC0415 - only where ROS is
+
+    made: list[Robot] = []
+
+    def robot(namespace: str = "", *, in_domain: int | None = None, name: str = "robot") -> Robot:
+        made.append(Robot(domain if in_domain is None else in_domain, namespace, name))
+        return made[-1]
+
+    yield robot
+    for one in made:
+        one.close()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def on_this_machine_alone() -> Iterator[None]:
+    """Discovery stays on the loopback interface."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
