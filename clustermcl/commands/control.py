@@ -1,17 +1,15 @@
 """The commands that change a running system."""
 
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated
 
 import typer
 
 from clustermcl.commands.as_text import pose_text
-from clustermcl.commands.options import client_command, connected, print_answer
+from clustermcl.commands.options import Floor, client_command, connected, print_answer
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.settings import Settings
-
-Floor: TypeAlias = Annotated[str, typer.Option(metavar="NAME", help="Floor of a building.")]
 
 
 @client_command

@@ -52,6 +52,8 @@ AllowCommands = Annotated[
 ]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+Floor = Annotated[str, typer.Option(metavar="NAME", help="Floor of a building.")]
+
 Above = Annotated[
     float,
     typer.Option(min=0.0, max=1.0, metavar="P", help="Only places with a probability above P."),

@@ -52,6 +52,7 @@ def evaluate(
         Path | None,
         typer.Option("--tum", metavar="FILE.tum", help="Write the estimates of one run for evo."),
     ] = None,
+    floor: common.Floor = "",
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
@@ -71,6 +72,7 @@ def evaluate(
         as_json=as_json,
         output=output,
         tum=tum,
+        floor=floor,
     )
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.evaluation.references import load_reference
+from clustermcl.protocol.errors import MapFileError
+from clustermcl.protocol.floors import Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -30,6 +32,8 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """Name of a world, or a map file."""
     map: Path | None = None
     """Map for the localizer; None: the world's own map."""
+    floor: str = ""
+    """Floor of `map` in which the robot drives, if that is a building and the world is not."""
 
     def simulation(self, seed: int) -> Simulation:
         return Simulation(simulated_world(Simulated(self.world)), seed)
@@ -42,6 +46,8 @@ class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     map: Path
     reference: Path | None = None
     """File with the ground truth; None: the ground truth is unknown, so no step is scored."""
+    floor: str = ""
+    """Floor of the ground truth, if `map` is a building."""
 
     def opened(self, settings: BridgeSettings) -> Recording:
         return open_recording(self.recording, settings)
@@ -73,16 +79,37 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
             simulation = robot.simulation(seed)
             source = SimulatedSource(simulation, steps=case.updates)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
-            steps = simulated_steps(source, settings, grid_map.digest, grid_map.floors)
-            return Course(grid_map, str(robot.map or robot.world), steps, simulation)
+            known: Iterator[TrueStep] = simulated_steps(
+                source, settings, grid_map.digest, grid_map.floors
+            )
+            if robot.map:
+                known = _in_atlas(known, grid_map.floors, robot)
+            return Course(grid_map, str(robot.map or robot.world), known, simulation)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
             recording = robot.opened(settings)
             scans = steps_of(recording, settings, grid_map.digest, grid_map.floors)
             end = None if case.updates is None else start_step + case.updates
-            true_steps = (
+            true_steps: Iterator[TrueStep] = (
                 (scan, reference.pose_at(scan.stamp_ns) if reference else None)
                 for scan in itertools.islice(scans, start_step, end)
             )
+            if reference:
+                true_steps = _in_atlas(true_steps, grid_map.floors, robot)
             return Course(grid_map, str(robot.map), true_steps, None)
+
+
+def _in_atlas(
+    steps: Iterator[TrueStep], floors: Floors, robot: SimulatedRobot | RecordedRobot
+) -> Iterator[TrueStep]:
+    """Return steps with true poses in the atlas of a building.
+
+    Raises:
+        MapFileError: the robot's floor is none of the map.
+    """
+    try:
+        floors.in_atlas(robot.floor, (0.0, 0.0, 0.0))
+    except ValueError as error:
+        raise MapFileError(robot.map or "", f"--floor: {error}") from None
+    return ((scan, truth and floors.in_atlas(robot.floor, truth)) for scan, truth in steps)

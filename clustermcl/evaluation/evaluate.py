@@ -75,8 +75,9 @@ def run_evaluate(
     as_json: bool = False,
     output: Path | None = None,
     tum: Path | None = None,
+    floor: str = "",
 ) -> None:
-    robot = robot_of(recording, map_file, reference)
+    robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
     case, seeds = case_of(robot, seeds, starts, steps)
     _check_files(output, tum, max(seeds, starts or 1))
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:

@@ -120,25 +120,26 @@ class Floors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def rides(self, pose: PoseTuple) -> tuple[PoseTuple, ...]:
         """Return where a robot at a pose of the atlas is on the other floors of links in reach."""
+        floor, (x, y, heading) = self.on_floor(pose)
         return tuple(
-            (here[0] + there[0] - at[0], here[1] + there[1] - at[1], pose[2])
-            for here, link, at in self._in_reach(pose)
-            for name, position in link.at.items()
-            if (there := self.in_atlas(name, (*position, 0.0)))[:2] != at
+            self.in_atlas(name, (x - at[0] + there[0], y - at[1] + there[1], heading))
+            for link in self._in_reach(floor, x, y)
+            for at in (link.at[floor],)
+            for name, there in link.at.items()
+            if name != floor and name in self.names
         )
 
     def radius_m(self, pose: PoseTuple) -> float:
         """Return the radius of the link that a pose of the atlas is in reach of; 0: of none."""
-        return max((link.radius_m for _, link, _ in self._in_reach(pose)), default=0.0)
-
-    def _in_reach(self, pose: PoseTuple) -> Iterator[tuple[PoseTuple, Link, Position]]:
-        """Yield each link that a pose of the atlas is in reach of, and its position there."""
         floor, (x, y, _) = self.on_floor(pose)
+        return max((link.radius_m for link in self._in_reach(floor, x, y)), default=0.0)
+
+    def _in_reach(self, floor: str, x: float, y: float) -> Iterator[Link]:
+        """Yield the links that a position on a floor is in reach of."""
         for link in self.links:
             at = link.at.get(floor)
-            if at is not None and math.hypot(x - at[0], y - at[1]) <= link.radius_m:
-                ax, ay, _ = self.in_atlas(floor, (*at, 0.0))
-                yield pose, link, (ax, ay)
+            if at is not None and math.dist(at, (x, y)) <= link.radius_m:
+                yield link
 
     def place(self, place: Hypothesis) -> Hypothesis:
         """Return a place of the atlas as a place on its floor."""

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from clustermcl.filter.arrays import FREE, Points, Poses
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.errors import ClusterMclError
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.recordings.maps.grid_map import GridMap
 
@@ -36,13 +37,14 @@ class NoRoomError(ClusterMclError):
 
 
 def connected_roadmap(
-    clearance: NDArray[np.float32], cell_m: float
+    clearance: NDArray[np.float32], cell_m: float, floors: Floors = ONE_MAP
 ) -> tuple[csr_array, NDArray[np.int64]]:
-    """Build the roadmap and keep its largest connected component.
+    """Build the roadmap and keep its largest connected component, or that of each floor.
 
     Args:
         clearance: (rows, cols) distance from each cell to the nearest obstacle [m].
         cell_m: side of a cell [m].
+        floors: the floors of the map.
 
     Returns:
         Sparse (n, n) edge costs, which are lengths [m], increased near obstacles; and the
@@ -58,7 +60,15 @@ def connected_roadmap(
     nodes = np.argwhere(fits) * stride + stride // 2
     costs = _costs(clearance, nodes, stride, cell_m)
     _, part = connected_components(costs, directed=False)
-    largest = np.flatnonzero(part == np.bincount(part).argmax())
+    boxes = [((0.0, 0.0), (np.inf, np.inf))]
+    if floors:
+        boxes = [(floor.low, floor.high) for floor in floors.floors]
+    kept = np.zeros(len(nodes), bool)
+    for low, high in boxes:
+        at = nodes[:, ::-1] * cell_m
+        inside = np.all((at >= low) & (at < high), axis=1)
+        kept |= inside & (part == np.bincount(part[inside], minlength=1).argmax())
+    largest = np.flatnonzero(kept)
     if np.ptp(nodes[largest], axis=0).max() * cell_m < _LEAST_EXTENT_M:
         raise NoRoomError(_LEAST_EXTENT_M)
     return csr_array(costs[largest][:, largest]), nodes[largest]
@@ -84,7 +94,7 @@ def _costs(
 
 
 class FreeSpace:
-    """The largest connected part of the free space in which a robot can drive.
+    """The largest connected part of the free space, on each floor, in which a robot can drive.
 
     Raises:
         NoRoomError: the robot fits nowhere.
@@ -97,7 +107,7 @@ class FreeSpace:
         self._clearance: NDArray[np.float32] = (
             distance_transform_edt(~blocked)[1:-1, 1:-1].astype(np.float32) - np.float32(0.5)
         ) * np.float32(ground.cell_m)
-        self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m)
+        self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m, ground.floors)
 
     def clearance_m(self, x: float, y: float) -> float:
         """Return the distance from a point to the nearest obstacle, within half a cell [m].
@@ -154,9 +164,18 @@ class FreeSpace:
         )
         reached = np.flatnonzero(np.isfinite(costs[0]))
         node = int(rng.choice(reached))
+        return self._path(start, node, before[0])
+
+    def path_to(self, start: tuple[float, float], goal: tuple[float, float]) -> Points:
+        """Return a path between two positions on one floor, as `random_path` does."""
+        first, last = self._nearest_node(*start), self._nearest_node(*goal)
+        _, before = dijkstra(self._graph, indices=[first], return_predecessors=True)
+        return self._path(first, last, before[0])
+
+    def _path(self, start: int, node: int, before: NDArray[np.int32]) -> Points:
         path = [node]
-        while node != start:
-            node = int(before[0, node])
+        while node != start and before[node] >= 0:
+            node = int(before[node])
             path.append(node)
         return self._smoothed(self._points(np.array(path[::-1])))
 

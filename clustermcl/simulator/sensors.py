@@ -1,7 +1,9 @@
 """Simulated sensors: wheel odometry with its errors, and a laser scanner."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +76,9 @@ class LidarModel:
         return np.linspace(-half, half, self.beams)
 
 
+Ranges: TypeAlias = Callable[[Pose, NDArray[np.float64]], NDArray[np.float64]]
+
+
 class Lidar:
     """A simulated laser scanner."""
 
@@ -82,14 +87,19 @@ class Lidar:
         self._jumps, self._grid = jump_field(ground.cells), ground.grid
         self._robot_from_laser = np.array(model.robot_from_laser)
 
-    def scan(self, map_from_robot: PoseTuple) -> NDArray[np.float64]:
+    def scan(self, map_from_robot: PoseTuple, exact: Ranges | None = None) -> NDArray[np.float64]:
         """Simulate a scan from a pose of the robot: x [m], y [m], heading [rad].
+
+        Args:
+            map_from_robot: the pose.
+            exact: returns ranges without noise by pose and directions; None: those of the map.
 
         Returns:
             (beams,) ranges, counter-clockwise [m]; infinite: no return.
         """
         model = self.model
-        ranges = self.exact_ranges(compose(np.array(map_from_robot), self._robot_from_laser))
+        map_from_laser = compose(np.array(map_from_robot), self._robot_from_laser)
+        ranges = exact(map_from_laser, model.angles) if exact else self.exact_ranges(map_from_laser)
         lost = self._rng.random(model.beams) < model.drop_out_share
         lost |= ranges >= model.range_max_m
         noisy = ranges + model.range_noise_m * self._rng.standard_normal(model.beams)

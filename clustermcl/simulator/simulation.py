@@ -12,6 +12,7 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading
 from clustermcl.simulator.free_space import FreeSpace
+from clustermcl.simulator.lift import Lift
 from clustermcl.simulator.robot import RADIUS_M, Drive, Robot, driven
 from clustermcl.simulator.sensors import Lidar, LidarModel, Odometer
 from clustermcl.simulator.worlds.world import World
@@ -69,6 +70,8 @@ class Simulation:
         self._odometer = Odometer(rngs[2])
         self._lidar = Lidar(lidar or LidarModel(), world.truth, rngs[3])
         self._observation_rng = rngs[5]
+        floors = world.map.floors
+        self.lift = Lift(floors, np.random.default_rng([seed, 6])) if floors.links else None
         self._now_ns = 0
 
     @property
@@ -79,6 +82,8 @@ class Simulation:
         return self
 
     def __next__(self) -> Tick:
+        if self.lift is not None:
+            self.lift.drive(self.robot, self._free_space, 2 * _PIECE_NS * 1e-9)
         begin_ns, begin = self._now_ns, self.map_from_robot
         first, drive = self._drive_on()
         scan_pose = driven(begin, drive.part(_SCAN_SHARE))
@@ -123,7 +128,9 @@ class Simulation:
 
     def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
         model = self._lidar.model
-        ranges = self._lidar.scan(map_from_robot)
+        lift = self.lift
+        in_cabin = lift.ranges if lift and lift.middle is not None else None
+        ranges = self._lidar.scan(map_from_robot, in_cabin)
         return LaserReading(
             sender=_SENDER,
             stamp_ns=stamp_ns,

@@ -7,11 +7,12 @@ from clustermcl.runtime.sources import Simulated
 from clustermcl.simulator.worlds.halls import hall, hall_symmetric, yard
 from clustermcl.simulator.worlds.office import office
 from clustermcl.simulator.worlds.rooms import cross, cross_feature, cross_tags
+from clustermcl.simulator.worlds.tower import tower
 from clustermcl.simulator.worlds.world import UnknownWorldError, World, world_from_map
 
 WORLDS = {
     draw.__name__: draw
-    for draw in (cross, cross_feature, cross_tags, office, hall, hall_symmetric, yard)
+    for draw in (cross, cross_feature, cross_tags, office, hall, hall_symmetric, yard, tower)
 }
 
 
