@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
+from clustermcl.belief.ledger import Ledger
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.laser.evidence_model import (
     contenders,
@@ -54,6 +55,7 @@ def weigh(
     decoy: TrackReport | None = None,
     awaits_decoy: bool = False,
     is_evidence: bool = True,
+    ledger: Ledger | None = None,
 ) -> float:
     """Apply kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
@@ -73,6 +75,7 @@ def weigh(
         decoy: report of a job that tracks the mirrored scans; None: there is none.
         awaits_decoy: the first decoy is being searched for; classes do not count until then.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
+        ledger: it records which part of the update changes which log odds.
 
     Returns:
         Log of the scan's likelihood, averaged over the belief before the scan; a hypothesis
@@ -84,17 +87,20 @@ def weigh(
     ordered = [reports.get(job_id) for job_id in held.job_ids]
     if not any(ordered):
         return 0.0  # nothing but evidence moves probabilities
-    update = _Update(held, ordered, news, new_view)
+    ledger = ledger or Ledger(held)
+    update = _Update(held, ordered, news, new_view, ledger)
     update.take_poses()
     if not is_evidence:
         return 0.0
     log_here, log_there, log_off = update.kidnapped()
     among = belief.normalised_logs(held.log_probabilities()[:-2])
+    ledger.note_update("lifted or brought back", among, log_here, log_there, log_off)
     among, log_scan = update.among_clusters(among)
+    ledger.note_update("scan", among, log_here, log_there, log_off)
     cut_short, through = update.explained(among)
     log_scan += cut_short
     update.follow_fit(log_scan - through, float(among.max()) + log_here)
-    odds = update.log_odds_of_here(among)
+    odds = by_classes = update.log_odds_of_here(among)
     if decoy is not None:
         odds = update.compared_with_decoy(odds, among, decoy)
     elif awaits_decoy:
@@ -111,10 +117,15 @@ def weigh(
     if held.may_be_lifted:
         log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
+    ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
+    ledger.note_update("classes of beams", among, log_here + by_classes, log_there, log_off)
+    if odds != by_classes:
+        ledger.note_update("decoy", among, log_here + odds, log_there, log_off)
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)
     held.set_log_probabilities(belief.normalised_logs(weighed + seen))
     if seen.any():
+        ledger.note("observations")
         log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
     # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
     return log_scan + min(float(np.logaddexp.reduce(weighed) - np.logaddexp.reduce(here)), 0.0)
@@ -128,12 +139,18 @@ class _Update:
         reports: of each cluster; None: it has not reported.
         news: see `weigh`.
         new_view: see `weigh`.
+        ledger: see `weigh`.
     """
 
     def __init__(
-        self, held: ClusterSet, reports: Sequence[TrackReport | None], news: float, new_view: float
+        self,
+        held: ClusterSet,
+        reports: Sequence[TrackReport | None],
+        news: float,
+        new_view: float,
+        ledger: Ledger,
     ) -> None:
-        self._held, self._reports = held, reports
+        self._held, self._reports, self._ledger = held, reports, ledger
         self._news, self._new_view = news, new_view
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
@@ -170,6 +187,11 @@ class _Update:
         contends = contenders(np.where(reported, among, -np.inf))
         share = self._evidence_weight(contends)
         log_ratios = tempered(evidence, contends, share, rules.evidence_noise)
+        self._ledger.note_facts(
+            fit=evidence - np.nanmax(evidence[contends]),
+            counted=log_ratios,
+            new_view=self._new_view,
+        )
         among = belief.updated(among, log_ratios)
         return belief.mixed(among, rules.transition_probability * self._news), log_scan
 

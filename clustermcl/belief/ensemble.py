@@ -16,6 +16,7 @@ from clustermcl.belief.admission import admission, first_places, log_weight_of_h
 from clustermcl.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
+from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
 from clustermcl.belief.part import Count, Part
@@ -30,6 +31,7 @@ from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.job_events import Ended, EndedCause, JobEvent
 from clustermcl.protocol.message import Circle, Corners
 from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.why import Why
 from clustermcl.protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
@@ -162,6 +164,7 @@ class Ensemble(Part, kw_only=True):
         if before_from_after is not None and observed is None and not is_given:
             news = new_evidence_share(before_from_after)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
+        ledger = Ledger(self.clusters)
         log_likelihood = weigh(
             self.clusters,
             tracks,
@@ -172,9 +175,11 @@ class Ensemble(Part, kw_only=True):
             decoy=self.decoy.best_of(tracks),
             awaits_decoy=self.decoy.is_awaited,
             is_evidence=not in_cabin,
+            ledger=ledger,
         )
         if scan is not None and scan.floors.links:
             self._ride(scan, news * self.settings.belief.link_probability, in_cabin=in_cabin)
+            ledger.note("lifts and stairs")
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
         if own_robot_found and best < self.settings.belief.localized_probability:
             return self.relocalize(step, "own robot found")
@@ -186,19 +191,26 @@ class Ensemble(Part, kw_only=True):
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         if observed is not None and len(self.clusters):
             self._admit_observed(pool_of(step, [observed], np.ones(1), self.settings.search))
+            ledger.note("observed places")
         self.search.note_means(step, self.clusters.all())
         if step % self.settings.belief.merge_every_steps == 0:
             self.events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self.events += self.clusters.drop_improbable(step)
+        ledger.note("places merged, split or dropped")
         if step % SHARE_EVERY_STEPS == 0:
             self._share_particles(step)
-        self._follow_search(step, reports)
+        if self.search.runs:
+            self._follow_search(step, reports)
+            ledger.note("found by the search")
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
             self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
+        given = self.clusters.given
         self._look_elsewhere(step, had_fallen=had_fallen)
-        return self.outcome(step, missing)
+        if given is not self.clusters.given:
+            ledger.note("given pose fails")
+        return self.outcome(step, missing, ledger)
 
     def _is_weighed_by(self, reports: Mapping[str, TrackReport]) -> bool:
         """Return whether at least half of the clusters, by probability, have reported a step."""
@@ -483,7 +495,9 @@ class Ensemble(Part, kw_only=True):
 
     # --- outcome
 
-    def outcome(self, step: int, missing: tuple[str, ...] = ()) -> Outcome:
+    def outcome(
+        self, step: int, missing: tuple[str, ...] = (), ledger: Ledger | None = None
+    ) -> Outcome:
         """Return the outcome of a step or a command; jobs and events only at the first call."""
         is_confirmed = any(cluster.confirmed for cluster in self.clusters.all())
         most = self.settings.belief.lost_probability
@@ -493,7 +507,8 @@ class Ensemble(Part, kw_only=True):
         begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
         self.begin = {}
         resized = (c for c in self.clusters.all() if c.particles_from == step + SHARE_AFTER_STEPS)
-        tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
+        ordered = self.clusters.by_probability()
+        tracked = tuple(hypothesis_of(c, step) for c in ordered)
         return Outcome(
             step=step,
             state=self._state(tracked),
@@ -510,6 +525,7 @@ class Ensemble(Part, kw_only=True):
             },
             events=events,
             search_progress=self.search.progress,
+            why=ledger.why([c.cluster for c in ordered]) if ledger else Why(),
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:

@@ -6,6 +6,7 @@ from clustermcl.belief.cluster_set import Cluster
 from clustermcl.protocol.answers import Belief, Hypothesis, State
 from clustermcl.protocol.job_events import Began, Ended, JobEvent
 from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.why import Why
 from clustermcl.protocol.work import Job
 
 
@@ -31,6 +32,8 @@ class Outcome(msgspec.Struct, frozen=True):
     """By job id: new number of particles, and the first step that may resample to it."""
     off_map_probability: float = 0.0
     """Part of `elsewhere_probability`: the robot is not on the map."""
+    why: Why = Why()
+    """What changed the probabilities in the step; empty after a command."""
 
     @property
     def end(self) -> tuple[str, ...]:
@@ -70,6 +73,7 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
         off_map_probability=outcome.off_map_probability,
         search_progress=outcome.search_progress,
         floors=scan.floors.probabilities(places),
+        why=outcome.why,
     )
 
 

@@ -30,16 +30,15 @@ def json_object(answer: Answer | Hypothesis) -> JsonObject:
                 "pose": _pose(best.pose, best.covariance) if best else None,
                 "probability": answer.probability,
                 "floor": answer.floor,
-                **_fields(answer, "sender", "term", "odom_from_robot"),
-                "hypotheses": list(map(json_object, answer.hypotheses)),
+                **_fields(answer, "sender", "term", "odom_from_robot", "why"),
+                "hypotheses": _places(answer),
             }
         case PoseAnswer():
             pose = _pose(answer.pose, answer.covariance)
             plain = _fields(answer, "sender", "term", "pose", "covariance")
             found = {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
         case Hypotheses():
-            places = list(map(json_object, answer.hypotheses))
-            found = {**json_object(answer.pose), "hypotheses": places}
+            found = {**json_object(answer.pose), "hypotheses": _places(answer)}
         case Hypothesis():
             found = {
                 "cluster": answer.cluster,
@@ -62,6 +61,13 @@ def json_object(answer: Answer | Hypothesis) -> JsonObject:
         case other:
             assert_never(other)
     return found
+
+
+def _places(answer: Belief | Hypotheses) -> list[JsonObject]:
+    return [
+        json_object(place) | {"log_odds_changes_nat": answer.why.of(index)}
+        for index, place in enumerate(answer.hypotheses)
+    ]
 
 
 def _pose(pose: PoseTuple | None, covariance: Covariance | None) -> JsonObject | None:

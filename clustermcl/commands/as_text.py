@@ -12,6 +12,7 @@ from clustermcl.protocol.errors import printable
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.job_events import NumberedEvent, event_text
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
+from clustermcl.protocol.why import why_text
 
 SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""
@@ -66,14 +67,19 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
         yield "no worker is alive: the belief does not follow the robot"
 
 
-def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
-    """Yield all places as text, or the pose's text if no place is known."""
+def hypotheses_lines(answer: Hypotheses, *, why: bool = False) -> Iterator[str]:
+    """Yield all places as text, or the pose's text if no place is known.
+
+    `why`: what the last step changed is added.
+    """
     if not answer.hypotheses:
         yield from pose_lines(answer.pose)
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
-    for place in answer.hypotheses:
+    for index, place in enumerate(answer.hypotheses):
         yield f"  {place.probability:6.3f}  {place_text(place.pose, place.covariance, place.floor)}"
+        if why and (reasons := why_text(answer.why, index)):
+            yield f"          place {place.cluster}: {reasons}"
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _floors(answer.pose)
     yield from _off_map(answer.pose)

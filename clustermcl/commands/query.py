@@ -37,6 +37,9 @@ def pose(settings: Settings, as_json: AsJson = False) -> None:
 def hypotheses(
     settings: Settings,
     above: Above = 0.0,
+    why: Annotated[
+        bool, typer.Option("--why", help="And why the last step changed each probability.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Print all places where the robot may be, with their probabilities."""
@@ -44,7 +47,7 @@ def hypotheses(
         answer = client.hypotheses()
     kept = tuple(place for place in answer.hypotheses if place.probability >= above)
     answer = msgspec.structs.replace(answer, hypotheses=kept)
-    print_answer(json_object(answer) if as_json else text.hypotheses_lines(answer))
+    print_answer(json_object(answer) if as_json else text.hypotheses_lines(answer, why=why))
 
 
 @client_command

@@ -186,13 +186,19 @@ def replay(
         str | None, typer.Option(metavar="WHEN", help="Print 5 seconds, or steps, around it.")
     ] = None,
     above: common.Above = 0.0,
+    why: Annotated[
+        str | None,
+        typer.Option(metavar="PLACE", help="Print why this place (c7, or elsewhere) rose or fell."),
+    ] = None,
 ) -> None:
     """Recompute a flight recording, and print what happened.
 
-    WHEN is a step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a
-    belief differs from the recorded one.
+    `--why` also reads a run that was recorded otherwise, and recomputes nothing. WHEN is a
+    step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a belief
+    differs from the recorded one.
     """
     from clustermcl.commands.replay import Shown, parsed_moment, print_replay  # noqa: PLC0415 - see the package
+    from clustermcl.commands.why import parsed_place, print_why  # noqa: PLC0415
 
     if at and (first or last):
         raise SettingsError("--at with --from or --to: leave one out")
@@ -202,6 +208,9 @@ def replay(
         around=parsed_moment("--at", at),
         above=above,
     )
+    if why is not None:
+        print_why(folder, parsed_place(why), shown)
+        return
     sys.exit(0 if print_replay(folder, shown) else EXIT_DIFFERENT)
 
 

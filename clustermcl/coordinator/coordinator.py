@@ -421,7 +421,12 @@ class Coordinator(Part):
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
         places = tuple(map(self._floors.place, self.state.pose.hypotheses()))
-        return Hypotheses(sender=self.sender, pose=self.pose(now_ns), hypotheses=places)
+        return Hypotheses(
+            sender=self.sender,
+            pose=self.pose(now_ns),
+            hypotheses=places,
+            why=self.state.pose.outcome.why,
+        )
 
     @property
     def _floors(self) -> Floors:

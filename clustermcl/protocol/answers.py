@@ -24,6 +24,7 @@ from clustermcl.protocol.message import (
     PoseTuple,
     Stamp,
 )
+from clustermcl.protocol.why import Why
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
 """`searching`: no place is known, or the most probable one was given and no scan was weighed there.
@@ -128,6 +129,9 @@ class Belief(HasPose, Message, frozen=True, kw_only=True, tag="belief/1"):
         """The floor of `pose`; empty for a single map, and without a place."""
         return self.hypotheses[0].floor if self.hypotheses else ""
 
+    why: Why = Why()
+    """What changed the probabilities in this step; empty after a command."""
+
     @property
     def best(self) -> Hypothesis | None:
         """The most probable place; None: there is none yet."""
@@ -202,6 +206,8 @@ class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
     """The answer to `pose` at the same moment."""
     hypotheses: tuple[Hypothesis, ...]
     """Most probable first."""
+    why: Why = Why()
+    """As in `Belief`."""
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):

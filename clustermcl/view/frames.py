@@ -18,10 +18,12 @@ from clustermcl.protocol.answers import Belief, Hypothesis
 from clustermcl.protocol.job_events import JobEvent, NumberedEvent, Remark, event_groups
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan
+from clustermcl.protocol.why import Why, why_text
 from clustermcl.protocol.work import Particles
 
 Frame: TypeAlias = dict[str, Any]
 
+NO_REASONS = Why()
 ROW_PLACES = 16
 """Limit for the places of a step in plot and trails; the most probable are kept."""
 MAX_BEAMS = 360
@@ -54,7 +56,7 @@ def step_frame(
         "state": belief.state,
         "searching": belief.searching,
         "search_progress": belief.search_progress,
-        "places": place_frames(belief.hypotheses, slots),
+        "places": place_frames(belief.hypotheses, slots, belief.why),
         "elsewhere": belief.elsewhere_probability,
         "off_map": belief.off_map_probability,
         **scan_frame(scan),
@@ -85,7 +87,9 @@ def _drawn_at(seen: Observed) -> tuple[str, float, float]:
     return seen.landmark if isinstance(seen, Sighting) else "", x, y
 
 
-def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int]) -> list[Frame]:
+def place_frames(
+    places: Iterable[Hypothesis], slots: Mapping[int, int], why: Why = NO_REASONS
+) -> list[Frame]:
     """Return what is drawn of each place; the covariances are of x, x y, y and the heading."""
     return [
         {
@@ -95,8 +99,9 @@ def place_frames(places: Iterable[Hypothesis], slots: Mapping[int, int]) -> list
             "pose": place.pose,
             "cov": [place.covariance[at] for at in (0, 1, 4, 8)],
             "age": place.age_steps,
+            "why": why_text(why, index),
         }
-        for place in places
+        for index, place in enumerate(places)
     ]
 
 

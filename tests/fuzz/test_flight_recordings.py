@@ -33,7 +33,7 @@ NAME = f"{7:017d}-000001.mcap"
 def recording() -> tuple[bytes, list[LogMessage]]:
     """A file that begins with a snapshot: of a search, of clusters, of a worker that was lost."""
     with TemporaryDirectory() as name:
-        living = Living(symmetric_room(), made=Recordings(Path(name), 400_000).make)
+        living = Living(symmetric_room(), made=Recordings(Path(name), 600_000).make)
         live(living, [*[("drive", 0)] * 9, ("lose worker", 1), *[("drive", 0)] * 3])
         live(living, [("set pose", 2), *[("drive", 0)] * 20])
         file = files_in(Path(name))[-2]

@@ -60,9 +60,9 @@ def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     Raises:
         RecordingError: the folder holds no recording, or an unreadable one.
     """
-    files, is_empty = _files_at(folder), True
+    files, is_empty = files_at(folder), True
     if not files:
-        raise RecordingError(folder, _nothing_in(folder))
+        raise RecordingError(folder, nothing_in(folder))
     for _, series in groupby(files, series_of):
         coordinator = yield from _replayed_series(series, version)
         is_empty = is_empty and coordinator is None
@@ -183,7 +183,7 @@ def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
         raise RecordingError(path, f"{what}: {error}") from None
 
 
-def _files_at(path: Path) -> list[Path]:
+def files_at(path: Path) -> list[Path]:
     """Return the files of the recording at a path, oldest first."""
     if path.is_file():
         beside = files_in(path.parent)
@@ -195,7 +195,7 @@ def _files_at(path: Path) -> list[Path]:
     return recordings[0] if len(recordings) == 1 else []
 
 
-def _nothing_in(folder: Path) -> str:
+def nothing_in(folder: Path) -> str:
     if not folder.is_dir():
         return (
             "neither a folder nor a file" if folder.exists() else "no such folder; check the path"

@@ -276,7 +276,11 @@ $("clusters").addEventListener("pointermove", ({ target }) => {
   view.point(cluster === undefined ? null : Number(cluster));
 });
 $("clusters").addEventListener("pointerleave", () => view.point(null));
-view.onPointed = () => markRows(view);
+view.onPointed = () => {
+  markRows(view);
+  const pointed = view.step?.places.find((place) => place.cluster === view.pointed);
+  view.canvas.title = pointed?.why ? `place ${pointed.cluster}: ${pointed.why}` : "";
+};
 $("plot").addEventListener("click", (event) => {
   const step = stepAt($("plot"), known.rows, known.oldest, travel.at, event.offsetX);
   if (step !== null) travel.goTo(step);

@@ -112,7 +112,7 @@ export function showClusters(places, view, elsewhere, offMap) {
   const rows = places.map((place) => {
     const row = element("li"), button = element("button", "", "row");
     row.style.setProperty("--chip", colourOf(place.slot));
-    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to show it and its beams`;
+    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to show it and its beams${place.why && `\n${place.why}`}`;
     row.dataset.cluster = place.cluster;
     row.append(button);
     button.append(chip(place.slot), `place ${place.cluster}`, barOf(place.p), element("b", percent(place.p)));

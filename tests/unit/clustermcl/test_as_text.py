@@ -17,6 +17,7 @@ from clustermcl.protocol.advice import Advice, Way
 from clustermcl.protocol.answers import Hypotheses
 from clustermcl.protocol.health import SourceHealth
 from clustermcl.protocol.job_events import Ended, NumberedEvent
+from clustermcl.protocol.why import Why, why_text
 from tests.unit.clustermcl.test_as_json import ANSWER
 from tests.unit.evaluation.places import STATUS, belief, place
 
@@ -141,3 +142,19 @@ def test_the_end_of_a_search_is_one_line_whatever_the_number_of_its_shards() -> 
         for n in range(4)
     ]
     assert list(event_lines(ends)) == ["step 3: search 2 is over"]
+
+
+def test_reasons_of_a_change_follow_each_place() -> None:
+    why = Why({"scan": (1.25, -1.0, 0.0, 0.0), "search": (0.01, -2.0, 0.0, 0.0)}, {"fit": (0.0,)})
+    places = Hypotheses(
+        sender="coordinator",
+        pose=ANSWER,
+        hypotheses=(place(0.9, cluster=1), place(0.1, cluster=2)),
+        why=why,
+    )
+    lines = list(hypotheses_lines(places, why=True))
+    assert lines[2].strip() == "place 1: log odds +1.3 nat: scan +1.2 (fit 0.00)"
+    assert lines[4].strip() == "place 2: log odds -3.0 nat: search -2.0, scan -1.0 (fit 0.00)"
+    assert len(list(hypotheses_lines(places))) == len(lines) - 2
+    short = Why({"scan": (1.0,)})  # as another version may send it
+    assert why_text(short, 1) == ""

@@ -230,3 +230,18 @@ def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None
     with pytest.raises(RecordingError):
         view_recording(tmp_path, parsed_address("127.0.0.1:0"))
     assert not marker.exists()
+
+
+def test_replay_says_why_a_place_rose_or_fell(recording: Path) -> None:
+    lines = run(recording, "--why", "c0").stdout.splitlines()
+    assert any(re.search(r"step 1: place 0 \d+\.\d -> \d+\.\d %; log odds", line) for line in lines)
+    assert "no longer tracked" in lines[-2], "a pose was given after step 3"
+    assert re.fullmatch(r"steps 0 to \d+, log odds in nat: .*scan [+-]\d.*", lines[-1])
+    elsewhere = run(recording, "--why", "elsewhere", "--from", 2, "--to", 4).stdout.splitlines()
+    assert len(elsewhere) == 5, "steps 2 to 4, the given pose, and the sum"
+
+
+def test_a_place_that_is_not_recorded_is_named(recording: Path, tmp_path: Path) -> None:
+    assert "contains place 77" in complaint(recording, "--why", "77")
+    assert "'b3' is no place" in complaint(recording, "--why", "b3")
+    assert "no flight recording" in complaint(tmp_path, "--why", "c0")
