@@ -2,6 +2,8 @@
 
 from collections import deque
 
+from clustermcl.sensor_bridge.step_maker import StepMaker
+
 MAX_UNDECIDED = 4
 """Number of sent but undecided steps at which no scan becomes a step."""
 OUTAGE_NS = 1_000_000_000
@@ -53,6 +55,12 @@ class FlowControl:
     def on_new_map(self) -> None:
         """Note that steps from the next one on belong to another map."""
         self._new_map_step = self._step + 1
+
+    def set_gate(self, maker: StepMaker, now_ns: int, *, is_live_scan: bool) -> None:
+        """Hold the gate, or open it for a standing robot, before `maker` takes a reading."""
+        if is_live_scan and maker.stands and self.wants_standing_step(now_ns):
+            maker.gate.open_next()
+        maker.gate.is_held = self.is_full(now_ns)
 
     def is_full(self, now_ns: int) -> bool:
         """Return whether too many steps are undecided while decisions still arrive."""

@@ -245,9 +245,7 @@ class Bridge:
         if maker is None:
             return
         is_laser = isinstance(reading, LaserReading)
-        if self._is_live and is_laser and maker.stands and self._flow.wants_standing_step(now_ns):
-            maker.gate.open_next()
-        maker.gate.is_held = self._flow.is_full(now_ns)
+        self._flow.set_gate(maker, now_ns, is_live_scan=self._is_live and is_laser)
         held_back = maker.gate.held_back
         scan = maker.on_reading(reading)
         if maker.gate.held_back > held_back:

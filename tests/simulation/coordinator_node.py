@@ -193,6 +193,7 @@ class CoordinatorNode(Node):
         match instruction:
             case PublishBelief(belief):
                 self.laws.believed(belief)
+                simulation.publish_belief(self, belief)
             case PublishCheckpoint(checkpoint):
                 self._keep_later(checkpoint)
                 simulation.publish_checkpoint(self, checkpoint)

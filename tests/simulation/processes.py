@@ -4,15 +4,16 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from msgspec.structs import replace
-
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import UnreachableError
-from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.steps import KEPT_STEPS, LaserReading, OdometryReading, Reading, Scan
 from clustermcl.protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
+from clustermcl.sensor_bridge.flow_control import FlowControl
+from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.worker import worker as instructions
 from clustermcl.worker.worker import Worker
 from tests.simulation.network import Action, Asker, Node
-from tests.simulation.world import MAP, scan_of
+from tests.simulation.world import BRIDGE, MAP, scan_of
 from tests.unit.worker import events
 
 if TYPE_CHECKING:
@@ -25,38 +26,88 @@ FETCH_TIMEOUT_S = 0.5
 
 
 class Bridge(Node):
-    """Makes a step of every scan, and remembers them."""
+    """Makes steps of scans with the product's gate and flow control, and keeps them."""
 
     def __init__(self, name: str, simulation: "Simulation", offset_s: float) -> None:
         super().__init__(name, simulation.clock, offset_s)
         self._simulation = simulation
-        self._step, self._history = 0, list[Scan]()
+        self._maker: StepMaker | None = None
+        self.newest_step = -1
+        self._begin()
+
+    def _begin(self) -> None:
+        self._history = deque[Scan](maxlen=KEPT_STEPS)
+        self._flow = FlowControl(0.0 if self._simulation.schedule.lockstep else 1.0)
+        self._coordinators = set[str]()
 
     def start(self) -> None:
-        """Continue after the coordinator's step; from 0 without an answer."""
-        acting = self._simulation.acting()
-        known = acting.coordinator.status(acting.now_ns, {}).newest_step if acting else -1
-        self._simulation.laws.restarts_count |= known < self._step - 1
-        self._step, self._history = known + 1, []
+        self._begin()
+        self._maker = None
+        self._simulation.network.watch(self)
 
-    def drive(self, number: int) -> None:
-        """The robot has made a step, and its odometry goes on."""
+    def _made(self) -> StepMaker:
+        """Make steps after the coordinator's newest step; from 0 without an answer."""
+        if self._maker is None:
+            acting = self._simulation.acting()
+            known = acting.coordinator.status(acting.now_ns, {}).newest_step if acting else -1
+            self._simulation.laws.restarts_count |= known < self.newest_step
+            self.newest_step = known
+            lockstep = self._flow.lockstep
+            self._maker = StepMaker(
+                BRIDGE, MAP.digest, self.name, known + 1, lockstep=lockstep, live=not lockstep
+            )
+        return self._maker
+
+    def on_token(self, name: str, alive: bool) -> None:
+        if not name.startswith("w"):  # all coordinators have the same token
+            (self._coordinators.add if alive else self._coordinators.discard)(name)
+
+    def on_belief(self, belief: Belief) -> None:
+        self._flow.on_belief(
+            belief.step, belief.term, self.now_ns, searching=belief.state == "searching"
+        )
+
+    def drive(self, number: int) -> bool:
+        """Take the scan at the robot's place; return whether the robot may drive on."""
         if self.is_frozen or not self.alive:
-            return
-        scan = replace(scan_of(number), step=self._step, stamp_ns=self.now_ns)
-        self._step += 1
-        self._history.append(scan)
-        self._simulation.publish_scan(self, scan)
-
-    @property
-    def newest_step(self) -> int:
-        return self._step - 1
+            return True
+        if self._flow.is_resend_due(self.now_ns):
+            self._simulation.publish_scan(self, self._history[-1])
+        if self._flow.lockstep and (self._flow.waits or not self._coordinators):
+            return False
+        seen = scan_of(number)
+        scan = self._on_reading(
+            LaserReading(
+                sender=self.name,
+                stamp_ns=self.now_ns,
+                ranges=seen.ranges,
+                angle_min_rad=seen.angle_min_rad,
+                angle_step_rad=seen.angle_step_rad,
+                range_max_m=seen.range_max_m,
+                robot_from_laser=seen.robot_from_laser,
+                odom_from_robot=seen.odom_from_robot,
+            )
+        )
+        if scan is not None:
+            self.newest_step = scan.step
+            self._history.append(scan)
+            self._simulation.publish_scan(self, scan)
+            self._flow.on_sent(scan.step, self.now_ns)
+        return True
 
     def odometry(self, number: int) -> None:
-        if not self.is_frozen and self.alive:
-            pose = scan_of(number).odom_from_robot
-            reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)
-            self._simulation.publish_odometry(self, reading)
+        if self.is_frozen or not self.alive or self._flow.lockstep:
+            return
+        pose = scan_of(number).odom_from_robot
+        reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)
+        self._on_reading(reading)
+        self._simulation.publish_odometry(self, reading)
+
+    def _on_reading(self, reading: Reading) -> Scan | None:
+        is_live_scan = not self._flow.lockstep and isinstance(reading, LaserReading)
+        maker = self._made()
+        self._flow.set_gate(maker, self.now_ns, is_live_scan=is_live_scan)
+        return maker.on_reading(reading)
 
     def history(self, first: int, last: int | None) -> tuple[Scan, ...]:
         return tuple(

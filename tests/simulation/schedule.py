@@ -30,7 +30,8 @@ class Schedule:
         self.least_s = rng.choice((0.0002, 0.005))
         self.jitter_s = rng.choice((0.001, 0.01, 0.05))
         self.period_s = rng.choice((0.3, 0.5, 0.9))
-        rng.choice((0, 1))  # keeps the schedules of seeds that once broke a law
+        self.lockstep = rng.random() < 0.2
+        """Each step waits for the belief of the one before, as in a recording."""
         self.wall_us = [
             WALL_US + rng.randrange(1_000_000) + rng.choice((0, 0, HOUR_US, -50 * YEAR_US))
             for _ in range(2)
@@ -118,6 +119,16 @@ def _cut(rng: random.Random) -> Fault:
     return fault
 
 
+def _robot_stands(rng: random.Random) -> Fault:
+    seconds = rng.choice((1.0, 3.0))
+
+    def fault(simulation: "Simulation") -> None:
+        simulation.stands = True
+        simulation.clock.after(seconds, lambda: setattr(simulation, "stands", False))
+
+    return fault
+
+
 def _command(rng: random.Random) -> Fault:
     command: SetPose | Relocalize
     name = f"{rng.random()}"
@@ -145,6 +156,7 @@ KINDS: list[tuple[int, FaultMaker]] = [
     (4, _cut),
     (1, _killed(_bridge, away_s=(0.1, 1.0))),
     (2, _command),
+    (2, _robot_stands),
 ]
 """How often each fault comes, and what it is."""
 

@@ -6,6 +6,7 @@ from functools import partial
 from typing import TypeVar
 
 from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import OdometryReading, Scan
 from clustermcl.protocol.work import (
@@ -39,7 +40,7 @@ class Simulation:
         self.clock = Clock()
         self.network = Network(self.clock, self.rng)
         self.schedule = schedule(self.rng)
-        self.laws = Laws(self.clock, replays=seed % 8 == 0)
+        self.laws = Laws(self.clock, replays=seed % 8 == 0, live=not self.schedule.lockstep)
         network, plan = self.network, self.schedule
         network.loss, network.doubled = plan.loss, plan.doubled
         network.least_s, network.jitter_s = plan.least_s, plan.jitter_s
@@ -57,6 +58,8 @@ class Simulation:
             for node in (self.bridge, *self.workers.values(), *self.coordinators.values())
         }
         self._driven = 0
+        self.stands = False
+        """Whether the robot stands for a while."""
         self._is_calm, self._trouble = False, "faults"
 
     def acting(self) -> CoordinatorNode | None:
@@ -134,8 +137,7 @@ class Simulation:
     def _drive(self) -> None:
         if self._is_calm:
             self._trouble = self._look()
-        self.bridge.drive(self._driven)
-        self._driven += 1
+        self._driven += self.bridge.drive(self._driven) and not self.stands
         self.clock.after(self.schedule.period_s, self._drive)
 
     def _move(self) -> None:
@@ -151,7 +153,7 @@ class Simulation:
             self.network.send(source, node, partial(received, node))
 
     def publish_scan(self, source: Bridge, scan: Scan) -> None:
-        self.laws.taken_ns[scan.stamp_ns] = self.clock.now_ns
+        self.laws.taken_ns.setdefault(scan.stamp_ns, self.clock.now_ns)
         nodes: list[CoordinatorNode | WorkerNode]
         nodes = [*self.coordinators.values(), *self.workers.values()]
         self._publish(source, self._shuffled(nodes), lambda node: node.on_scan(scan))
@@ -164,6 +166,9 @@ class Simulation:
         self._publish(
             source, self.coordinators.values(), lambda node: node.on_report(source.name, report)
         )
+
+    def publish_belief(self, source: CoordinatorNode, belief: Belief) -> None:
+        self._publish(source, [self.bridge], lambda node: node.on_belief(belief))
 
     def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
         received = decode(encode(checkpoint), Checkpoint)

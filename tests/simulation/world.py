@@ -2,8 +2,6 @@
 
 from functools import cache
 
-from msgspec.structs import replace
-
 from clustermcl.filter.settings import (
     BeliefSettings,
     ClusterSettings,
@@ -12,7 +10,7 @@ from clustermcl.filter.settings import (
     SensorSettings,
 )
 from clustermcl.protocol.steps import Scan
-from clustermcl.runtime.settings import CoordinatorSettings
+from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.unit.coordinator import living
 
 MAP = living.MAP
@@ -38,11 +36,13 @@ SETTINGS = FilterSettings(
     ),
 )
 COORDINATOR = CoordinatorSettings(
-    step_deadline_s=0.3, take_over_after_s=1.0, snapshot_every_steps=3
+    step_deadline_s=0.3, lockstep_deadline_s=5.0, take_over_after_s=1.0, snapshot_every_steps=3
 )
+
+BRIDGE = BridgeSettings(gate_distance_m=0.05)
 
 
 @cache
 def scan_of(number: int) -> Scan:
     """What the robot sees on its way, in every schedule alike."""
-    return replace(living.scan_of(number), live=True)
+    return living.scan_of(number)
