@@ -168,7 +168,8 @@ class Placement(Part):
         able = able or ready
         trusted = self.stragglers.trusted(able) or able
         self.jobs.move(self._moves(trusted), term, now_ns)
-        self.jobs.move(self._trials(able, trusted), term, now_ns)
+        # A step waits for a trial until its deadline, without the time for handing a job over.
+        self.jobs.move(self._trials(able, trusted), term, now_ns=0)
         jobs = self.jobs.by_worker()
         return [
             (name, self._order(live[name], jobs.get(name, {}), term, map_digest, now_ns))

@@ -200,6 +200,8 @@ def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
     follow(made, due(made, SECOND))
     (tried,) = [jobs for name, jobs in made.workers.items() if name != "good-0" and jobs]
     assert len(tried) == 1
+    assert made.waits_for(tried[0]), "a healthy one reports in time"
+    assert made.jobs.placed_ns(tried[0]) == 0, "no step waits longer for it than its deadline"
     assert due(made, 2 * SECOND) == []
     made.on_report(tracked(tried[0], 2, 0.1, (1.0, 2.0, 0.0)), in_time=True)
     follow(made, due(made, 3 * SECOND))
