@@ -120,7 +120,7 @@ class Placement(Part):
         self.jobs.on_report(report, in_time=in_time)
         job = self.jobs.placed[report.job_id]
         if job.worker is not None:
-            self.stragglers.on_report(job.worker, in_time=in_time)
+            self.stragglers.on_report(job.worker)
         if isinstance(report, SearchReport):
             self.silent_shards.on_report(report.job_id, report.step)
 

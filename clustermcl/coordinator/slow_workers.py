@@ -1,8 +1,8 @@
 """Time limits for workers that do not report, after which other workers get their jobs.
 
 The first step without a worker's report waits for one deadline. No later step waits for that
-worker until it reports again, and after some more steps the worker loses its jobs. It gets jobs
-again after a pause, which doubles each time; otherwise it would take and lose jobs forever.
+worker until it reports again. A count of missed steps, which halves with each step in time, decides
+when the worker loses its jobs, and after which pause it gets some again.
 
 Workers that have reported come first. All others with one certificate, whose names differ only in
 their number, count as one worker. Otherwise sixty workers that answer orders and compute nothing
@@ -16,27 +16,33 @@ from clustermcl.coordinator.jobs import PlacedJob
 from clustermcl.protocol.work import SearchJob
 
 GIVEN_UP_AFTER = 3
-"""A worker loses its jobs after this number of steps in a row without a report in time."""
+"""A worker loses its jobs at this count of missed steps."""
 GIVEN_UP_LATER = 10
-"""The same number of steps while all workers are slow."""
+"""The same while all workers are slow."""
 FIRST_PAUSE_NS = 2_000_000_000
+"""Pause at the first of these counts; it doubles with each further missed step [ns]."""
 LONGEST_PAUSE_NS = 60_000_000_000
-FORGOTTEN_AFTER_NS = 120_000_000_000
-"""A worker's next pause is short again if the last one ended longer ago than this [ns]."""
 
 
 class Punctuality(Part):
     """The steps that a worker has missed, and its pause."""
 
-    missed: int = 0
-    """Steps in a row."""
+    missed: float = 0.0
+    """Halved by each step in time."""
     silent: bool = False
     """Whether the worker has missed a step and has not reported since."""
     paused: bool = False
-    pause_ns: int = FIRST_PAUSE_NS
-    """Length of the next pause [ns]."""
     pause_ends_ns: int = 0
-    """End of the last pause [ns]; 0: there was no pause."""
+
+    @property
+    def is_given_up(self) -> bool:
+        return self.missed >= GIVEN_UP_AFTER
+
+    def pause(self, now_ns: int) -> None:
+        """Begin a pause."""
+        doublings = min(int(self.missed) - GIVEN_UP_AFTER, 8)
+        self.paused = True
+        self.pause_ends_ns = now_ns + min(FIRST_PAUSE_NS << doublings, LONGEST_PAUSE_NS)
 
 
 def origin(worker: str) -> str:
@@ -52,13 +58,11 @@ class StragglerPolicy(Part):
     """By name for workers that have reported, by origin for the others."""
     proven: set[str] = set()
 
-    def on_report(self, worker: str, *, in_time: bool) -> None:
-        """Process a worker's report; a late one only shows that the worker is alive."""
+    def on_report(self, worker: str) -> None:
+        """Process a worker's report, which may be late: the worker is alive."""
         self.proven.add(worker)
-        record = self.records.get(worker)
-        if record is not None:
+        if (record := self.records.get(worker)) is not None:
             record.silent = False
-            record.missed = 0 if in_time else record.missed
 
     def on_step_decided(
         self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
@@ -73,6 +77,9 @@ class StragglerPolicy(Part):
         """
         if not reported:  # the network is slow then, not one worker
             return []
+        for worker in self.records.keys() & reported:
+            self.records[worker].missed /= 2
+        most = GIVEN_UP_LATER if patient else GIVEN_UP_AFTER
         late: dict[str, list[str]] = {}
         for worker in sorted(missing - reported):
             late.setdefault(self._counted_as(worker), []).append(worker)
@@ -81,14 +88,17 @@ class StragglerPolicy(Part):
             record = self.records.setdefault(name, Punctuality())
             record.missed += 1
             record.silent = True
-            if record.missed >= (GIVEN_UP_LATER if patient else GIVEN_UP_AFTER):
+            if record.missed >= most:
                 given_up += workers
-                self._pause(record, now_ns)
+                record.missed -= most - GIVEN_UP_AFTER
+                record.pause(now_ns)
         return given_up
 
     def give_up(self, worker: str, now_ns: int) -> bool:
         """Give a worker no new jobs for a while; return whether it has never reported."""
-        self._pause(self.records.setdefault(self._counted_as(worker), Punctuality()), now_ns)
+        record = self.records.setdefault(self._counted_as(worker), Punctuality())
+        record.missed = max(record.missed + 1, GIVEN_UP_AFTER)
+        record.pause(now_ns)
         return worker not in self.proven
 
     def trusted(self, workers: Sequence[str]) -> list[str]:
@@ -98,12 +108,12 @@ class StragglerPolicy(Part):
         report, all workers are trusted. An origin that was given up is not trusted.
         """
         known = {origin(worker) for worker in self.proven}
-        paused = {name for name, record in self.records.items() if record.pause_ends_ns > 0}
+        given_up = {name for name, record in self.records.items() if record.is_given_up}
         return [
             worker
             for worker in workers
             if worker in self.proven
-            or ((not known or origin(worker) in known) and origin(worker) not in paused)
+            or ((not known or origin(worker) in known) and origin(worker) not in given_up)
         ]
 
     def _counted_as(self, worker: str) -> str:
@@ -131,13 +141,6 @@ class StragglerPolicy(Part):
         if worker in self.proven:
             self.proven.discard(worker)
             self.records.pop(worker, None)
-
-    def _pause(self, record: Punctuality, now_ns: int) -> None:
-        if now_ns > record.pause_ends_ns + FORGOTTEN_AFTER_NS:
-            record.pause_ns = FIRST_PAUSE_NS
-        record.paused, record.missed = True, 0
-        record.pause_ends_ns = now_ns + record.pause_ns
-        record.pause_ns = min(2 * record.pause_ns, LONGEST_PAUSE_NS)
 
 
 STEPS = 5

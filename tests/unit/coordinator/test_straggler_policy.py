@@ -2,7 +2,6 @@ import pytest
 
 from clustermcl.coordinator.slow_workers import (
     FIRST_PAUSE_NS,
-    FORGOTTEN_AFTER_NS,
     GIVEN_UP_AFTER,
     LONGEST_PAUSE_NS,
     StragglerPolicy,
@@ -14,7 +13,7 @@ SECOND = 1_000_000_000
 def proven() -> StragglerPolicy:
     """Worker ``slow`` has reported before."""
     policy = StragglerPolicy()
-    policy.on_report("slow", in_time=True)
+    policy.on_report("slow")
     return policy
 
 
@@ -33,7 +32,7 @@ def test_no_step_waits_for_a_worker_that_missed_one_until_it_reports_again() -> 
     assert miss(policy, 1) == []
     assert not policy.waits_for("slow")
     assert policy.waits_for("other")
-    policy.on_report("slow", in_time=False)
+    policy.on_report("slow")
     assert policy.waits_for("slow")
 
 
@@ -44,11 +43,12 @@ def test_a_worker_that_misses_three_consecutive_steps_is_given_up() -> None:
     assert not policy.may_work("slow", 0, answers=False)
 
 
-def test_a_report_in_time_saves_a_worker_and_a_late_one_does_not() -> None:
+def test_a_step_in_time_saves_a_worker_and_a_late_report_does_not() -> None:
     late, back = proven(), proven()
-    for policy, in_time in ((late, False), (back, True)):
+    for policy in (late, back):
         miss(policy, GIVEN_UP_AFTER - 1)
-        policy.on_report("slow", in_time=in_time)
+        policy.on_report("slow")
+    back.on_step_decided({"slow", "other"}, set(), 0)
     assert miss(late, 1) == ["slow"]
     assert miss(back, 1) == []
 
@@ -79,16 +79,18 @@ def test_a_frozen_worker_works_again_when_it_answers_and_its_pause_is_over() -> 
     assert policy.may_work("slow", FIRST_PAUSE_NS, answers=False), "it works now"
 
 
-def test_pauses_double_and_are_short_again_after_long_good_work() -> None:
-    policy, now_ns, pauses_s = StragglerPolicy(), 0, []
+def test_pauses_double_and_are_short_again_after_good_work() -> None:
+    policy, now_ns, pauses_s = proven(), 0, []
+    miss(policy, GIVEN_UP_AFTER - 1)
     for _ in range(7):
-        miss(policy, GIVEN_UP_AFTER, now_ns)
+        assert miss(policy, 1, now_ns) == ["slow"]
         began_ns = now_ns
         while not policy.may_work("slow", now_ns, answers=True):
             now_ns += SECOND
         pauses_s.append((now_ns - began_ns) // SECOND)
     assert pauses_s == [2, 4, 8, 16, 32, 60, LONGEST_PAUSE_NS // SECOND]
-    now_ns += FORGOTTEN_AFTER_NS + 1
+    for _ in range(5):
+        policy.on_step_decided({"slow", "other"}, set(), now_ns)
     miss(policy, GIVEN_UP_AFTER, now_ns)
     assert policy.may_work("slow", now_ns + FIRST_PAUSE_NS, answers=True)
 
@@ -113,7 +115,7 @@ def test_sixty_names_of_one_origin_are_given_up_as_one() -> None:
     assert not any(policy.may_work(name, FIRST_PAUSE_NS - 1, answers=True) for name in NAMES)
     assert policy.may_work("liar-9", FIRST_PAUSE_NS, answers=True)
     assert not policy.waits_for("liar-9"), "a trial holds up no step"
-    policy.on_report("liar-9", in_time=False)
+    policy.on_report("liar-9")
     assert policy.waits_for("liar-9")
     assert policy.waits_for("other-0")
 
@@ -128,11 +130,11 @@ def test_all_workers_are_trusted_before_the_first_report_except_given_up_ones() 
 
 def test_workers_of_an_origin_that_has_reported_are_trusted() -> None:
     policy = StragglerPolicy()
-    policy.on_report("good-0", in_time=True)
+    policy.on_report("good-0")
     assert policy.trusted(["good-0", "good-1", "liar-0", "alone"]) == ["good-0", "good-1"]
     policy.give_up("good-1", SECOND)
     assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0"], "each has to prove itself"
-    policy.on_report("good-2", in_time=False)
+    policy.on_report("good-2")
     assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0", "good-2"]
 
 
