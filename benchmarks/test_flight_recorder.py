@@ -105,9 +105,7 @@ class Run:
                 case PublishBelief():
                     self.beliefs += 1
                 case AskState(worker=worker):
-                    self._apply(
-                        WorkerStateArrived(worker, WorkerSnapshot(term=0, holds=(), reports=()))
-                    )
+                    self._apply(WorkerStateArrived(worker, WorkerSnapshot(term=0, holds=())))
                 case SendOrder(worker=worker, order=order):
                     for given in order.begin:
                         self._epochs[given.job_id] = given.epoch

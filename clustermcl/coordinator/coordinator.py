@@ -28,7 +28,6 @@ from clustermcl.coordinator.instructions import (
 )
 from clustermcl.coordinator.recovery import ORDERS_AFTER_NS, LastPlace, StateRecovery, Term
 from clustermcl.coordinator.state import CoordinatorState
-from clustermcl.coordinator.step_collector import is_bulky, without_snapshot
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.advice import Advice, AdviceQuestion, advice_question
 from clustermcl.protocol.answers import (
@@ -44,7 +43,7 @@ from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Checkpoint, Report, SearchReport
+from clustermcl.protocol.work import Checkpoint
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 SIGN_OF_LIFE_NS = 400_000_000
@@ -53,8 +52,6 @@ STEPS_AT_ONCE = 4
 """Largest number of steps applied at an event, so that orders and answers are sent in between."""
 MAX_LOST_BEFORE_FIRST = 16
 """If more steps were lost before the first received scan, the search begins without them."""
-EARLY_REPORTS, EARLY_BULKY_REPORTS = 10_000, 256
-"""Largest numbers of reports kept during recovery: all, and those with particles of places."""
 
 
 class Started(msgspec.Struct, frozen=True, kw_only=True):
@@ -117,8 +114,6 @@ class Coordinator(Part):
     published: Checkpoint | None = None
     published_ns: int = 0
     """When it was published last [ns]."""
-    early_reports: list[tuple[Report, str]] = []
-    """Reports and their workers during recovery, when it is unknown which reports count."""
     step_resets: StepResetDetector = field(default_factory=StepResetDetector)
     linked: bool = True
 
@@ -153,10 +148,12 @@ class Coordinator(Part):
                     self.recovery.on_checkpoint(checkpoint)
                 return []
             case events.ReportArrived(worker, report):
-                self._on_report(report, worker, now_ns)
-                # Nine in ten reports complete no step; the next event does what became due.
-                if self.term.begun and self.state.awaits_reports:
-                    return []
+                # During recovery it is unknown which reports count; the first orders repeat them.
+                if self.term.begun:
+                    self.state.on_report(report, worker, now_ns)
+                    # Nine in ten reports complete no step; the next event does what became due.
+                    if self.state.awaits_reports:
+                        return []
             case events.WorkerJoined(worker):
                 self._on_worker_joined(worker, now_ns)
             case events.WorkerLeft(worker):
@@ -253,25 +250,13 @@ class Coordinator(Part):
         resumed = self._resume_late(now_ns)
         self.recovery.drop_checkpoints()
         if not resumed:
-            self._take_work_of(worker, answer, now_ns)
+            self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
         return resumed + self._on_time_passed(now_ns)
 
     def _on_worker_term(self, number: int, now_ns: int) -> None:
         """Process a worker's highest term; ask all workers again if the own term was raised."""
         if self.term.on_worker_term(number, now_ns):
             self.recovery.ask_all_again()
-
-    def _on_report(self, report: Report, worker: str, now_ns: int) -> None:
-        """Process a report, or keep it until recovery is over."""
-        if self.term.begun:
-            self.state.on_report(report, worker, now_ns)
-            return
-        early = self.early_reports
-        bulky = sum(is_bulky(waiting) for waiting, _ in early) if is_bulky(report) else 0
-        if len(early) < EARLY_REPORTS and bulky < EARLY_BULKY_REPORTS:
-            early.append((without_snapshot(report), worker))
-        else:
-            self.state.count(Cause.NO_ROOM)
 
     # --- commands and time
 
@@ -306,6 +291,7 @@ class Coordinator(Part):
             map_digest=self.state.map_digest,
             now_ns=now_ns,
             newest_step=self.state.newest_step,
+            applied_step=self.state.applied_step,
         )
         if self.state.wants_map(now_ns):
             instructions.append(FetchMap())
@@ -333,9 +319,7 @@ class Coordinator(Part):
 
     def _proceed(self, now_ns: int) -> list[Instruction]:
         """Query workers, raise the term, and begin to lead, each when due."""
-        applied_step = self.state.applied_step
-        questions = self.recovery.questions(self.term.number, applied_step, now_ns)
-        instructions = list[Instruction](questions)
+        instructions = list[Instruction](self.recovery.questions(self.term.number, now_ns))
         if self.term.begun and self.term.rises_above_workers(now_ns):
             self.state.count(Cause.TERM_RAISED)
             self.state.changed = True  # the term is a part of what is published
@@ -358,9 +342,7 @@ class Coordinator(Part):
                 self._begin_search(waiting)
             else:
                 instructions.append(self._fetch(0, None))
-        for report, worker in self.early_reports:
-            self.state.on_report(report, worker, None)
-        self.early_reports.clear()
+        self.state.collector.restart_deadlines(now_ns)
         return instructions
 
     def _begin_search(self, scan: Scan) -> None:
@@ -401,16 +383,9 @@ class Coordinator(Part):
             next_step = self.state.resume(checkpoint, now_ns)
             if next_step is not None:
                 for worker, answer in self.recovery.answers.items():
-                    self._take_work_of(worker, answer, now_ns)
+                    self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
                 return [self._fetch(next_step, None), *self._publication(now_ns)]
         return []
-
-    def _take_work_of(self, worker: str, answer: WorkerSnapshot, now_ns: int) -> None:
-        """Take over a worker's jobs, and its reports on steps that are not applied."""
-        self.state.placement.on_worker_jobs(worker, answer.holds, now_ns)
-        for report in answer.reports:
-            if isinstance(report, SearchReport) or report.step > self.state.applied_step:
-                self.state.on_report(report, worker, None)
 
     # --- answers
 

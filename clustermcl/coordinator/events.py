@@ -4,40 +4,31 @@ The loop creates them from messages, tokens and queries. They are recorded as Me
 replay uses the same objects.
 """
 
-from contextlib import suppress
 from typing import TypeAlias
 
 import msgspec
 
 from clustermcl.belief.free_ground import FreeGround
 from clustermcl.protocol.answers import Relocalize, SetPose
-from clustermcl.protocol.codec import decode
-from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.steps import OdometryReading, Scan
 from clustermcl.protocol.validity import assignment_problem
 from clustermcl.protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerState
 
 
 class WorkerSnapshot(msgspec.Struct, frozen=True):
-    """A worker's answer, decoded; fields as in `WorkerState`."""
+    """A worker's answer; fields as in `WorkerState`."""
 
     term: int
     holds: tuple[Assignment, ...] = ()
-    reports: tuple[Report, ...] = ()
     terms: tuple[int, ...] = ()
     founded: int = 0
 
 
 def snapshot_of(state: WorkerState) -> WorkerSnapshot:
-    """Decode the reports in a worker's answer; leave out malformed reports and jobs."""
-    reports = list[Report]()
-    for payload in state.reports:
-        with suppress(MalformedMessageError):
-            reports.append(decode(payload, Report))  # type: ignore[arg-type] # a union
+    """Return a worker's answer without malformed jobs."""
     return WorkerSnapshot(
         term=state.term,
         holds=tuple(held for held in state.holds if assignment_problem(held) is None),
-        reports=tuple(reports),
         terms=state.terms,
         founded=state.founded,
     )

@@ -5,6 +5,7 @@ differs from the last one, and repeated until the worker has answered it.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 
 import msgspec
 from msgspec import field
@@ -35,6 +36,8 @@ class LiveWorker(Part):
     """Jobs and epochs of the order; None: another order is due in any case."""
     confirmed: dict[str, int] = {}
     answered: bool = True
+    reports_lost: bool = True
+    """Whether the next order has it repeat its reports on steps that are not applied."""
     silent_until_ns: int = 0
     """The worker gets no order before this time, because it is first asked for its state [ns]."""
 
@@ -91,13 +94,15 @@ class Placement(Part):
         accepted = answer.order == live.order and not answer.problem
         kept = live.ordered is None or live.ordered.items() <= live.confirmed.items()
         live.answered = accepted and kept
+        live.reports_lost &= not live.answered or live.ordered is None
 
     def repeat_order(self, worker: str) -> None:
-        """Send a worker its order again, after a lost link or the change of a job."""
-        self.live[worker].ordered = None
+        """Send a worker its order again, after a lost link; it then repeats its reports."""
+        live = self.live[worker]
+        live.ordered, live.reports_lost = None, True
 
     def on_link_back(self) -> None:
-        """Repeat all orders: workers then repeat the reports that were lost."""
+        """Repeat all orders, because reports were lost."""
         self.silent_shards.forgive()
         for worker in self.live:
             self.repeat_order(worker)
@@ -107,7 +112,7 @@ class Placement(Part):
         for job_id, (particles, first_step) in sizes.items():
             worker = self.jobs.resize(job_id, particles, first_step)
             if worker is not None and worker in self.live:
-                self.repeat_order(worker)
+                self.live[worker].ordered = None
 
     # --- steps
 
@@ -154,7 +159,13 @@ class Placement(Part):
     # --- orders
 
     def orders(
-        self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
+        self,
+        *,
+        term: int,
+        map_digest: str,
+        now_ns: int,
+        newest_step: int = -1,
+        applied_step: int = -1,
     ) -> list[tuple[str, WorkOrder]]:
         """Give waiting jobs to workers, balance the load, and return each worker's due order.
 
@@ -171,11 +182,13 @@ class Placement(Part):
         # A step waits for a trial until its deadline, without the time for handing a job over.
         self.jobs.move(self._trials(able, trusted), term, now_ns=0)
         jobs = self.jobs.by_worker()
-        return [
-            (name, self._order(live[name], jobs.get(name, {}), term, map_digest, now_ns))
+        due = {
+            name: jobs.get(name, {})
             for name in ready
             if self._is_order_due(live[name], jobs.get(name, {}), now_ns)
-        ]
+        }
+        make = partial(self._order, term=term, map_digest=map_digest, now_ns=now_ns)
+        return [(name, make(live[name], due[name], applied_step)) for name in due]
 
     def _moves(self, trusted: Sequence[str]) -> dict[str, str]:
         """Return the new worker of each job that changes hands.
@@ -200,7 +213,14 @@ class Placement(Part):
         return worker.ordered != jobs or is_unanswered
 
     def _order(
-        self, worker: LiveWorker, jobs: dict[str, int], term: int, map_digest: str, now_ns: int
+        self,
+        worker: LiveWorker,
+        jobs: dict[str, int],
+        applied_step: int,
+        *,
+        term: int,
+        map_digest: str,
+        now_ns: int,
     ) -> WorkOrder:
         self.orders_sent += 1
         worker.order, worker.sent_ns = self.orders_sent, now_ns
@@ -222,6 +242,7 @@ class Placement(Part):
                 for job_id, job in kept
                 if isinstance(job, TrackJob) and job.particles and job.particles_from >= 0
             ),
+            repeat_after=applied_step if worker.reports_lost else None,
         )
 
     def _give_up_silent_shards(self, newest_step: int, now_ns: int) -> None:
@@ -267,4 +288,4 @@ class Placement(Part):
         """
         self.jobs.resume(jobs, rebuilt, self.live, now_ns, term=term)
         for worker in self.live.values():
-            worker.ordered, worker.confirmed = None, {}
+            worker.ordered, worker.confirmed, worker.reports_lost = None, {}, True

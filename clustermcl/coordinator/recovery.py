@@ -241,7 +241,7 @@ class StateRecovery(Part):
         for worker in (*self.asked_ns, *self.answers):
             self.asked_ns[worker] = None
 
-    def questions(self, term: int, applied: int, now_ns: int) -> list[AskState | FetchScans]:
+    def questions(self, term: int, now_ns: int) -> list[AskState | FetchScans]:
         """Return the queries that are due now."""
         due = [
             worker
@@ -249,9 +249,7 @@ class StateRecovery(Part):
             if asked_ns is None or now_ns - asked_ns >= ASK_AGAIN_NS
         ]
         self.asked_ns |= dict.fromkeys(due, now_ns)
-        others = [*self.received, *([self.kept] if self.kept else [])]
-        since = min((one.step for one in others), default=applied)
-        question = TakeOver(sender=self.sender, term=term, since=since)
+        question = TakeOver(sender=self.sender, term=term)
         questions = [AskState(worker, question) for worker in due]
         return [*questions, *self._question_to_bridge(now_ns)]
 

@@ -164,14 +164,12 @@ class CoordinatorState(Part):
         applied = self.collector.applied
         return applied is not None and self._carry_out_waiting(applied)
 
-    def on_report(self, report: Report, worker: str, now_ns: int | None) -> None:
-        """Process a worker's report; `now_ns` is None if the worker repeats it after a take-over,
-        before scans are fetched.
-        """
+    def on_report(self, report: Report, worker: str, now_ns: int) -> None:
+        """Process a worker's report."""
         if refusal := self.placement.jobs.refusal_of(report, worker):
             self.count(refusal)
             return
-        if not self.collector.has_room_for(report, is_recovered=now_ns is None):
+        if not self.collector.has_room_for(report):
             self.count(Cause.NO_ROOM)
             return
         in_time = self.collector.on_report(report, now_ns)

@@ -138,21 +138,15 @@ class StepCollector(Part):
         for opened in self.open_steps.values():
             opened.arrived_ns = now_ns
 
-    def has_room_for(self, report: Report, *, is_recovered: bool = False) -> bool:
-        """Return whether a report may wait for its step.
-
-        Args:
-            report: report of a job's present worker.
-            is_recovered: whether a worker repeats it after a take-over, before scans are fetched.
-        """
+    def has_room_for(self, report: Report) -> bool:
+        """Return whether the report of a job's present worker may wait for its step."""
         if self._is_over(report.step):
             return True
         if report.step not in self.open_steps and len(self.open_steps) > KEPT_AHEAD:
             return False
         scan = self.newest_scan
         newest = scan.step if scan else self.before
-        is_far = newest is not None and report.step > newest + REPORTS_AHEAD
-        if is_far and not is_recovered:
+        if newest is not None and report.step > newest + REPORTS_AHEAD:
             return False
         if not is_bulky(report):
             return True
@@ -160,19 +154,18 @@ class StepCollector(Part):
         of_job = (opened.reports.get(report.job_id) for opened in others)
         return sum(kept is not None and is_bulky(kept) for kept in of_job) < BULKY_REPORTS
 
-    def on_report(self, report: Report, now_ns: int | None = None) -> bool:
+    def on_report(self, report: Report, now_ns: int) -> bool:
         """Store a report; return False if it is useless because its step was applied.
 
         Args:
             report: report of a job's present worker.
             now_ns: time by the clock of `on_scan` [ns]. A report counts only if its scan arrives
-                before, or soon after; None: the scan may arrive at any time.
+                before, or soon after.
         """
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
-            is_early = opened.scan is None
-            if is_early and now_ns is not None and now_ns >= self.link_back_ns + UNANSWERED_NS:
+            if opened.scan is None and now_ns >= self.link_back_ns + UNANSWERED_NS:
                 opened.early[report.job_id] = now_ns
             return True
         if not isinstance(report, SearchReport):

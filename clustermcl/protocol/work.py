@@ -134,6 +134,9 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     resize: tuple[tuple[str, ParticleCount, NumberOrNone], ...] = ()
     """(job id, `particles`, `particles_from`) of clusters to continue with another number, as in
     `TrackJob`."""
+    repeat_after: NumberOrNone | None = None
+    """Reports on later steps may be lost, so they are sent again; None: none was lost. At the first
+    order of a term, searches repeat older ones too."""
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
@@ -319,20 +322,19 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
     """
 
     term: Number
-    since: NumberOrNone = -1
-    """The coordinator may continue from this step, and needs the reports of later steps."""
 
 
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
-    """A worker's answer to a `TakeOver`: what a new coordinator needs to recover the state."""
+    """A worker's answer to a `TakeOver`: what a new coordinator needs to recover the state.
+
+    Its reports follow with the first order.
+    """
 
     max_bytes: ClassVar[int] = LARGEST_BYTES
     term: Number
     """The highest term that the worker knows, including that of the `TakeOver`."""
     holds: tuple[Assignment, ...]
     """Its jobs, each with the state from which another worker could continue."""
-    reports: tuple[bytes, ...]
-    """Encoded reports after `TakeOver.since`; those of searches may be older."""
     terms: tuple[Number, ...] = ()
     """All terms that the worker has received, including those of coordinators still recovering."""
     founded: Number = 0

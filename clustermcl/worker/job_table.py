@@ -52,14 +52,14 @@ class RecentReports:
     def keep_only(self, job_ids: Iterable[str]) -> None:
         self._of = {job_id: self._of[job_id] for job_id in job_ids if job_id in self._of}
 
-    def since(self, step: int) -> list[Report]:
-        """Return the reports of later steps, and all kept reports of searches, by step."""
+    def since(self, step: int, *, searches: bool = False) -> list[Report]:
+        """Return the reports of later steps, with `searches` also all of searches, by step."""
         return sorted(
             (
                 report
                 for kept in self._of.values()
                 for report in kept
-                if report.step > step or isinstance(report, SearchReport)
+                if report.step > step or (searches and isinstance(report, SearchReport))
             ),
             key=lambda report: (report.step, report.job_id),
         )
@@ -88,17 +88,6 @@ class JobTable:
     @property
     def is_empty(self) -> bool:
         return not self._jobs
-
-    def has_changes(self, order: WorkOrder) -> bool:
-        """Return whether an order changes the jobs; after an outage it may be a repeated one."""
-        held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
-        resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
-        sizes = [job.size for job in resized if job is not None]
-        return (
-            bool(order.begin)
-            or set(order.keep) != held
-            or sizes != [(particles, first_step) for _, particles, first_step in order.resize]
-        )
 
     def holds(self) -> tuple[Assignment, ...]:
         """Return the jobs in a form that another worker can continue."""
@@ -182,12 +171,6 @@ class JobTable:
         """Return the scan of a step; None: it is no longer stored, or never arrived."""
         return next((scan for scan in self._recent if scan.step == step), None)
 
-    def reports_after(self, step: int) -> list[Report]:
-        """Return the reports of all later steps; of the newest step even if it is not later."""
-        newest = self._recent[-1].step if self._recent else -1
-        after = min(step, newest - 1)
-        return [report for report in self.reports.since(after) if report.step > after]
-
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
         """Advance all jobs that do not wait to the newest scan; return their reports."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
@@ -209,7 +192,7 @@ class JobTable:
         if newest is None or scan.step > newest.step:
             self._keep(scan)
             return self._advance(scan)
-        return self.reports_after(scan.step) + self._advance(scan)
+        return self.reports.since(scan.step - 1) + self._advance(scan)
 
     def _keep(self, scan: Scan) -> None:
         self._recent.append(scan)

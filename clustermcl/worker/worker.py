@@ -11,7 +11,6 @@ from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
 from clustermcl.protocol.advice import Advice, AdviceQuestion
 from clustermcl.protocol.causes import AnyCause, Cause
-from clustermcl.protocol.codec import encode
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import (
     MalformedMessageError,
@@ -183,8 +182,6 @@ class Worker:
         """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
-        self._decided = -1
-        """The last step that a coordinator is known to have decided."""
 
     @property
     def jobs(self) -> int:
@@ -201,7 +198,6 @@ class Worker:
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
         self._fence.on_checkpoint(checkpoint)
-        self._decided = checkpoint.step
         return []
 
     def search(self) -> list[Instruction]:
@@ -362,8 +358,6 @@ class Worker:
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
         self._waiting = None
         order = waiting.order
-        repeated = not self._table.has_changes(order)  # after an outage, which cost reports
-        again = self._table.reports_after(self._decided) if repeated else []
         try:
             if not self._fence.check(order):  # checked again, as the order may have waited
                 return self._overtaken(waiting.question, order)
@@ -372,6 +366,9 @@ class Worker:
             self._ordered, self._ordered_map = waiting.settings, order.map_digest
         except (OldTermError, ValueError) as error:
             return self.refuse(waiting.question, error)
+        again, is_first = list[Report](), self._fence.order == 0
+        if order.repeat_after is not None:
+            again = self._table.reports.since(order.repeat_after, searches=is_first)
         self._fence.order = order.order
         missing = self._table.missing()
         self._table.wait_for(missing)
@@ -412,7 +409,6 @@ class Worker:
             holds=self._table.holds(),
             terms=self._fence.terms,
             founded=self._fence.founded,
-            reports=tuple(map(encode, self._table.reports.since(take_over.since))),
         )
         return [Answer(question, state)]
 

@@ -34,6 +34,6 @@ class UntrueWorker:
             assert query.payload is not None
             asked = decode(query.payload.to_bytes(), TakeOver)
             term = asked.term + self._lift
-            reported = WorkerState(sender=self._name, term=term, holds=(), reports=())
+            reported = WorkerState(sender=self._name, term=term, holds=())
             query.reply(query.key_expr, encode(reported))
             self.asked.append(asked)

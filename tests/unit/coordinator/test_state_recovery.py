@@ -5,9 +5,8 @@ from msgspec.structs import replace
 from clustermcl.coordinator.events import WorkerSnapshot, snapshot_of
 from clustermcl.coordinator.instructions import FetchScans
 from clustermcl.coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
-from clustermcl.protocol.codec import encode
 from clustermcl.protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
-from tests.unit.coordinator.reports import checkpoint, cloud_at, elsewhere, scan
+from tests.unit.coordinator.reports import checkpoint, cloud_at, scan
 
 BEGAN_NS = 5_000_000_000
 KNOWN = KEPT = checkpoint(1, step=3)
@@ -70,13 +69,13 @@ def test_the_file_counts_once_a_worker_has_received_its_term() -> None:
 def test_the_file_counts_once_the_bridge_shows_its_last_scan() -> None:
     for found, counts in (((), False), ((scan(2),), False), ((scan(3),), True)):
         recovery = StateRecovery("c", BEGAN_NS, [], KEPT, scan(3))
-        assert recovery.questions(7, -1, BEGAN_NS) == [FetchScans(3, 3)]
-        assert recovery.questions(7, -1, BEGAN_NS) == [], "it was asked just now"
+        assert recovery.questions(7, BEGAN_NS) == [FetchScans(3, 3)]
+        assert recovery.questions(7, BEGAN_NS) == [], "it was asked just now"
         assert is_over_after(recovery, KNOWN_NS), "the bridge may be dead too"
         recovery.on_history(found)
         assert recovery.is_over(BEGAN_NS)
         assert recovery.checkpoints == [KEPT] * counts
-        assert recovery.questions(7, -1, BEGAN_NS + KNOWN_NS) == []
+        assert recovery.questions(7, BEGAN_NS + KNOWN_NS) == []
 
 
 def test_the_state_file_is_ignored_if_the_bridge_restarts_its_count_of_steps() -> None:
@@ -100,22 +99,14 @@ def test_states_without_places_replace_no_state_with_places() -> None:
     assert recovery.checkpoints[0] == KNOWN
 
 
-def test_reports_are_requested_since_the_oldest_step_of_a_usable_state() -> None:
-    newer = replace(KNOWN, step=8, serial=4)
-    for known, kept, since in ((None, None, 5), (newer, None, 8), (newer, KEPT, 3)):
-        (question,) = asked("w1", known=known, kept=kept).questions(7, 5, BEGAN_NS)
-        assert (question.question.term, question.question.since) == (7, since)
-
-
-def test_only_impossible_jobs_and_malformed_reports_of_a_worker_are_left_out() -> None:
+def test_only_impossible_jobs_of_a_worker_are_left_out() -> None:
     good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
     nan = cloud_at((math.nan, 0.0, 0.0), 3)
     beyond = replace(good, job=TrackJob(cluster=1, start=nan, exact=True))
     reported = WorkerState(
         sender="w", term=7, holds=(beyond, good),
-        terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
+        terms=(1, 7), founded=1,
     )  # fmt: skip
     read = snapshot_of(reported)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
-    assert read.reports == (elsewhere(3, -1.0),)

@@ -38,9 +38,9 @@ def given_out(
 def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
-    made.on_report(tracked("c0", 0, 1.0, HERE))
+    made.on_report(tracked("c0", 0, 1.0, HERE), 0)
     assert made.ready(["c0", "c1"], never_placed, 1) is None
-    made.on_report(tracked("c1", 0, 1.0, HERE))
+    made.on_report(tracked("c1", 0, 1.0, HERE), 0)
     ready = given_out(made, "c0", "c1", now_ns=1)
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
 
@@ -150,8 +150,8 @@ def test_a_late_track_report_is_useless_but_a_late_search_report_is_used() -> No
     made = collector()
     made.on_scan(scan(0), 0)
     made.ready([], never_placed, 0)
-    assert not made.on_report(tracked("c0", 0, 1.0, HERE))
-    assert made.on_report(searched("s0.0", 0, {HERE: 1.0}))
+    assert not made.on_report(tracked("c0", 0, 1.0, HERE), 0)
+    assert made.on_report(searched("s0.0", 0, {HERE: 1.0}), 0)
     made.on_scan(scan(1), 0)
     assert [report.job_id for report in given_out(made).reports] == ["s0.0"]
 
@@ -161,13 +161,13 @@ def test_a_search_next_to_clusters_delays_no_step() -> None:
     made.on_scan(scan(0), 0)
     jobs = ["c0", "s1.0"]
     assert made.ready(jobs, never_placed, 1, ["s1.0"]) is None
-    made.on_report(tracked("c0", 0, 1.0, HERE))
+    made.on_report(tracked("c0", 0, 1.0, HERE), 0)
     assert made.ready(jobs, never_placed, 1) is None
     given_out(made, *jobs, now_ns=1, deferrable=["s1.0"])
     late = searched("s1.0", 0, {HERE: 1.0})
-    assert made.on_report(late)
+    assert made.on_report(late, 0)
     made.on_scan(scan(1), 2)
-    made.on_report(tracked("c0", 1, 1.0, HERE))
+    made.on_report(tracked("c0", 1, 1.0, HERE), 0)
     assert late in given_out(made, *jobs, now_ns=3, deferrable=["s1.0"]).reports
 
 
@@ -186,8 +186,8 @@ def test_a_successor_keeps_waiting_scans_and_no_reports() -> None:
     made, other = collector(), collector()
     for step in (3, 4):
         made.on_scan(scan(step), 0)
-        made.on_report(elsewhere(step, -1.0))
-    made.on_report(searched("s0.0", 5, {HERE: 1.0}))
+        made.on_report(elsewhere(step, -1.0), 0)
+    made.on_report(searched("s0.0", 5, {HERE: 1.0}), 0)
     other.on_scan(scan(3), 0)
     other.ready([], never_placed, 1)
     made.resume(other)
@@ -216,27 +216,25 @@ def test_a_report_of_a_step_far_above_all_scans_is_refused() -> None:
     assert made.has_room_for(tracked("c0", 7 + REPORTS_AHEAD, 1.0, HERE))
     far = tracked("c0", 8 + REPORTS_AHEAD, 1.0, HERE)
     assert not made.has_room_for(far)
-    assert made.has_room_for(far, is_recovered=True), "its scan is still to be fetched"
     made.ready([], never_placed, 0)
     assert not made.has_room_for(far)
     assert made.has_room_for(tracked("c0", 3, 1.0, HERE)), "it is over, and kept nowhere"
 
 
-def test_recovered_reports_are_kept_for_a_bounded_number_of_steps() -> None:
+def test_before_the_first_scan_reports_are_kept_for_a_bounded_number_of_steps() -> None:
     made = collector()
-    made.on_scan(scan(0), 0)
     for step in range(2 * KEPT_AHEAD):
         report = tracked("c0", step, 1.0, HERE)
-        if made.has_room_for(report, is_recovered=True):
-            made.on_report(report)
-    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE), is_recovered=True)
-    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE), is_recovered=True)
+        if made.has_room_for(report):
+            made.on_report(report, 0)
+    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE))
+    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE))
 
 
 def test_waiting_reports_have_no_particles() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
-    made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)))
+    made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)), 0)
     assert given_out(made, "c0").reports == (tracked("c0", 0, 1.0, HERE),)
 
 
@@ -245,7 +243,7 @@ def test_a_bounded_number_of_reports_of_a_search_is_kept() -> None:
     made.on_scan(scan(0), 0)
     for step in range(BULKY_REPORTS):
         assert made.has_room_for(searched("s0.0", step, {HERE: 1.0}))
-        made.on_report(searched("s0.0", step, {HERE: 1.0}))
+        made.on_report(searched("s0.0", step, {HERE: 1.0}), 0)
     assert not made.has_room_for(searched("s0.0", BULKY_REPORTS, {HERE: 1.0}))
     assert made.has_room_for(searched("s0.0", 3, {HERE: 0.5})), "it takes the other's place"
     assert made.has_room_for(searched("s0.1", BULKY_REPORTS, {HERE: 1.0}))
@@ -258,8 +256,8 @@ def test_the_newest_late_reports_of_a_search_are_kept() -> None:
         made.on_scan(scan(step), 0)
         made.ready([], never_placed, 0)
     for step in range(2 * BULKY_REPORTS):
-        assert made.on_report(searched("s0.0", step, {HERE: 1.0}))
-    made.on_report(searched("s0.1", 0, {HERE: 1.0}))
+        assert made.on_report(searched("s0.0", step, {HERE: 1.0}), 0)
+    made.on_report(searched("s0.1", 0, {HERE: 1.0}), 0)
     made.on_scan(scan(2 * BULKY_REPORTS), 0)
     ready = given_out(made)
     kept = [report.step for report in ready.reports if report.job_id == "s0.0"]
