@@ -330,14 +330,17 @@ class Bridge:
         return maker
 
     def _status(self) -> Status:
-        """Query the coordinator's status; repeat it for one that has a link but no answer yet."""
+        """Query the coordinator's status; repeat it for one that has a link but no answer yet.
+
+        In lockstep also for the next one, which would ignore step 0, while the bridge waits for it.
+        """
         until_s = time.monotonic() + STATUS_TIMEOUT_S
         while True:
             try:
                 return ask(self._node.session, keys.STATUS, Status, timeout_s=STATUS_TIMEOUT_S)
             except UnreachableError as error:
                 is_there = isinstance(error, RefusedError) or self._has_coordinator
-                if not is_there or time.monotonic() > until_s:
+                if not (is_there or self._flow.lockstep) or time.monotonic() > until_s:
                     raise
                 time.sleep(POLL_S)
 

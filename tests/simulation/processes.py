@@ -12,7 +12,7 @@ from clustermcl.sensor_bridge.flow_control import FlowControl
 from clustermcl.sensor_bridge.step_maker import StepMaker
 from clustermcl.worker import worker as instructions
 from clustermcl.worker.worker import Worker
-from tests.simulation.network import Action, Asker, Node
+from tests.simulation.network import Action, Asker, Node, ns
 from tests.simulation.world import BRIDGE, MAP, scan_of
 from tests.unit.worker import events
 
@@ -23,6 +23,7 @@ QUIET_S = 0.01
 """A worker looks at checkpoints a little after the scan."""
 KEPT_CHECKPOINTS = 4
 FETCH_TIMEOUT_S = 0.5
+STATUS_TIMEOUT_S = 5.0
 
 
 class Bridge(Node):
@@ -39,11 +40,22 @@ class Bridge(Node):
         self._history = deque[Scan](maxlen=KEPT_STEPS)
         self._flow = FlowControl(0.0 if self._simulation.schedule.lockstep else 1.0)
         self._coordinators = set[str]()
+        self._asked_ns: int | None = None
 
     def start(self) -> None:
         self._begin()
         self._maker = None
         self._simulation.network.watch(self)
+
+    @property
+    def _asks(self) -> bool:
+        """Whether it still asks for the step number, as `Bridge._status` of the product."""
+        if self._maker is not None or self._simulation.acting() is not None:
+            return False
+        if self._asked_ns is None:
+            self._asked_ns = self.now_ns
+        is_there = self._flow.lockstep or bool(self._coordinators)
+        return is_there and self.now_ns - self._asked_ns < ns(STATUS_TIMEOUT_S)
 
     def _made(self) -> StepMaker:
         """Make steps after the coordinator's newest step; from 0 without an answer."""
@@ -75,6 +87,8 @@ class Bridge(Node):
             self._simulation.publish_scan(self, self._history[-1])
         if self._flow.lockstep and (self._flow.waits or not self._coordinators):
             return False
+        if self._asks:
+            return not self._flow.lockstep
         seen = scan_of(number)
         scan = self._on_reading(
             LaserReading(
@@ -96,7 +110,7 @@ class Bridge(Node):
         return True
 
     def odometry(self, number: int) -> None:
-        if self.is_frozen or not self.alive or self._flow.lockstep:
+        if self.is_frozen or not self.alive or self._flow.lockstep or self._asks:
             return
         pose = scan_of(number).odom_from_robot
         reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)
