@@ -29,6 +29,7 @@ from clustermcl.protocol.answers import (
     Status,
     Update,
 )
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
@@ -198,6 +199,14 @@ class Client(RobotCommands):
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
+    def changes(self, *, timeout_s: float = 30.0) -> Changes:
+        """Return what has changed in the building since it was mapped, as the robot has seen it.
+
+        Args:
+            timeout_s: limit for the answer [s].
+        """
+        return self._ask(keys.CHANGES, Changes, timeout_s=timeout_s)
+
     def update(self) -> None:
         """Use the next scan for a step, even if the robot stands still."""
         self._carry_out(Update(sender=caller(), command_id=new_id()))
@@ -357,7 +366,7 @@ class Client(RobotCommands):
             now_s = time.monotonic()
 
     def _unreachable(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
-        bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
+        bridges = dict.fromkeys((keys.MAP, keys.UPDATE, keys.CHANGES), "bridge")
         peer = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
         router, robot = self._settings.zenoh.router, self._settings.robot.name
         problem = (

@@ -18,6 +18,7 @@ from clustermcl.belief.commands import Commands
 from clustermcl.belief.free_ground import FreeGround
 from clustermcl.belief.outcome import Outcome, belief_after
 from clustermcl.belief.pose_tracker import recent_odometry
+from clustermcl.changes.collector import ChangeCollector
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.jobs.in_process import InProcess, InProcessState
 from clustermcl.jobs.map_model import sensor_model
@@ -27,6 +28,7 @@ from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, advice_question
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause, Cause, Named, key_of
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.checksum import with_checksum, without_checksum
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.conversion import decoded
@@ -317,6 +319,7 @@ class ClusterMCL(RobotCommands):
         self._ground = FreeGround.of(self.map)
         self._maker.change_map(self.map.digest, self.map.landmarks, self.map.floors)
         self._filter = InProcess(self._model, self._settings, self._SNAPSHOT_EVERY_STEPS)
+        self._collector = ChangeCollector(self.map)
         self.belief: Belief | None = None
 
     def save(self, file: Path | str) -> None:
@@ -400,6 +403,10 @@ class ClusterMCL(RobotCommands):
         model, marks = self._model, self.map.landmarks
         return advice(question, belief.scan, model, self._settings, _SENDER, marks)
 
+    def changes(self) -> Changes:
+        """Return what has changed in the building since it was mapped, as far as it was seen."""
+        return self._collector.changes(_SENDER)
+
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(
             command, self._filter.ensemble, self._filter.applied, self._odometry, self._ground
@@ -411,6 +418,7 @@ class ClusterMCL(RobotCommands):
 
     def _advanced(self, scan: Scan) -> Belief:
         belief = self._set_belief(self._filter.advance(scan), scan)
+        self._collector.on_step(scan, belief.state, belief.hypotheses)
         ensemble, ground = self._filter.ensemble, self._ground
         given = self._commands.carry_out_waiting(ensemble, scan, self._odometry, ground)
         return self._follow(given, scan) if isinstance(given, Outcome) else belief

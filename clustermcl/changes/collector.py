@@ -18,7 +18,15 @@ from clustermcl.filter.laser.seen_cells import GROUND, WALL, WATCHED, codes_of, 
 from clustermcl.filter.poses import between, compose
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.arrays import ArrayBlob
-from clustermcl.protocol.changes import GONE, MOST_CELLS, MOVED, NEW, Changes
+from clustermcl.protocol.changes import (
+    GONE,
+    MOST_CELLS,
+    MOVED,
+    NEW,
+    Changes,
+    KeptChanges,
+    unpacked_minutes,
+)
 from clustermcl.protocol.steps import LaserBeams, Scan
 from clustermcl.recordings.maps.grid_map import GridMap, coarse
 
@@ -57,13 +65,15 @@ RECORD = np.dtype(
         ("count", "<i4"),
         ("first_s", "<f8"),
         ("last_s", "<f8"),  # last sight of any kind
-        ("occupied", "?"),  # what the cell is by what was seen
+        ("occupied", "i1"),  # what the cell is by what was seen
         ("changes", "<i4"),
         ("since_s", "<f8"),  # first sight of its last change
         ("sights", "<i4"),  # scans that agreed since
         ("seen_s", "<f8"),  # last of these
     ]
 )
+LAYOUT = str(RECORD.descr)
+MOST_COUNT = 2**30
 
 
 class ChangeCollector:
@@ -127,7 +137,8 @@ class ChangeCollector:
 
     def changes(self, sender: str) -> Changes:
         """Return what has changed, as a message."""
-        all_of, moved = self.records, self.records["changes"] >= MOVING
+        all_of = self.records  # another thread may replace them
+        moved = all_of["changes"] >= MOVING
         mapped = self._codes.reshape(-1)[all_of["cell"]] & WALL > 0
         kind = np.where(moved, MOVED, np.where(mapped, GONE, NEW))
         shown = moved | (all_of["occupied"] != mapped)
@@ -150,6 +161,32 @@ class ChangeCollector:
             zlib_seen_min=zlib.compress(self.seen_min.data, level=1),
         )
 
+    @property
+    def kept(self) -> KeptChanges:
+        """All that was collected, for `restore`."""
+        return KeptChanges(
+            sender="changes",
+            map_digest=self.map.digest,
+            layout=LAYOUT,
+            records=self.records.tobytes(),
+            trusted=self._trusted.tobytes(),
+            zlib_seen_min=zlib.compress(self.seen_min.data, level=1),
+        )
+
+    def restore(self, kept: KeptChanges) -> None:
+        """Continue from what was kept, if it is of this map and version.
+
+        Raises:
+            ValueError, MalformedMessageError: it is damaged.
+        """
+        if (kept.map_digest, kept.layout) != (self.map.digest, LAYOUT):
+            return
+        seen_min = unpacked_minutes(kept.zlib_seen_min, self._codes.shape).copy()
+        self._trusted, records = (_checked(r, seen_min.size) for r in (kept.trusted, kept.records))
+        self.records = self._recent = records
+        self.seen_min = seen_min
+        self._watch()
+
     def _collect(self, pose: Pose, scan: Scan) -> None:
         stamp_s = scan.stamp_ns * 1e-9
         lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
@@ -169,13 +206,13 @@ class ChangeCollector:
         seen = seen[np.isin(seen[:, 0], records["cell"])]  # all, unless there are too many
         at = np.searchsorted(records["cell"], seen[:, 0])
         of = records[at]
-        against = of["occupied"] != (seen[:, 1] > 0)
+        against = of["occupied"] != seen[:, 1]
         kept = np.exp(-np.maximum(stamp_s - of["last_s"], 0.0) / FORGOTTEN_S) * of["evidence"]
         of["first_s"][against & (kept <= 0.0)] = stamp_s
         of["evidence"] = np.clip(kept + np.where(against, 1.0, -1.0), 0.0, MOST_SIGHTS)
         of["count"][of["evidence"] <= 0.0] = 0
         of["last_s"] = stamp_s
-        of["sights"] += ~against
+        of["sights"] = np.minimum(of["sights"] + ~against, MOST_COUNT)
         of["seen_s"][~against] = stamp_s
         here = np.rint(place[:2] / self.cell_m).astype(np.int32)
         is_far = np.abs(of["places"] - here).max(axis=2) * self.cell_m >= PLACE_M
@@ -188,8 +225,8 @@ class ChangeCollector:
         )
         turned &= stamp_s - of["first_s"] >= LEAST_S
         one = of[turned]
-        one["occupied"] ^= True
-        one["changes"] += 1
+        one["occupied"] ^= 1
+        one["changes"] = np.minimum(one["changes"] + 1, MOST_COUNT)
         one["since_s"], one["seen_s"] = one["first_s"], stamp_s
         one["sights"], one["evidence"], one["count"] = one["evidence"], 0.0, 0
         of[turned] = one
@@ -216,6 +253,23 @@ class ChangeCollector:
         """Watch the cells of the records, and no others."""
         self._codes &= np.uint16(~WATCHED & 0xFFFF)
         self._codes.reshape(-1)[self.records["cell"]] |= np.uint16(WATCHED)
+
+
+def _checked(data: bytes, cells: int) -> NDArray[np.void]:
+    """Return records of a file; a ValueError says that they are impossible."""
+    records = np.frombuffer(data[: MOST_RECORDS * RECORD.itemsize], RECORD)
+    counts = [records[name] for name in ("count", "changes", "sights")]
+    limits = [PLACES, MOST_COUNT, MOST_COUNT]
+    fits = all(((c >= 0) & (c <= most)).all() for c, most in zip(counts, limits, strict=True))
+    times = np.column_stack([records[name] for name in RECORD.names or () if "_s" in name])
+    is_whole = np.isfinite(times).all() and np.isin(records["occupied"], (0, 1)).all()
+    is_weighed = ((records["evidence"] >= 0.0) & (records["evidence"] <= MOST_SIGHTS)).all()
+    at = records["cell"]
+    if not (fits and is_whole and is_weighed and (at >= 0).all() and (at < cells).all()):
+        raise ValueError("a record of a cell is impossible")
+    if (np.diff(at) <= 0).any():
+        raise ValueError("the records of the cells are in no order")
+    return records
 
 
 def hits_of(laser: Scan | LaserBeams) -> NDArray[np.float64]:

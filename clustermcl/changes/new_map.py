@@ -1,8 +1,13 @@
 """Puts changes into a map, and joins the changes that several robots have seen."""
 
+import zlib
+from collections.abc import Sequence
+
 import numpy as np
+from msgspec.structs import replace
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import NEW, Changes
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -17,6 +22,39 @@ class OtherMapError(ClusterMclError):
     def __init__(self, *, expected: str, found: str) -> None:
         self.expected, self.found = expected, found
         super().__init__(f"changes of map {found:.12} do not belong to map {expected:.12}")
+
+
+def joined(of_robots: Sequence[Changes]) -> Changes:
+    """Return the changes that several robots have seen in one map: of each cell, the last sighting.
+
+    Raises:
+        OtherMapError: the robots have different maps.
+    """
+    first = of_robots[0]
+    last_s = np.full(first.rows * first.cols, -np.inf)
+    last_of = np.zeros(last_s.shape, np.int64)
+    for number, each in enumerate(of_robots):
+        if each.map_digest != first.map_digest:
+            raise OtherMapError(expected=first.map_digest, found=each.map_digest)
+        minute = each.seen_min().ravel()
+        seen_s = np.where(minute > 0, 60.0 * (minute - 1), -np.inf)
+        seen_s[each.cells.array()[:, 0]] = each.times_s.array()[:, 1]
+        last_of[seen_s > last_s] = number
+        np.maximum(last_s, seen_s, out=last_s)
+    parts = [e.chosen(last_of[e.cells.array()[:, 0]] == n) for n, e in enumerate(of_robots)]
+    cells, times_s = (
+        np.concatenate([part.array() for part in column])
+        for column in ([e.cells for e in parts], [e.times_s for e in parts])
+    )
+    order = np.argsort(cells[:, 0])
+    seen_min = np.maximum.reduce([each.seen_min() for each in of_robots])
+    return replace(
+        max(of_robots, key=lambda each: each.stamp_ns),
+        cells=ArrayBlob.of(cells[order], "int32"),
+        times_s=ArrayBlob.of(times_s[order], "float64"),
+        seen_share=max(each.seen_share for each in of_robots),
+        zlib_seen_min=zlib.compress(seen_min.data),
+    )
 
 
 def with_changes(grid_map: GridMap, changes: Changes) -> GridMap:

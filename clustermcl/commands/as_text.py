@@ -238,6 +238,8 @@ def _process_lines(process: Health) -> Iterator[str]:
     for what, rate in sorted(process.rates_per_s.items()):
         age_s = process.ages_s.get(what, 0.0) + process.age_s
         yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
+    for what, value in process.gauges.items():
+        yield f"  {what}: {value:.2f}"
     for cause, count in sorted(process.dropped.items()):
         means = next((f" ({known.means})" for known in Cause if known == cause), "")
         yield f"  dropped or refused: {cause}: {count}{means}"

@@ -1,10 +1,11 @@
 """`clustermcl changes`: what has changed in the building, and a map with it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from clustermcl.changes.collector import ChangeCollector
-from clustermcl.changes.new_map import with_changes
-from clustermcl.commands.options import print_answer
+from clustermcl.changes.new_map import joined, with_changes
+from clustermcl.commands.options import connected, print_answer, refuse_without
 from clustermcl.jobs import in_process
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.changes import Changes
@@ -15,6 +16,7 @@ from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NO_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
 from clustermcl.view.changes_picture import drawn_changes
@@ -23,21 +25,30 @@ from clustermcl.view.changes_picture import drawn_changes
 def run_changes(
     settings: Settings,
     *,
-    recording: Path,
+    recording: Path | None,
     map_file: str | None,
+    robots: Sequence[str],
     since_s: float | None,
     output: Path | None,
     as_json: bool,
 ) -> None:
-    """Print what has changed; with `output`, write the new map, the old one, and a picture."""
+    """Print what has changed; with `output`, write the new map, the old one, and a picture.
+
+    Without a recording, running robots are asked.
+    """
     files = [] if output is None else _files(output)
     for file in files:
         check_output_file(file)
-    named = map_file_of(map_file or "", str(recording))
-    if not named:
-        raise SettingsError(key="--map", problem=NO_MAP)
-    grid_map = load_map_with_obstacles(named)
-    changes = changes_of_recording(recording, grid_map, settings)
+    if recording is None:
+        refuse_without("--recording", recording, map=map_file)
+        grid_map, changes = _of_robots(settings, robots or [settings.robot.name])
+    else:
+        refuse_without("a running system", None, robot=robots)
+        named = map_file_of(map_file or "", str(recording))
+        if not named:
+            raise SettingsError(key="--map", problem=NO_MAP)
+        grid_map = load_map_with_obstacles(named)
+        changes = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:
         changes = changes.seen_within(since_s)
     if files:
@@ -53,6 +64,16 @@ def _files(output: Path) -> list[Path]:
     if output.suffix != ".yaml":
         raise SettingsError(key="--output", problem=f"--output {output}: a map is a .yaml file")
     return [output, *(output.with_suffix(end) for end in (".old.yaml", ".changes.png"))]
+
+
+def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Changes]:
+    """Return the map of running robots, and what they have seen."""
+    found = []
+    for name in robots:
+        with connected(with_setting(settings, "robot.name", name, "--robot")) as client:
+            found.append(client.changes())
+            grid_map = client.map()
+    return grid_map, joined(found)
 
 
 def changes_of_recording(recording: Path, grid_map: GridMap, settings: Settings) -> Changes:

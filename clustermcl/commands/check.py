@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from clustermcl.changes.collector import ChangeCollector
 from clustermcl.commands.as_text import pose_text
 from clustermcl.commands.options import print_answer
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
@@ -54,11 +55,13 @@ def run_check(
         problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
         raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
     landmarks = landmarks_of_map(map_file)
-    agreement = None
+    agreement = changes = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)
         scans = steps_of(read, settings.bridge, grid_map.digest)
-        agreement = agreement_of(scans, grid_map, settings, read.readings)
+        collector = ChangeCollector(grid_map)
+        agreement = agreement_of(scans, grid_map, settings, read.readings, collector)
+        changes = collector.changes("check")
     report = report_of(
         map_file,
         grid_map.with_landmarks(landmarks),
@@ -68,7 +71,7 @@ def run_check(
         agreement=agreement,
     )
     if report_file is not None:
-        drawn_report(report, grid_map, landmarks).save(report_file)
+        drawn_report(report, grid_map, landmarks, changes).save(report_file)
     off_the_map = filter(None, (_off_the_map(landmarks, grid_map),))
     remarks = (*report.remarks, *grid_map.remarks, *off_the_map)
     report = msgspec.structs.replace(report, remarks=remarks)

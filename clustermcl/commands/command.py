@@ -66,6 +66,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "events": query.events,
         "status": query.status,
         "snapshot": query.snapshot,
+        "changes": recordings.changes,
         "record": recordings.record,
         "record-landmarks": recordings.record_landmarks,
     },
@@ -77,7 +78,6 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     },
     "Maps, recordings, settings": {
         "check": recordings.check,
-        "changes": recordings.changes,
         "evaluate": recordings.evaluate,
         "replay": recordings.replay,
         "settings": recordings.settings,

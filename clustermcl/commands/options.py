@@ -38,7 +38,7 @@ _SHARED = {
 }
 """Setting, metavariable and help of the options that several commands have."""
 _VARIABLES = {"robot": ROBOT_VARIABLE, "router": ROUTER_VARIABLE}
-_OF_BAGS = ("scan_topic", "odom_topic", "odom_frame", "base_frame")
+OF_BAGS = ("scan_topic", "odom_topic", "odom_frame", "base_frame")
 Listen = Annotated[
     str | None,
     typer.Option(metavar="HOST:PORT", help="Address of the page; by default only on this machine."),
@@ -89,7 +89,7 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
             settings_file: SettingsFile = None, assignments: Assignments = None, **own: Any
         ) -> None:
             named = {option: value for option in shared if (value := own.pop(option))}
-            if bag := {option: value for option, value in named.items() if option in _OF_BAGS}:
+            if bag := {option: value for option, value in named.items() if option in OF_BAGS}:
                 refuse_without("a ROS bag", _may_be_bag(own["recording"]), **bag)
             values = [f"{_SHARED[option][0]}={value}" for option, value in named.items()]
             given = [*log_settings(), *values, *(assignments or ())]
@@ -133,7 +133,7 @@ def settings_command(*shared: str) -> Callable[[Command], Command]:
 
 
 client_command = settings_command("robot", "router")
-recording_command = settings_command(*_OF_BAGS)
+recording_command = settings_command(*OF_BAGS)
 
 
 def connected(settings: Settings) -> "Client":

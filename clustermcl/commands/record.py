@@ -14,11 +14,12 @@ from clustermcl.link.wire import ask
 from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import Named
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from clustermcl.recordings.maps.map_message import from_message
-from clustermcl.recordings.run_log import RunLog
+from clustermcl.recordings.run_log import CHANGES, RunLog
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag, stop_on_signals
@@ -89,6 +90,7 @@ class Recorder:
         listen(node, keys.SCAN, Scan, self._on_scan, 1024)
         listen(node, keys.ODOMETRY, OdometryReading, self._on_odometry, 4096)
         listen(node, keys.BELIEF, Belief, self._on_belief, 1024)
+        listen(node, keys.CHANGES, Changes, self._on_changes, 16)
         node.open(settings.zenoh.connect_timeout_s)
 
     def write(self, path: Path) -> None:
@@ -100,6 +102,9 @@ class Recorder:
 
     def _on_belief(self, belief: Belief) -> None:
         self._log.on_belief(belief, belief.stamp_ns)
+
+    def _on_changes(self, changes: Changes) -> None:
+        self._log.write(CHANGES, changes, changes.stamp_ns)
 
     def _on_scan(self, scan: Scan) -> None:
         last = self._last

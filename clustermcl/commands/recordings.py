@@ -8,7 +8,7 @@ import typer
 
 from clustermcl.commands import options as common
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
 from clustermcl.runtime.stop import stop_on_signals
 
 EXIT_DIFFERENT = 1
@@ -110,12 +110,17 @@ def check(
     )
 
 
-@common.recording_command
+@common.settings_command("router", *common.OF_BAGS)
 def changes(
     settings: Settings,
     recording: Annotated[
-        Path, typer.Option(metavar="FILE", help="Recording of a robot in the map.")
-    ],
+        Path | None,
+        typer.Option(metavar="FILE", help="Recording of a robot, in place of a running system."),
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="May be repeated."),
+    ] = None,
     map_file: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
     ] = None,
@@ -129,7 +134,8 @@ def changes(
 ) -> None:
     """Print what has changed in the building since it was mapped, and write a new map.
 
-    The old map and a picture are written beside the new one.
+    The old map and a picture are written beside the new one. Of several robots, the newest sighting
+    of each cell counts.
     """
     from clustermcl.commands.changes import run_changes  # noqa: PLC0415 - see the package
 
@@ -137,6 +143,7 @@ def changes(
         settings,
         recording=recording,
         map_file=map_file,
+        robots=robots or [],
         since_s=None if since is None else common.seconds_of("--since", since),
         output=output,
         as_json=as_json,

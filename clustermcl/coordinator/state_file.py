@@ -6,13 +6,11 @@ other is whole. The newest counts. A checksum detects a damaged file, which is l
 """
 
 import logging
-import os
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, partial
-from io import BufferedWriter
 from pathlib import Path
 from urllib.parse import quote
 
@@ -23,6 +21,7 @@ from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.terms import check_term
 from clustermcl.protocol.work import Checkpoint
 from clustermcl.runtime.logs import CauseCounter
+from clustermcl.runtime.output_files import opened_to_write, replace_file
 from clustermcl.runtime.threads import ended, started
 
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
@@ -75,35 +74,11 @@ def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> No
     target, *recent = files_of(folder, robot)
     content = with_checksum(encode(checkpoint))
     if not sync:  # a rename, or an empty file, would make some file systems begin to write
-        with _opened(recent[checkpoint.serial % 2], folder) as file:
+        with opened_to_write(recent[checkpoint.serial % 2]) as file:
             file.write(content)
             file.truncate()
         return
-    part = target.with_suffix(".part")  # one name: what a killed process left is written over
-    try:
-        with _opened(part, folder) as file:
-            file.write(content)
-            file.truncate()
-            os.fsync(file.fileno())
-        part.replace(target)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(number)  # wait until the renamed file's name is on the disk
-    finally:
-        os.close(number)
-
-
-def _opened(file: Path, folder: Path) -> BufferedWriter:
-    """Open a file to write it over; create its folder only if that fails, which is seldom."""
-    flags = os.O_WRONLY | os.O_CREAT
-    try:
-        return os.fdopen(os.open(file, flags, 0o600), "wb")
-    except FileNotFoundError:
-        folder.mkdir(parents=True, exist_ok=True)
-        return os.fdopen(os.open(file, flags, 0o600), "wb")
+    replace_file(target, content)
 
 
 class StateKeeper:

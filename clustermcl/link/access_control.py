@@ -66,8 +66,11 @@ def rights_of(role: str, *workers: str) -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH, keys.SCAN),
-    asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.ADVICE, keys.MAP),
+    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH, keys.SCAN, keys.CHANGES),
+    asks=(
+        *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.ADVICE, keys.MAP),
+        keys.CHANGES,
+    ),
 )
 
 _READINGS = (
@@ -84,11 +87,14 @@ _ROLES = {
     ),
     "bridge": Rights(
         publishes=(
-            *(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
+            *(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH, keys.CHANGES),
             keys.OBSERVATION_READING,  # of a simulated robot
         ),
         reads=(*_READINGS, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
+        serves=(
+            *(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
+            keys.CHANGES,
+        ),
         asks=(keys.STATUS, keys.MAP_READING),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
@@ -112,12 +118,12 @@ _ROLES = {
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
     "recorder": Rights(
-        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING),
+        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.OBSERVATION_READING, keys.CHANGES),
         asks=(keys.MAP, keys.SCAN_HISTORY),
     ),
     "ros2": Rights(
         publishes=_READINGS,
-        reads=(keys.BELIEF, keys.ALL_REPORTS),
+        reads=(keys.BELIEF, keys.ALL_REPORTS, keys.CHANGES),
         serves=(keys.MAP_READING,),
         asks=(
             *(keys.STATUS, keys.ADVICE, keys.SET_POSE, keys.RELOCALIZE),

@@ -35,6 +35,7 @@ class HealthReporter:
         self._causes, self._inbox, self._clock = causes, inbox, clock
         self._started_s, self._published_s = clock(), -_EVERY_S
         self.sources: tuple[SourceHealth, ...] = ()
+        self.gauges: dict[str, float] = {}
         self._done: Counter[str] = Counter()
         self._last_s: dict[str, float] = {}
         self._past: deque[tuple[float, Counter[str]]] = deque([(self._started_s, Counter())])
@@ -62,6 +63,7 @@ class HealthReporter:
             ages_s={what: now_s - last_s for what, last_s in self._last_s.items()},
             dropped=self.dropped(),
             sources=self.sources,
+            gauges=self.gauges,
         )
 
     def dropped(self) -> dict[str, int]:

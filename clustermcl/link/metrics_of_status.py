@@ -75,6 +75,7 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
     uptime = _family("uptime_seconds", "Time since a process started.")
     memory = _family("memory_bytes", "Resident memory of a process.")
     idle = _family("idle_seconds", "Time since a process last did this.", "what")
+    gauge = _family("gauge", "A present value of a process, with its unit in its name.", "what")
     done = CounterMetricFamily(
         "clustermcl_process_done", "What a process has done, by kind.", labels=[*_PROCESS, "what"]
     )
@@ -89,11 +90,13 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
         memory.add_metric(labels, process.memory_bytes)
         for what, age_s in process.ages_s.items():
             idle.add_metric([*labels, what], age_s + process.age_s)
+        for what, value in process.gauges.items():
+            gauge.add_metric([*labels, what], value)
         for what, times in process.done.items():
             done.add_metric([*labels, what], times)
         for cause, times in process.dropped.items():
             dropped.add_metric([*labels, cause], times)
-    yield from (info, health_age, uptime, memory, idle, done, dropped)
+    yield from (info, health_age, uptime, memory, idle, gauge, done, dropped)
 
 
 def _gauge(name: str, meaning: str, value: float) -> Metric:

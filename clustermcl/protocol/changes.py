@@ -1,5 +1,6 @@
 """What has changed in the building since it was mapped, as cells of a coarse grid over the map."""
 
+import math
 import zlib
 from typing import ClassVar
 
@@ -82,18 +83,18 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
         Raises:
             MalformedMessageError: the bytes are no such array.
         """
-        size = 4 * self.rows * self.cols
+        shape = self.rows, self.cols
         if not self.zlib_seen_min:
-            return np.zeros((self.rows, self.cols), np.int32)
-        try:
-            unpacker = zlib.decompressobj()
-            data = unpacker.decompress(self.zlib_seen_min, size + 1)  # stops a decompression bomb
-        except zlib.error as error:
-            raise MalformedMessageError(expected="Changes", problem=str(error)) from error
-        if len(data) != size or not unpacker.eof:
-            problem = f"its bytes do not fill {self.rows} x {self.cols} cells"
-            raise MalformedMessageError(expected="Changes", problem=problem)
-        return np.frombuffer(data, "<i4").reshape(self.rows, self.cols)
+            return np.zeros(shape, np.int32)
+        return unpacked_minutes(self.zlib_seen_min, shape)
+
+    def centres_m(self) -> NDArray[np.float64]:
+        """Return the (N, 2) centres of the cells in the map [m]."""
+        row, col = np.divmod(self.cells.array()[:, 0], self.cols)
+        in_grid = np.column_stack([col + 0.5, row + 0.5]) * self.cell_m
+        x, y, heading = self.map_from_grid
+        c, s = math.cos(heading), math.sin(heading)
+        return np.asarray(in_grid @ np.array([[c, s], [-s, c]]) + (x, y))
 
     def chosen(self, kept: NDArray[np.bool_]) -> "Changes":
         """Return some of the cells."""
@@ -106,3 +107,33 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
     def seen_within(self, age_s: float) -> "Changes":
         """Return the cells that were last seen so within this time [s]."""
         return self.chosen(self.times_s.array()[:, 1] >= self.stamp_ns * 1e-9 - age_s)
+
+
+def unpacked_minutes(packed: bytes, shape: tuple[int, ...]) -> NDArray[np.int32]:
+    """Return an array of minutes that zlib has packed.
+
+    Raises:
+        MalformedMessageError: the bytes are no such array.
+    """
+    size = 4 * math.prod(shape)
+    try:
+        unpacker = zlib.decompressobj()
+        data = unpacker.decompress(packed, size + 1)  # stops a decompression bomb
+    except zlib.error as error:
+        raise MalformedMessageError(expected="Changes", problem=str(error)) from error
+    if len(data) != size or not unpacker.eof:
+        problem = f"its bytes do not fill {shape} cells"
+        raise MalformedMessageError(expected="Changes", problem=problem)
+    return np.frombuffer(data, "<i4").reshape(shape)
+
+
+class KeptChanges(Message, frozen=True, kw_only=True, tag="kept_changes/1"):
+    """All that was collected of one map, in a file: see `ChangeCollector.kept`."""
+
+    max_bytes: ClassVar[int] = LARGEST_BYTES
+    map_digest: str
+    layout: str
+    """The fields of a record; records of another version are not used."""
+    records: bytes
+    trusted: bytes
+    zlib_seen_min: bytes

@@ -57,5 +57,7 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     """Counts of dropped and refused things since its start, by cause."""
     sources: Annotated[tuple[SourceHealth, ...], Meta(max_length=MAX_SOURCES)] = ()
     """The bridge's sources of observations."""
+    gauges: _Values = msgspec.field(default_factory=dict)
+    """Present values by name, with their units."""
     age_s: float = 0.0
     """In a status: time since this message arrived [s]."""

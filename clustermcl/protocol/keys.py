@@ -23,6 +23,7 @@ KIDNAP = "simulator/kidnap"
 UPDATE = "command/update"
 CONFIGURE = "command/configure"
 DRIVE = "simulator/drive"
+CHANGES = "changes"
 
 BELIEF = "belief"
 POSE = "pose"

@@ -34,7 +34,7 @@ PROFILE = "clustermcl"
 """Profile in the header of each run log; a file with another profile is refused."""
 SCAN, ODOMETRY, GRID, POSE, PLACES = "/scan", "/tf", "/map", "/pose", "/places"
 """Topics that Foxglove draws; the second laser of a step is on `/scan_1`, and so on."""
-BELIEF, JOB_EVENTS, LINES = "/belief", "/events", "/log"
+BELIEF, JOB_EVENTS, LINES, CHANGES = "/belief", "/events", "/log", "/changes"
 SCHEMAS = {
     SCAN: "foxglove.LaserScan", ODOMETRY: "foxglove.FrameTransform", GRID: "foxglove.Grid",
     POSE: "foxglove.PoseInFrame", PLACES: "foxglove.SceneUpdate", LINES: "foxglove.Log",

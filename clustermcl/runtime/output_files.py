@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedWriter
 from pathlib import Path
 
 from clustermcl.protocol.errors import ClusterMclError
@@ -48,6 +49,39 @@ def write_output_file(path: Path, content: str | bytes) -> None:
         path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise OutputError(path=path, problem=error.strerror or str(error)) from error
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Replace a file as a whole, so that it survives a power cut; only its owner may read it.
+
+    Raises:
+        OSError: the folder cannot be written, or the disk is full; the file is kept.
+    """
+    part = path.with_suffix(".part")  # one name: what a killed process left is written over
+    try:
+        with opened_to_write(part) as file:
+            file.write(content)
+            file.truncate()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    number = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(number)  # wait until the renamed file's name is on the disk
+    finally:
+        os.close(number)
+
+
+def opened_to_write(file: Path) -> BufferedWriter:
+    """Open a file to write it over; create its folder only if that fails, which is seldom."""
+    flags = os.O_WRONLY | os.O_CREAT
+    try:
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
+    except FileNotFoundError:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return os.fdopen(os.open(file, flags, 0o600), "wb")
 
 
 @contextmanager

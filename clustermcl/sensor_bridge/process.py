@@ -5,11 +5,17 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import closing
+from functools import partial
+from pathlib import Path
 from typing import TypeAlias, assert_never
 
 from msgspec.structs import replace
 
+from clustermcl.changes.keeper import ChangeKeeper
+from clustermcl.filter.kernels import library as kernel_library
+from clustermcl.filter.settings import SensorSettings
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
 from clustermcl.protocol import keys
@@ -41,6 +47,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmarks
 from clustermcl.recordings.maps.map_file import load_map, map_file_of
 from clustermcl.recordings.maps.map_message import from_reading, to_message
+from clustermcl.runtime.folders import state_folder
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.runtime.sources import (
@@ -66,6 +73,9 @@ KEPT_COMMANDS = 100
 """Command ids remembered, so that a repeated command has no further effect."""
 HELD_BACK = "scans held back"
 """Counter of scans that made no step because of back-pressure."""
+
+RENEW_CHANGES_S = 5.0
+"""Least time between two looks at what has changed in the building [s]."""
 
 OnStep: TypeAlias = Callable[[Scan], None]
 
@@ -145,13 +155,16 @@ def serve_robot(
                 endpoint=settings.zenoh.router,
                 advice="stop it, or choose another robot.name",
             )
-        Bridge(node, settings.bridge, grid_map, source, extend(node)).run()
+        kept = settings.coordinator.state_folder
+        folder = state_folder(kept) if source is None or kept else None
+        Bridge(node, settings.bridge, grid_map, source, extend(node), folder).run()
 
 
 class Bridge:
     """Makes steps from readings, publishes them, and serves the map and past steps.
 
-    The arguments are those of `serve_robot`; `on_step` is called with each published step.
+    The arguments are those of `serve_robot`; `on_step` is called with each published step. In
+    `folder`, the changes of the building are kept; None: they are not.
     """
 
     def __init__(
@@ -161,12 +174,16 @@ class Bridge:
         grid_map: GridMap | None,
         source: Source | None,
         on_step: OnStep,
+        folder: Path | None = None,
     ) -> None:
         self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
         self._is_live = source is None
         self._landmarks = load_landmarks(settings.landmarks) if settings.landmarks else ()
         """Of maps that the robot publishes."""
-        self._map = to_message(grid_map, node.name) if grid_map else None
+        self._folder = folder
+        self._changes: ChangeKeeper | None = None
+        self._collected_s = self._renewed_s = 0.0
+        self._map = self._use_map(grid_map) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
         self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
@@ -195,6 +212,8 @@ class Bridge:
             node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
             node.subscribe(keys.LASER_READING, LaserReading, take, kind="laser", kept=16)
             node.subscribe(keys.MAP_READING, MapReading, follow, kind="map", kept=1)
+        self._changed = node.publisher(keys.CHANGES)
+        node.serve(keys.CHANGES, self._on_changes_query)
         node.announce(keys.BRIDGE_ALIVE)
 
     def run(self) -> None:
@@ -202,11 +221,14 @@ class Bridge:
         waits_until_s = time.monotonic() + WAIT_S if self._is_live else math.inf
         while not self._node.stop.is_set():
             self._node.turn(self._send_due())
+            self._renew_changes()
             if self._map is None:
                 self._ask_for_map()
             if time.monotonic() > waits_until_s and self._map is not None:
                 waits_until_s = math.inf
                 self._report_waiting()
+        if self._changes is not None:
+            self._changes.save()
 
     def _report_waiting(self) -> None:
         """Log which readings have not arrived since the start."""
@@ -359,7 +381,7 @@ class Bridge:
         grid_map = from_reading(reading).with_landmarks(self._landmarks)
         if self._map is not None and self._map.digest == grid_map.digest:
             return
-        self._map = to_message(grid_map, self._node.name)
+        self._map = self._use_map(grid_map)
         self._node.health.happened("maps")
         rows, cols = grid_map.cells.shape
         _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
@@ -369,6 +391,60 @@ class Bridge:
             self._maker.change_map(grid_map.digest, grid_map.landmarks)
             self._history.clear()
             self._flow.on_new_map()
+
+    def _use_map(self, grid_map: GridMap) -> MapMessage:
+        """Return the map as a message; collect its changes from now on."""
+        self._changes = None
+        node, digest = self._node, grid_map.digest
+
+        def begun() -> ChangeKeeper:
+            if kernel_library.library() is None:
+                from clustermcl.jobs.warm_up import compile_kernels  # noqa: PLC0415 - seldom
+
+                compile_kernels(SensorSettings())
+            return ChangeKeeper(grid_map, self._folder, node.robot, node.name)
+
+        def on_begun(future: Future[ChangeKeeper]) -> None:
+            try:
+                keeper = future.result()
+            except ClusterMclError as error:
+                _log.warning("changes of the building are not collected: %s", error)
+                return
+            if self._map is not None and self._map.digest == digest:
+                self._changes = keeper
+
+        node.in_background(begun, on_begun)
+        return to_message(grid_map, node.name)
+
+    def _collect(self, belief: Belief) -> None:
+        """Collect changes from the scan of a belief's step."""
+        scans = (scan for scan in reversed(self._history) if scan.step == belief.step)
+        if self._changes is not None and (scan := next(scans, None)) is not None:
+            self._changes.on_step(scan, belief)
+            self._collected_s = time.monotonic()
+
+    def _renew_changes(self) -> None:
+        """Publish changes in a while after they were collected, if there are new ones."""
+        is_due = time.monotonic() - self._renewed_s > RENEW_CHANGES_S
+        if self._changes is not None and is_due and self._collected_s > self._renewed_s:
+            self._renewed_s = math.inf
+            self._node.in_background(self._changes.renew, partial(self._on_renewed, self._changes))
+
+    def _on_renewed(self, keeper: ChangeKeeper, renewed: Future[bool]) -> None:
+        self._renewed_s = time.monotonic()
+        gone, new, moving = keeper.newest.area_m2
+        self._node.health.gauges = {
+            "gone [m2]": gone, "new [m2]": new, "moving [m2]": moving,
+            "share of the map seen lately": keeper.newest.seen_share,
+        }  # fmt: skip
+        if renewed.result():
+            self._changed.put(replace(keeper.newest, zlib_seen_min=b""))
+
+    def _on_changes_query(self, asked: Asked) -> None:
+        if self._changes is None:
+            asked.refuse("no changes are collected yet")
+        else:
+            asked.answer(self._changes.newest)
 
     # --- other messages
 
@@ -380,6 +456,7 @@ class Bridge:
             self._maker.on_belief(belief)
             self._node.health.sources = self._maker.sources.health()
         searching = belief.state == "searching"
+        self._collect(belief)
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
 
     def _on_map_query(self, asked: Asked) -> None:

@@ -1,9 +1,10 @@
 """Draws what has changed in a building on its map."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from PIL import Image, ImageDraw
 
-from clustermcl.filter.poses import compose
 from clustermcl.protocol.changes import Changes
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.view.caption import Key, captioned
@@ -18,16 +19,17 @@ def drawn_changes(grid_map: GridMap, changes: Changes, title: str) -> Image.Imag
     """Return a picture of the map with the changed cells."""
     canvas, view = map_canvas(grid_map)
     draw_changes(ImageDraw.Draw(canvas), view, changes)
-    legend = (Key("disc", *named) for named in zip(COLOURS, _WORDS, strict=True))
-    return smoothed(captioned(canvas, view.px_per_m, title, legend))
+    return smoothed(captioned(canvas, view.px_per_m, title, keys_of(changes)))
+
+
+def keys_of(changes: Changes | None) -> Iterator[Key]:
+    """Yield the legend of the kinds that there are."""
+    for kind in [] if changes is None else np.unique(changes.cells.array()[:, 1]).tolist():
+        yield Key("disc", COLOURS[kind], _WORDS[kind])
 
 
 def draw_changes(draw: ImageDraw.ImageDraw, view: View, changes: Changes) -> None:
-    cells = changes.cells.array()
-    rows, cols = np.divmod(cells[:, 0], changes.cols)
-    centres = np.column_stack([cols + 0.5, rows + 0.5, 0.0 * rows]) * changes.cell_m
-    side = max(0.5 * changes.cell_m * view.px_per_m, 2.0)
-    in_map = compose(np.array(changes.map_from_grid), centres)
-    for (x_m, y_m, _), kind in zip(in_map.tolist(), cells[:, 1].tolist(), strict=True):
+    side, kinds = max(0.5 * changes.cell_m * view.px_per_m, 2.0), changes.cells.array()[:, 1]
+    for (x_m, y_m), kind in zip(changes.centres_m().tolist(), kinds.tolist(), strict=True):
         x, y = view.at(x_m, y_m)
         draw.rectangle((x - side, y - side, x + side, y + side), fill=COLOURS[kind])

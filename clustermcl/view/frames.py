@@ -15,6 +15,7 @@ from clustermcl.filter.observations.observed import Observed
 from clustermcl.filter.observations.sighting import Sighting
 from clustermcl.jobs.wire_observations import from_wire
 from clustermcl.protocol.answers import Belief, Hypothesis
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.job_events import JobEvent, NumberedEvent, Remark, event_groups
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserBeams, MapMessage, Scan
@@ -28,6 +29,8 @@ ROW_PLACES = 16
 """Limit for the places of a step in plot and trails; the most probable are kept."""
 MAX_BEAMS = 360
 """Limit for the drawn beams of a laser; of more beams, only every second, third, ... is drawn."""
+MAX_CHANGES = 20_000
+"""Limit for the drawn cells that have changed."""
 MAX_PARTICLES = 250
 """Limit for the drawn particles of a cluster; of more particles, a resampled set is drawn."""
 
@@ -103,6 +106,27 @@ def place_frames(
         }
         for index, place in enumerate(places)
     ]
+
+
+def changes_frame(changes: Changes) -> Frame:
+    """Return the changed cells, of many the last seen: x [m], y [m], kind, sights, first and last
+    time [s] of each."""
+    newest = np.argsort(changes.times_s.array()[:, 1])[-MAX_CHANGES:]
+    cells, times_s = changes.cells.array()[newest], changes.times_s.array()[newest]
+    return {
+        "digest": changes.map_digest,
+        "cell_m": changes.cell_m,
+        "stamp_s": changes.stamp_ns / 1e9,
+        "cells": [
+            (round(x, 3), round(y, 3), *about, *when)
+            for (x, y), about, when in zip(
+                changes.centres_m()[newest].tolist(),
+                cells[:, 1:3].tolist(),
+                np.rint(times_s).tolist(),
+                strict=True,
+            )
+        ],
+    }
 
 
 def history_row(frame: Frame) -> list[Any]:

@@ -13,6 +13,7 @@ from clustermcl.link.wire import Link, Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, CommandDone, Drive, PoseAnswer, Status
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import UnreachableError
 from clustermcl.protocol.job_events import JobEvents
@@ -70,6 +71,7 @@ class LiveLoop:
         node.subscribe(
             keys.EVENTS, JobEvents, self._on_events, kind=keys.EVENTS, kept=_KEPT_MESSAGES
         )
+        node.subscribe(keys.CHANGES, Changes, self._on_changes, kind=keys.CHANGES, kept=1)
         # These messages do not wake the loop: they are drawn with a belief, or soon after.
         self._scans, self._reports, self._truth, self._pose = (
             node.poll(key, message, kind=key, kept=_KEPT_MESSAGES)
@@ -135,6 +137,9 @@ class LiveLoop:
         if not self.picture.on_events(events):
             self._ask_events()
 
+    def _on_changes(self, changes: Changes, _received: Received | None = None) -> None:
+        self.picture.on_changes(changes)
+
     def _on_link(self, link: Link) -> None:
         self._has_link = link.up
         self.picture.on_link("no system" if link.up else "no router")
@@ -164,6 +169,7 @@ class LiveLoop:
         if was != "running":
             self._ask_events()
             self._ask(keys.POSE, PoseAnswer, self.picture.on_pose)
+            self._ask(keys.CHANGES, Changes, self._on_changes)
 
     def _on_no_status(self, _problem: str) -> None:
         if self.picture.link == "running":

@@ -8,6 +8,7 @@ import msgspec
 from msgspec.structs import replace
 
 from clustermcl.protocol.answers import Belief, PoseAnswer, Status
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.message import PoseTuple
@@ -140,6 +141,9 @@ class Picture:
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
         self._show("status", status)
+
+    def on_changes(self, changes: Changes) -> None:
+        self._show("changes", frames.changes_frame(changes))
 
     def on_events(self, published: JobEvents) -> bool:
         """Add events; return False if earlier events are missing and have to be queried."""

@@ -12,6 +12,7 @@ import msgspec
 
 from clustermcl.link.inbox import Inbox
 from clustermcl.protocol.answers import Belief, PoseAnswer
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents
@@ -133,6 +134,8 @@ class RecordedRun:
             self._on_belief(run_log.decoded(message, Belief, path))
         elif message.topic == run_log.JOB_EVENTS:
             self.picture.on_events(run_log.decoded(message, JobEvents, path))
+        elif message.topic == run_log.CHANGES:
+            self.picture.on_changes(run_log.decoded(message, Changes, path))
         elif message.topic.startswith(run_log.SCAN):
             self._lasers.append(run_log.decoded(message, LaserFields, path))
         elif message.topic == run_log.GRID and not self._is_map_given:

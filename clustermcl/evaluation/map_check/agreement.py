@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from clustermcl.belief.outcome import Outcome
+from clustermcl.changes.collector import ChangeCollector
 from clustermcl.evaluation.map_check.look_alikes import refined
 from clustermcl.evaluation.map_check.mount import Lag, Mount, lag_of, mount_of
 from clustermcl.filter.arrays import OCCUPIED, Points, Poses
@@ -73,11 +74,12 @@ def agreement_of(
     grid_map: GridMap,
     settings: FilterSettings,
     odometry: Iterable[Reading] = (),
+    collector: ChangeCollector | None = None,
 ) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
 
     The mirrored recording is localized too, as a decoy: a robot that is not on this map. The lag
-    of the laser is measured by all readings of `odometry`.
+    of the laser is measured by all readings of `odometry`. The collector gets all steps.
     """
     model = computed_model(grid_map.grid, settings.sensor)
     field = LikelihoodField.build(grid_map.grid, settings.sensor)
@@ -91,6 +93,8 @@ def agreement_of(
     steps = tuple(itertools.islice(scans, MOST_STEPS))
     for scan, outcome in in_process.outcomes(steps, model, settings):
         recorded = scan.robot_from_laser
+        if collector is not None:
+            collector.on_step(scan, outcome.state, outcome.hypotheses)
         beams = scan_beams(scan, model)
         localized += outcome.state == "localized"
         off_map += outcome.off_map_probability

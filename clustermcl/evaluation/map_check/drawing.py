@@ -8,10 +8,12 @@ from PIL import Image, ImageDraw
 
 from clustermcl.evaluation.map_check.report import MapReport, Place
 from clustermcl.filter.poses import compose
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Landmark
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.view.caption import INK, Key, captioned
+from clustermcl.view.changes_picture import draw_changes, keys_of
 from clustermcl.view.drawing import View, map_canvas, smoothed
 
 COLOURS = ((0, "#009E73"), (1, "#F0E442"), (3, "#E69F00"), (10**9, "#c0262d"))
@@ -23,7 +25,10 @@ _MANY = 8
 
 
 def drawn_report(
-    report: MapReport, grid_map: GridMap, landmarks: Sequence[Landmark] = ()
+    report: MapReport,
+    grid_map: GridMap,
+    landmarks: Sequence[Landmark] = (),
+    changes: Changes | None = None,
 ) -> Image.Image:
     """Draw tested places as filled arrows, joined with their look-alikes.
 
@@ -32,6 +37,8 @@ def drawn_report(
     """
     canvas, view = map_canvas(grid_map)
     draw = ImageDraw.Draw(canvas, "RGBA")
+    if changes is not None:
+        draw_changes(draw, view, changes)
     for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
         _draw_place(draw, view, place)
     for landmark in landmarks:
@@ -39,7 +46,7 @@ def drawn_report(
         draw.regular_polygon(square, 4, rotation=45, fill=LANDMARK)
     unique = sum(not place.look_alikes for place in report.places)
     title = f"{Path(report.map).name}: {unique} of {len(report.places)} places are unique"
-    legend = _legend(report.places, has_landmarks=bool(landmarks))
+    legend = [*_legend(report.places, has_landmarks=bool(landmarks)), *keys_of(changes)]
     return smoothed(captioned(canvas, view.px_per_m, title, legend))
 
 

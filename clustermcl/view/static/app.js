@@ -68,6 +68,11 @@ const TAKE = {
     const cells = await fetchedCells(frame);
     if (cells) view.setMap(frame, cells);
   },
+  changes(frame) {
+    view.changes = frame;
+    document.querySelector("[data-layer=changes]").hidden = !frame.cells.length;
+    view.redraw();
+  },
   history(frame) {
     known.begin(frame);
     if (!known.rows.length) {

@@ -1,5 +1,6 @@
 // Draws the map and everything on it when something has changed, at most once in a frame.
 import { BEAM_COLOURS, classifiedBeams } from "./beams.js";
+import { drawChanges } from "./changes.js";
 import { drawLandmarks, drawNames, drawSeen } from "./landmarks.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
@@ -16,10 +17,11 @@ export class MapView {
     this.canvas = canvas;
     this.map = null; // { frame, cells, picture }
     this.view = { x: 0, y: 0, scale: 40 }; // middle [m]; pixels per metre
+    this.changes = null; // { digest, cell_m, stamp_s, cells }
     this.step = null;
     this.rows = []; // of the steps up to the shown one
     this.clouds = new Map(); // particles by cluster
-    this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
+    this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map", "changes"]);
     this.radius = 0; // of the robot's footprint [m]; 0: unknown
     this.others = []; // robots in the same map: { name, pose }
     this.advice = []; // { slot, pose, ways, spots } of each place
@@ -188,6 +190,7 @@ export class MapView {
     this.context = context;
     this.beams = null;
     if (this.map && layers.has("map")) this.drawMap(ratio, width, height);
+    if (this.changes && this.changes.digest === this.map?.frame.digest && layers.has("changes")) drawChanges(this);
     if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
     if (this.map) drawLandmarks(this);

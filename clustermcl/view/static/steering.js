@@ -1,4 +1,5 @@
 // Pointer, wheel, keys and buttons: the visible section, and commands.
+import { changeAt } from "./changes.js";
 import { Driving } from "./driving.js";
 import { hint } from "./panel.js";
 
@@ -85,7 +86,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
-    $("cursor").textContent = view.mapOf(now).map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m";
+    $("cursor").textContent = view.mapOf(now).map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m" + changeAt(view, view.mapOf(now));
     if (!before) {
       view.point(view.clusterAt(now));
       return;

@@ -11,6 +11,7 @@ from PIL import Image
 
 from clustermcl.protocol.answers import Belief, Drive, Kidnap, Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.job_events import Ended, JobEvents, NumberedEvent
 from clustermcl.protocol.steps import Landmark, Seen, TruePose
 from clustermcl.protocol.work import TrackReport
@@ -715,3 +716,32 @@ def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictu
         assert page.snapshot().pixel_at(4.0, 2.0) == (255, 255, 255)
         driver.get("about:blank")
         assert page.console() == []
+
+
+def test_changes_are_a_layer_with_a_reading_of_each_cell(stage: Stage, drawn: Page) -> None:
+    digest = drawn.run("return liveView.view.map.frame.digest")
+    cells = ArrayBlob.of([[10 * 100 + 20, 0, 7, 1], [10 * 100 + 40, 1, 9, 1]], "int32")
+    times_s = ArrayBlob.of([[0.0, 60.0], [0.0, 100.0]], "float64")
+    seen = Changes(
+        sender="b", map_digest=digest, stamp_ns=100 * 10**9, cell_m=0.1, rows=60, cols=100,
+        map_from_grid=(0.0, 0.0, 0.0), cells=cells, times_s=times_s,
+    )  # fmt: skip
+    assert drawn.run("return document.querySelector('[data-layer=changes]').hidden")
+    stage.picture.on_changes(seen)
+    shows(stage, lambda: drawn.run("return liveView.view.changes?.cells.length === 2"))
+
+    def says(x: float, y: float) -> str:
+        text: str = drawn.run_async(
+            f"import('./changes.js').then((c) => done(c.changeAt(liveView.view, [{x}, {y}])))"
+        )
+        return text
+
+    gone, new = (2.05, 1.05), (4.05, 1.05)
+    red, blue = (drawn.snapshot().pixel_at(*at) for at in (gone, new))
+    assert red[0] > red[2] + 50
+    assert blue[2] > blue[0] + 50
+    assert says(*gone) == "  gone: seen 7 times in 60 s, last 40 s ago"
+    assert says(3.0, 1.05) == ""
+    drawn.driver.find_element("css selector", "[data-layer=changes]").click()
+    assert drawn.snapshot().pixel_at(*gone) != red
+    assert says(*gone) == ""

@@ -36,7 +36,7 @@ def path(first: int, count: int) -> Iterator[PoseTuple]:
     """Back and forth along the room, 0.25 m a step."""
     along = itertools.cycle([*np.arange(0.5, 5.5, 0.25), *np.arange(5.5, 0.5, -0.25)])
     for number, x in enumerate(itertools.islice(along, first, first + count)):
-        yield float(x), 0.4 + 0.5 * np.sin(x), 0.1 * number
+        yield float(x), 0.4 + 0.5 * float(np.sin(x)), 0.1 * number
 
 
 def scan_at(true: GridMap, pose: PoseTuple, step: int, digest: str, people: float = 0.0) -> Scan:

@@ -1,5 +1,6 @@
 import json
 import zlib
+from contextlib import nullcontext
 from pathlib import Path
 
 import msgspec
@@ -15,8 +16,10 @@ from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import MOVED, Changes
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
+from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.ros_map import save_ros_map
+from clustermcl.runtime.settings import Settings
 from tests.unit.changes.drives import CHAIR, OLD, SHELF, TRUE, Drive, path, scan_at
 
 
@@ -122,3 +125,31 @@ def test_the_command_writes_the_new_map_of_a_recording(tmp_path: Path) -> None:
     assert (tmp_path / "new.changes.png").stat().st_size > 1000
     for bad in (["--since", "7x"], ["--output", "new.png"], ["--recording", "nowhere.log"]):
         assert CliRunner().invoke(app, [*command, *bad]).exit_code != 0
+
+
+@pytest.mark.parametrize(
+    ("words", "variables"),
+    [(["--robot", "r1", "--robot", "r2"], {}), ([], {"CLUSTERMCL_ROBOT": "r1 r2"})],
+)
+def test_the_command_asks_each_robot(
+    words: list[str], variables: dict[str, str], monkeypatch: pytest.MonkeyPatch, changes: Changes
+) -> None:
+    asked: list[str] = []
+
+    class Robot:
+        def __init__(self, settings: Settings) -> None:
+            asked.append(settings.robot.name)
+
+        def changes(self) -> Changes:
+            return changes
+
+        def map(self) -> GridMap:
+            return OLD
+
+    monkeypatch.setattr(
+        "clustermcl.commands.changes.connected", lambda settings: nullcontext(Robot(settings))
+    )
+    result = CliRunner().invoke(app, ["changes", *words, "--since", "1d"], env=variables)
+    assert result.exit_code == 0, result.output
+    assert asked == ["r1", "r2"]
+    assert result.output.startswith("gone 0.20 m2")
