@@ -417,8 +417,9 @@ class ClusterMCL(RobotCommands):
             self._follow(outcome, self._filter.applied)
 
     def _advanced(self, scan: Scan) -> Belief:
-        belief = self._set_belief(self._filter.advance(scan), scan)
-        self._collector.on_step(scan, belief.state, belief.hypotheses)
+        outcome = self._filter.advance(scan)
+        self._collector.on_step(scan, outcome.state, outcome.hypotheses)
+        belief = self._set_belief(outcome, scan)
         ensemble, ground = self._filter.ensemble, self._ground
         given = self._commands.carry_out_waiting(ensemble, scan, self._odometry, ground)
         return self._follow(given, scan) if isinstance(given, Outcome) else belief

@@ -47,7 +47,7 @@ class ChangeKeeper:
             _log.warning("the changes in %s are not used: %s", path, error)
 
     def on_step(self, scan: Scan, belief: Belief) -> None:
-        self._collector.on_step(scan, belief.state, belief.hypotheses)
+        self._collector.on_step(scan, belief.state, scan.floors.drawn(belief).hypotheses)
 
     def renew(self) -> bool:
         """Renew `newest`, and write the file if it is due; return whether cells have changed."""

@@ -1,5 +1,6 @@
 """Puts changes into a map, and joins the changes that several robots have seen."""
 
+import dataclasses
 import zlib
 from collections.abc import Sequence
 
@@ -86,4 +87,4 @@ def with_changes(grid_map: GridMap, changes: Changes) -> GridMap:
     is_changed = np.kron(((marked >= 0) | hidden).astype(np.int8), whole)[:height, :width] > 0
     is_changed &= (fine != UNKNOWN) | (grid_map.cells == OCCUPIED)
     made = np.where(is_changed, fine, grid_map.cells)
-    return GridMap(made, grid_map.cell_m, grid_map.map_from_grid, grid_map.landmarks)
+    return dataclasses.replace(grid_map, cells=made)

@@ -51,6 +51,9 @@ def run_changes(
         changes = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:
         changes = changes.seen_within(since_s)
+    if files and grid_map.floors:
+        problem = "a building is not written: name the map of one floor, and its recording"
+        raise SettingsError(key="--output", problem=f"--output {output}: {problem}")
     if files:
         new, old, picture = files
         save_ros_map(with_changes(grid_map, changes), new)
@@ -80,7 +83,8 @@ def changes_of_recording(recording: Path, grid_map: GridMap, settings: Settings)
     """Localize with a recording, and collect what has changed since its map was made."""
     collector = ChangeCollector(grid_map)
     model = sensor_model(grid_map, settings.sensor, kept_folder("maps"))
-    scans = steps_of(opened(str(recording), settings.bridge), settings.bridge, grid_map.digest)
+    read = opened(str(recording), settings.bridge)
+    scans = steps_of(read, settings.bridge, grid_map.digest, grid_map.floors)
     for scan, outcome in in_process.outcomes(scans, model, settings):
         collector.on_step(scan, outcome.state, outcome.hypotheses)
     return collector.changes("changes")
