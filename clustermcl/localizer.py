@@ -235,6 +235,8 @@ class ClusterMCL(RobotCommands):
         source: str = "sensor",
         outlier_probability: float = 0.05,
         correlation_s: float = 30.0,
+        floor: str = "",
+        floors: Mapping[str, float] | None = None,
     ) -> None:
         """Add an observation of another sensor; the next step uses it.
 
@@ -254,6 +256,9 @@ class ClusterMCL(RobotCommands):
             source: name of the sensor; errors of one sensor are correlated.
             outlier_probability: probability that the observation is false.
             correlation_s: time after which 63 % of the sensor's error is new [s].
+            floor: the floor of `mean`, in a building of several, except for a landmark.
+            floors: how likely the measurement is on each floor, as that of a barometer, in place of
+                `mean` and `covariance`, which are not used.
 
         Raises:
             ValueError: the heading of `mean` is beyond a full turn.
@@ -276,6 +281,8 @@ class ClusterMCL(RobotCommands):
             outlier_probability=outlier_probability,
             correlation_s=correlation_s,
             field=cells,
+            floor=floor,
+            floors=dict(floors or {}),
         )
         self._maker.observe(decode(encode(message), Observation))
         self._warn_of_dropped(f"observation of {landmark or 'the pose'!r} by {source!r}")

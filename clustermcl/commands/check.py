@@ -54,7 +54,7 @@ def run_check(
         rows, cols = grid_map.cells.shape
         problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
         raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
-    landmarks = landmarks_of_map(map_file)
+    landmarks = landmarks_of_map(map_file, grid_map.floors)
     agreement = changes = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)

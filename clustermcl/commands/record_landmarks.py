@@ -92,6 +92,8 @@ class LandmarkSurvey:
         """Step of the last observation of each name."""
         self._seen: dict[str, list[tuple[Pose, Pose]]] = {}
         """Positions (2,) in the map and their covariances (2, 2)."""
+        self._floors: dict[str, str] = {}
+        """Floor of the first position of each name, in a building; others are not used."""
 
     def on_belief(self, belief: Belief) -> None:
         self._belief = belief
@@ -132,6 +134,8 @@ class LandmarkSurvey:
         by_pose = np.array([[1.0, 0.0, -off[1]], [0.0, 1.0, off[0]]])
         covariance = by_pose @ covariance_matrix(best.covariance) @ by_pose.T
         covariance += map_from_robot @ seen.covariance @ map_from_robot.T
+        if self._floors.setdefault(name, best.floor) != best.floor:
+            return
         positions = self._seen.setdefault(name, [])
         positions.append((np.array([x, y]) + off, covariance))
         del positions[:-MAX_OBSERVATIONS]
@@ -170,6 +174,7 @@ class LandmarkSurvey:
             covariance = max(stated, scattered, key=np.trace) + LEAST_SIGMA_M**2 * np.eye(2)
             yield {
                 "id": name,
+                **({"floor": floor} if (floor := self._floors[name]) else {}),
                 "x": round(float(x), 3),
                 "y": round(float(y), 3),
                 "covariance": [round(value, 6) for value in covariance.ravel().tolist()],

@@ -29,6 +29,10 @@ class Cause(StrEnum):
     OUTLIER = "reading refused: outlier in time or place", "no later reading confirms its jump"
     TOO_MANY_LASERS = "reading refused: too many lasers", "the readings name more than 16 lasers"
     UNKNOWN_LANDMARK = "reading refused: unknown landmark", "its landmark is not on the map"
+    UNKNOWN_FLOOR = (
+        "reading refused: unknown floor",
+        "it is on no floor of the building, or on none",
+    )
     AHEAD = "reading refused: observation from the future", "it is over 10 s newer than odometry"
     TOO_FAR_BACK = "reading refused: observation too far back", "motion since then has blurred it"
     OTHER_FIELD = "reading refused: field of another map", "its `map_digest` is not the map's"

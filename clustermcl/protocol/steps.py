@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from clustermcl.protocol.answers import FloorName
+from clustermcl.protocol.answers import MAX_FLOORS, FloorName
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import Remark
@@ -22,6 +22,7 @@ from clustermcl.protocol.message import (
     Number,
     PoseTuple,
     Positive,
+    Probability,
     ScanStep,
     Stamp,
 )
@@ -91,6 +92,9 @@ class PositionField(msgspec.Struct, frozen=True, kw_only=True):
     """The map that it was made for; empty: any."""
 
 
+FloorLikelihoods: TypeAlias = Annotated[dict[FloorName, Probability], Meta(max_length=MAX_FLOORS)]
+
+
 class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
     """What another sensor says about the robot's pose. From a robot on ``readings/observation``.
 
@@ -113,6 +117,11 @@ class Observation(Message, frozen=True, kw_only=True, tag="observation/1"):
     field: PositionField | None = None
     """How likely the measurement is in each part of the map. The robot is in one of its cells with
     the probability that the observation is not false."""
+    floor: FloorName = ""
+    """The floor of `mean`; a building of several floors needs it, except for a landmark."""
+    floors: FloorLikelihoods = msgspec.field(default_factory=dict)
+    """How likely the measurement is on each floor, as that of a barometer; others are excluded.
+    `mean` and `covariance` are not used."""
 
 
 class Seen(msgspec.Struct, frozen=True, kw_only=True):

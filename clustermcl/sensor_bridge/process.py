@@ -100,7 +100,8 @@ def run_bridge(invocation: Invocation) -> None:
         return
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
-    grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
+    grid_map = load_map(map_file)
+    grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
     serve_robot(invocation, grid_map, source_of(settings))
 
 

@@ -13,6 +13,7 @@ from clustermcl.filter.poses import between, compose, wrap_angle
 from clustermcl.filter.settings import section_with
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
@@ -27,6 +28,7 @@ from clustermcl.protocol.steps import (
     Scan,
 )
 from clustermcl.runtime.settings import BridgeSettings
+from clustermcl.sensor_bridge.floor_observations import in_atlas
 from clustermcl.sensor_bridge.own_robot import OwnRobot
 from clustermcl.sensor_bridge.pending_observations import PendingObservations
 from clustermcl.sensor_bridge.refused import Refused
@@ -165,6 +167,11 @@ class StepMaker:
 
     def observe(self, observation: Observation) -> None:
         """Add an observation of another sensor to the next step."""
+        try:
+            observation = in_atlas(observation, self._floors)
+        except ValueError as error:
+            self.dropped.add(Cause.UNKNOWN_FLOOR, str(error))
+            return
         self._pending_observations.on_observation(observation)
 
     @property

@@ -43,6 +43,7 @@ def map_frame(message: MapMessage) -> Frame:
         "cols": message.cols,
         "cell_m": message.cell_m,
         "origin": message.map_from_grid,
+        "floors": message.floors.floors,
         "landmarks": [(each.name, each.x, each.y) for each in message.landmarks],
     }
 

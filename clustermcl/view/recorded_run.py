@@ -62,7 +62,8 @@ def view_recording(
         raise RecordingError(recording, f"{problem}; {remedy}")
     named = None
     if map_file:
-        grid_map = load_map(map_file).with_landmarks(landmarks_of_map(map_file))
+        grid_map = load_map(map_file)
+        grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
         named = to_message(grid_map, "recording")
     run = RecordedRun(recording, named)
     if save_file is None:

@@ -8,6 +8,7 @@ import msgspec
 
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import LandmarksFileError
+from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.message import MAX_POSE_M, Coordinate, Finite, Id, Number
 from clustermcl.protocol.steps import MAX_LANDMARKS, Landmark, Sigma
 from clustermcl.runtime.compressed import first_bytes, too_long_problem
@@ -22,6 +23,7 @@ _MAX_BYTES = 2**17
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     x: Coordinate
     y: Coordinate
+    floor: str = ""
     id: Id | None = None
     class_: Id | None = msgspec.field(default=None, name="class")
     sigma: Sigma | None = None
@@ -49,22 +51,31 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     landmarks: list[_Entry]
 
 
-def load_landmarks(path: Path | str) -> tuple[Landmark, ...]:
+def load_landmarks(path: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark, ...]:
     """Read a landmarks file.
 
     The file has a list ``landmarks``; each has ``id``, or a ``class`` that it shares with others,
     ``x`` and ``y`` in the map [m], and optionally the standard deviation ``sigma`` [m], or the
-    ``covariance`` of x and y, row by row [m²], whose largest standard deviation is used.
+    ``covariance`` of x and y, row by row [m²], whose largest standard deviation is used. In a
+    building, each has its ``floor``.
+
+    Args:
+        path: the file.
+        floors: those of the map (`GridMap.floors`); landmarks are returned in its atlas.
 
     Raises:
         LandmarksFileError: the file is unreadable or damaged, a field is unknown, missing or out of
             range, or an id is used twice.
     """
-    return landmarks_and_entries(Path(path))[0]
+    return landmarks_and_entries(Path(path), floors)[0]
 
 
-def landmarks_and_entries(path: Path) -> tuple[tuple[Landmark, ...], list[Any]]:
+def landmarks_and_entries(
+    path: Path, floors: Floors | None = None
+) -> tuple[tuple[Landmark, ...], list[Any]]:
     """Read a landmarks file; return its landmarks, and its entries as written.
+
+    Without `floors`, positions are those on the landmarks' floors.
 
     Raises:
         LandmarksFileError: as for `load_landmarks`.
@@ -80,16 +91,16 @@ def landmarks_and_entries(path: Path) -> tuple[tuple[Landmark, ...], list[Any]]:
     if len(entries) > MAX_LANDMARKS:
         problem = f"{len(entries)} landmarks; at most {MAX_LANDMARKS} are possible"
         raise LandmarksFileError(path, problem)
-    return _landmarks(path, entries), written["landmarks"]
+    return _landmarks(path, entries, floors), written["landmarks"]
 
 
-def landmarks_of_map(map_file: Path | str) -> tuple[Landmark, ...]:
+def landmarks_of_map(map_file: Path | str, floors: Floors = ONE_MAP) -> tuple[Landmark, ...]:
     """Return the landmarks of the file in a map's folder; none if there is no file."""
     path = Path(map_file).parent / LANDMARKS_FILE
-    return load_landmarks(path) if path.exists() else ()
+    return load_landmarks(path, floors) if path.exists() else ()
 
 
-def _landmarks(path: Path, entries: list[_Entry]) -> tuple[Landmark, ...]:
+def _landmarks(path: Path, entries: list[_Entry], floors: Floors | None) -> tuple[Landmark, ...]:
     found: list[Landmark] = []
     names: dict[str, bool] = {}
     """Whether each name is a class."""
@@ -106,5 +117,11 @@ def _landmarks(path: Path, entries: list[_Entry]) -> tuple[Landmark, ...]:
         except ValueError:
             problem = f"landmark {number} needs a sigma, or a positive definite covariance"
             raise LandmarksFileError(path, problem) from None
-        found.append(Landmark(name=name, x=entry.x, y=entry.y, sigma=sigma))
+        x, y = entry.x, entry.y
+        try:
+            if floors is not None:
+                x, y, _ = floors.in_atlas(entry.floor, (x, y, 0.0))
+        except ValueError as error:
+            raise LandmarksFileError(path, f"landmark {number}: {error}") from None
+        found.append(Landmark(name=name, x=x, y=y, sigma=sigma))
     return tuple(found)

@@ -1,6 +1,7 @@
 // Distributes the frames of the server to map and panel, and sends commands to the server.
 import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
+import { onFloor, pickFloor, showFloors } from "./floors.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
 import { clock, hint, isOld, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
@@ -67,6 +68,7 @@ const TAKE = {
     if (view.map?.frame.digest === frame.digest) return;
     const cells = await fetchedCells(frame);
     if (cells) view.setMap(frame, cells);
+    showFloors(view, view.step);
   },
   changes(frame) {
     view.changes = frame;
@@ -218,6 +220,7 @@ function plotAgain() {
 }
 
 function showMap({ step, clouds }) {
+  showFloors(view, step);
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
   $("clock").textContent = step ? clock(step.stamp_s) : "";
@@ -273,6 +276,8 @@ $("clusters").addEventListener("click", ({ target }) => {
   const cluster = Number(target.closest("li")?.dataset.cluster);
   const place = view.step?.places.find((one) => one.cluster === cluster);
   if (!place) return;
+  pickFloor(onFloor(place.pose).floor);
+  showFloors(view, view.step);
   view.lookAt(place.pose);
   view.select(view.selected === cluster ? null : cluster);
 });

@@ -2,6 +2,7 @@
 import { BEAM_COLOURS, classifiedBeams } from "./beams.js";
 import { drawChanges } from "./changes.js";
 import { drawLandmarks, drawNames, drawSeen } from "./landmarks.js";
+import { setFloors } from "./floors.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
@@ -16,6 +17,7 @@ export class MapView {
   constructor(canvas) {
     this.canvas = canvas;
     this.map = null; // { frame, cells, picture }
+    this.floor = null; // the shown one of a building
     this.view = { x: 0, y: 0, scale: 40 }; // middle [m]; pixels per metre
     this.changes = null; // { digest, cell_m, stamp_s, cells }
     this.step = null;
@@ -49,6 +51,7 @@ export class MapView {
     const another = !this.map || this.map.frame.cell_m * this.map.frame.cols !== frame.cell_m * frame.cols;
     this.map = { frame, cells };
     this.map.picture = pictureOf(this.map);
+    setFloors(this, frame);
     if (another) this.fit();
     this.redraw();
   }
@@ -77,7 +80,8 @@ export class MapView {
     const w = cols * cell_m, h = rows * cell_m, c = Math.cos(heading), s = Math.sin(heading);
     const corners = [[0, 0], [w, 0], [w, h], [0, h]].map(([a, b]) => [x + c * a - s * b, y + s * a + c * b]);
     const xs = corners.map((corner) => corner[0]), ys = corners.map((corner) => corner[1]);
-    const [west, east, south, north] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+    let [west, east, south, north] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+    if (this.floor) [[west, south], [east, north]] = [this.floor.low, this.floor.high];
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const [over, under, tools] = ["above", "below", "tools"].map((id) => document.getElementById(id));
     const above = MARGIN + over.offsetTop + over.offsetHeight;
@@ -223,6 +227,12 @@ export class MapView {
     const { frame: { rows, cols, cell_m, origin }, picture } = this.map;
     const k = view.scale * ratio;
     context.save();
+    if (this.floor) {
+      const [left, low] = this.screenOf(this.floor.low), [right, high] = this.screenOf(this.floor.high);
+      context.beginPath();
+      context.rect(left, high, right - left, low - high);
+      context.clip();
+    }
     context.setTransform(k, 0, 0, -k, (width / 2 - view.x * view.scale) * ratio, (height / 2 + view.y * view.scale) * ratio);
     context.translate(origin[0], origin[1]);
     context.rotate(origin[2]);

@@ -1,5 +1,6 @@
 // Fills the panel next to the map.
 import { BEAM_COLOURS } from "./beams.js";
+import { onFloor } from "./floors.js";
 import { colourOf, isDashed, percent } from "./palette.js";
 
 const $ = (id) => document.getElementById(id);
@@ -56,7 +57,7 @@ function showHeadline() {
  */
 export function showPose(frame, at, ago = "") {
   [pose, poseAt, before] = [frame, at, ago];
-  const [x, y, heading] = pose.pose ?? [];
+  const { x, y } = pose.pose ? onFloor(pose.pose) : {}, heading = pose.pose?.[2];
   const sigma = pose.covariance ? [0, 4, 8].map((at) => Math.sqrt(Math.max(pose.covariance[at], 0))) : [];
   const shown = (value, error, unit) => value === undefined ? ["–"]
     : [`${value}${unit}`, ...(error === undefined ? [] : [element("small", `± ${error}${unit}`)])];
@@ -112,10 +113,12 @@ export function showClusters(places, view, elsewhere, offMap) {
   const rows = places.map((place) => {
     const row = element("li"), button = element("button", "", "row");
     row.style.setProperty("--chip", colourOf(place.slot));
-    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to show it and its beams${place.why && `\n${place.why}`}`;
+    const { floor, x, y } = onFloor(place.pose), on = floor ? `, ${floor.name}` : "";
+    row.title = `(${x.toFixed(2)}, ${y.toFixed(2)}) m${on}, ${place.age} steps old; click to show it and its beams${place.why && `
+${place.why}`}`;
     row.dataset.cluster = place.cluster;
     row.append(button);
-    button.append(chip(place.slot), `place ${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
+    button.append(chip(place.slot), `place ${place.cluster}${on}`, barOf(place.p), element("b", percent(place.p)));
     return row;
   });
   if (!places.length) rows.push(element("li", "no places yet", "more"));

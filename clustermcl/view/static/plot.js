@@ -1,4 +1,5 @@
 // Probability of every cluster over the last steps.
+import { byFloor } from "./floors.js";
 import { colourOf, isDashed, percent, prepared, themed } from "./palette.js";
 
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
@@ -84,6 +85,8 @@ const NAMED_PLACES = 3;
 
 /** A step and its most probable places in words. */
 export function rowText([step, places]) {
+  const lines = inLines(places);
+  if (lines !== places) return `step ${step}: ${lines.map(([name, , p]) => `${name} ${percent(p)}`).join(", ")}`;
   const named = places.slice(0, NAMED_PLACES).map(([cluster, , p]) => `place ${cluster} ${percent(p)}`);
   return `step ${step}: ${named.join(", ")}${places.length > NAMED_PLACES ? ", …" : ""}`;
 }
@@ -93,11 +96,17 @@ function rowsBetween(rows, first, last) {
   return from < 0 ? [] : rows.slice(from, to + 1);
 }
 
-/** One line for each cluster, in the order in which they began. */
+/** The lines of a step: of the floors of a building, else of its places. */
+function inLines(places) {
+  const held = byFloor(places.map(([, , p, x, y]) => ({ p, at: [x, y] })));
+  return held.length ? held.map(({ name, slot, p }) => [name, slot, p]) : places;
+}
+
+/** One line for each floor or cluster, in the order in which they began. */
 function linesOf(rows) {
   const lines = new Map();
   for (const [step, places] of rows) {
-    for (const [cluster, slot, p] of places) {
+    for (const [cluster, slot, p] of inLines(places)) {
       if (!lines.has(cluster)) lines.set(cluster, { slot, points: [] });
       lines.get(cluster).points.push([step, p]);
     }

@@ -1,5 +1,6 @@
 // Pointer, wheel, keys and buttons: the visible section, and commands.
 import { changeAt } from "./changes.js";
+import { onFloor } from "./floors.js";
 import { Driving } from "./driving.js";
 import { hint } from "./panel.js";
 
@@ -86,7 +87,8 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
-    $("cursor").textContent = view.mapOf(now).map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m" + changeAt(view, view.mapOf(now));
+    const point = view.mapOf(now), { x, y } = onFloor(point);
+    $("cursor").textContent = [x, y].map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m" + changeAt(view, point);
     if (!before) {
       view.point(view.clusterAt(now));
       return;
@@ -113,7 +115,9 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     setPlacing(null);
     if (event.type !== "pointerup") return;
     const heading = Math.atan2(to[1] - from[1], to[0] - from[0]);
-    send({ type, pose: [from[0], from[1], heading], ...(spread && { position_sigma_m: spread }) });
+    const { floor, x, y } = onFloor(from);
+    if (type === "set_pose" && floor) send({ type, pose: [x, y, heading], floor: floor.name, position_sigma_m: spread });
+    else send({ type, pose: [from[0], from[1], heading], ...(spread && { position_sigma_m: spread }) });
   };
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);

@@ -136,7 +136,8 @@ class InsideEngine:
     def run(self, stop: StopFlag) -> None:
         """Localize until `stop` is set."""
         if (file := self._settings.bridge.map) and file != "zenoh":
-            self._on_map(load_map(file).with_landmarks(landmarks_of_map(file)))
+            grid_map = load_map(file)
+            self._on_map(grid_map.with_landmarks(landmarks_of_map(file, grid_map.floors)))
         status_s = 0.0
         while not stop.is_set():
             if (arrived := self._inbox.get(_POLL_S)) is not None:

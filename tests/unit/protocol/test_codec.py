@@ -49,7 +49,8 @@ def test_an_observation_on_the_wire_has_these_fields() -> None:
         "mean": [2.0, -0.5],
         "covariance": [0.25, 0.0, 0.0, 0.25],
     }
-    defaults = {"outlier_probability": 0.05, "correlation_s": 30.0, "field": None}
+    defaults = {"outlier_probability": 0.05, "correlation_s": 30.0, "field": None, "floor": ""}
+    defaults |= {"floors": {}}
     assert msgpack.unpackb(encode(observation)) == plain | defaults
     assert decode(msgpack.packb(plain), Observation) == observation
     values = ArrayBlob.of(np.array([[0.0, -1.0]]), "float32")

@@ -1,0 +1,74 @@
+"""The page of a building: floors as tabs, and what is drawn and said on each."""
+
+from itertools import islice
+from typing import Any
+
+import pytest
+
+from clustermcl.belief.outcome import belief_after
+from clustermcl.evaluation.course import Case, SimulatedRobot
+from clustermcl.evaluation.run import Run
+from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.steps import TruePose
+from clustermcl.recordings.maps.map_message import to_message
+from clustermcl.runtime.settings import Settings
+from clustermcl.view.recorded_run import best_pose
+from tests.integration.view.stage import Stage
+from tests.integration.view.test_drawn import page_of, shows
+
+pytestmark = pytest.mark.browser
+
+TABS = """return [...document.querySelectorAll("#floors button")].map((tab) =>
+  [tab.innerText, tab.getAttribute("aria-pressed"), tab.querySelectorAll("i").length])"""
+
+
+def test_floors_are_tabs_and_poses_are_those_of_the_floor(driver: Any, pictures: Any) -> None:
+    case = Case(robot=SimulatedRobot(world="tower"), updates=140)
+    course, steps = Run(case=case, seed=1, settings=Settings()).begun()
+    floors = course.map.floors
+    with Stage() as stage:
+        stage.show(to_message(course.map, "bridge"))
+        page = page_of(stage, driver)
+        for scan, outcome, truth in islice(steps, 140):
+            assert truth is not None
+            floor, there = floors.on_floor(truth)
+            belief = belief_after(scan, outcome, "coordinator")
+            at = TruePose(sender="s", step=scan.step, pose=there, floor=floor)
+            stage.picture.on_truth(at)
+            stage.picture.on_scan(scan)
+            stage.picture.on_belief(belief)
+            stage.picture.on_pose(best_pose(belief))
+        shows(stage, lambda: page.run("return liveView.view.step?.step") == 139)
+        shows(stage, lambda: page.run(TABS) and page.text("x").startswith(f"{there[0]:.1f}"))
+        assert [tab[0].split()[0] for tab in page.run(TABS)] == ["ground", "first", "second"]
+        best = belief.floor
+        pressed = [
+            text.split()[0] for text, is_pressed, _ in page.run(TABS) if is_pressed == "true"
+        ]
+        assert pressed == [best]
+        (other,) = {place.floor for place in belief.hypotheses} - {best}
+        pills = {text.split()[0]: count for text, _, count in page.run(TABS)}
+        assert (pills[best], pills[other]) == (0, 1)
+        page.save(pictures / "floors-best.png")
+        assert f"place {belief.hypotheses[1].cluster}, {other}" in page.text("clusters")
+        number = floors.names.index("ground")
+        page.run(f"document.querySelectorAll('#floors button')[{number}].click()")
+        middle = page.run("return [liveView.view.view.x, liveView.view.view.y]")
+        assert floors.on_floor((*middle, 0.0))[0] == "ground"
+        page.save(pictures / "floors-ground.png")
+        page.run("liveView.travel.goTo(100)")  # the robot was in the ground floor
+        shows(stage, lambda: page.run(TABS)[number][0].split()[1] == "100")
+        page.run("liveView.travel.toNow()")
+        x, y, _ = floors.in_atlas("ground", (-4.0, -2.0, 0.0))
+        left, top = page.run(f"return liveView.view.screenOf([{x}, {y}])")
+        page.run("document.getElementById('set-pose').click()")
+        page.drag_on_map((left, top), (left + 80, top))
+        shows(stage, lambda: stage.commands)
+        (command,) = stage.commands
+        assert isinstance(command, SetPose)
+        assert (command.floor, command.pose) == (
+            "ground",
+            pytest.approx((-4.0, -2.0, 0.0), abs=0.1),
+        )
+    driver.get("about:blank")
+    assert page.console() == []
