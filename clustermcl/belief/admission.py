@@ -43,8 +43,6 @@ class Admission:
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
     """Share of the search's probability in places that clusters hold or that enter."""
-    eligible: int
-    """Places that are probable enough to enter, whether there is room or not."""
 
 
 def admission(
@@ -105,7 +103,7 @@ def admission(
     ]
     explained += math.fsum(pool.share[index] for index in entering)
     weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
-    return Admission(weighed, min(explained, 1.0), len(eligible))
+    return Admission(weighed, min(explained, 1.0))
 
 
 def log_weight_of_held(

@@ -34,8 +34,6 @@ NEWS_M, NEWS_RAD = 0.1, 0.2
 """Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
 PERHAPS_LIFTED = 0.2
 """Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
-RETURNS = 2.0
-"""Rate at which a robot off the map returns, relative to the rate at which robots are lifted."""
 
 
 def new_evidence_share(before_from_after: Pose) -> float:
@@ -273,7 +271,7 @@ class _Update:
         if hazard == 0.0:
             return log_here, held.log_elsewhere, held.log_off_map
         off = 0.0 if held.on_map else held.rules.off_map_probability
-        back = min(RETURNS * hazard, 1.0)
+        back = hazard
         lifted = log_here + log_of(hazard)
         log_there = np.logaddexp.reduce(
             [held.log_elsewhere, lifted + log_of(1.0 - off), held.log_off_map + log_of(back)]

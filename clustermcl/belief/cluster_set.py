@@ -25,10 +25,6 @@ from clustermcl.protocol.message import Covariance, NotNegative, Number, NumberO
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from clustermcl.protocol.work import ParticleCount, Place
 
-ALTERNATIVE = 0.1
-"""A cluster with this share of the best one's probability is an alternative."""
-STILL_PROBABLE = 0.05
-"""Least probability of an alternative after candidates entered: the alarm may have been false."""
 ESTABLISHED_VIEWS = 5.0
 """New views after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
@@ -46,8 +42,6 @@ class Cluster(msgspec.Struct, frozen=True):
     born_step: NumberOrNone
     pose: PoseTuple
     covariance: Covariance
-    protected_until: int = -1
-    """The step before which it may not be replaced."""
     effective_sample_size: NotNegative = 0.0
     particles: ParticleCount | None = None
     """Particles that track it from `particles_from` on; None: not decided."""
@@ -194,22 +188,17 @@ class ClusterSet(Part):
         self,
         candidates: Sequence[Candidate],
         step: int,
-        *,
-        first_step: float = math.inf,
-        protected_until: int = -1,
     ) -> tuple[list[Cluster], list[JobEvent]]:
         """Add candidates; if there are too many clusters, end the least probable ones.
 
         Args:
             candidates: with weights relative to the belief; all are normalised afterwards.
             step: the step after which they are tracked.
-            first_step: of the search that has found them; its earlier finds are not protected.
-            protected_until: the step before which they may not be replaced.
 
         Returns:
             The new clusters, in the order of the candidates, and who began and who ended.
         """
-        leaving = self._make_room(len(candidates), step, first_step)
+        leaving = self._make_room(len(candidates))
         first = self.next_cluster
         for place, cause in candidates:
             self.clusters[self.next_cluster] = Cluster(
@@ -218,7 +207,6 @@ class ClusterSet(Part):
                 step,
                 place.pose,
                 place.covariance,
-                protected_until,
                 confirmed=cause != "given",
             )
             self.next_cluster += 1
@@ -251,50 +239,18 @@ class ClusterSet(Part):
             self.clusters[cluster.cluster] = less
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
-    def room(self, step: int, first_step: float = math.inf) -> list[float]:
+    def room(self) -> list[float]:
         """Return the probabilities of the clusters that candidates may replace, in ascending order.
 
-        Free places come first, as clusters of probability 0. Clusters within their minimum
-        lifetime are replaced only by later places of their own search.
+        Free places come first, as clusters of probability 0.
         """
         free = self.rules.max_clusters - len(self.clusters)
-        return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
+        return [0.0] * free + [c.probability for c in reversed(self.by_probability())]
 
-    def protect_alternatives(self, until: int) -> None:
-        """Protect the probable clusters from replacement before this step.
-
-        One or two scans among people may give a false alarm. The places that a search finds then
-        must not replace the right one.
-        """
-        ordered = self.by_probability()
-        for cluster in ordered:
-            if cluster.probability >= ALTERNATIVE * ordered[0].probability:
-                protected = replace(cluster, protected_until=max(cluster.protected_until, until))
-                self.clusters[cluster.cluster] = protected
-
-    def apply_floor(self, step: int, first_step: int) -> None:
-        """Raise earlier protected clusters to `STILL_PROBABLE` after candidates entered.
-
-        Args:
-            step: number of the last step.
-            first_step: first step of the search that found the candidates; clusters that began
-                since then stay as they are.
-        """
-        for cluster in self.all():
-            old = cluster.born_step < first_step and step < cluster.protected_until
-            if old and cluster.probability < STILL_PROBABLE:
-                lifted = replace(cluster, log_probability=math.log(STILL_PROBABLE))
-                self.clusters[cluster.cluster] = lifted
-        self._normalise()
-
-    def drop_improbable(self, step: int) -> list[Ended]:
+    def drop_improbable(self) -> list[Ended]:
         """End clusters below the least probability; elsewhere gets theirs."""
         least = self.rules.least_probability
-        leaving = [
-            cluster
-            for cluster in self.by_probability()[1:]
-            if cluster.probability < least and step >= cluster.protected_until
-        ]
+        leaving = [each for each in self.by_probability()[1:] if each.probability < least]
         ended = self.end(leaving, "improbable")
         if leaving and self.rules.kidnapping_probability > 0.0:
             logs = [cluster.log_probability for cluster in leaving]
@@ -371,12 +327,7 @@ class ClusterSet(Part):
         ]
         admitted, events = self.admit(candidates, step)
         for part in admitted:
-            aged = replace(
-                part,
-                born_step=whole.born_step,
-                protected_until=whole.protected_until,
-            )
-            self.clusters[part.cluster] = aged
+            self.clusters[part.cluster] = replace(part, born_step=whole.born_step)
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def _is_anywhere(self) -> None:
@@ -391,18 +342,10 @@ class ClusterSet(Part):
         self.fit, self.given, self.on_map = UsualFit(), None, False
         return self.end(self.all(), cause)
 
-    def _leaving(self, step: int, first_step: float) -> list[Cluster]:
-        """Return the clusters that may be replaced, least probable first."""
-        return [
-            cluster
-            for cluster in reversed(self.by_probability())
-            if step >= cluster.protected_until or cluster.born_step >= first_step
-        ]
-
-    def _make_room(self, count: int, step: int, first_step: float) -> list[Cluster]:
+    def _make_room(self, count: int) -> list[Cluster]:
         """Remove the clusters that exceed the maximum after `count` more; return them."""
         surplus = len(self.clusters) + count - self.rules.max_clusters
-        leaving = self._leaving(step, first_step)[: max(surplus, 0)]
+        leaving = self.by_probability()[::-1][: max(surplus, 0)]
         for cluster in leaving:
             del self.clusters[cluster.cluster]
         return leaving

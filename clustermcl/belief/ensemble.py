@@ -54,8 +54,6 @@ ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
 OPEN = 0.1
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
-LEADS = 0.1
-"""A decoy is tracked only if one cluster has more than this share: else none is near 0.9."""
 LIFTED = 16.0
 """A given place fails if the fit falls by so much at once: where a building has changed, it falls
 from scan to scan [nat]."""
@@ -196,7 +194,7 @@ class Ensemble(Part, kw_only=True):
         if step % self.settings.belief.merge_every_steps == 0:
             self.events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
-        self.events += self.clusters.drop_improbable(step)
+        self.events += self.clusters.drop_improbable()
         ledger.note("places merged, split or dropped")
         if step % SHARE_EVERY_STEPS == 0:
             self._share_particles(step)
@@ -287,7 +285,6 @@ class Ensemble(Part, kw_only=True):
         near: Circle | None = None,
         corners: Corners = (),
     ) -> None:
-        self.clusters.protect_alternatives(first_step + self.settings.belief.minimum_lifetime_steps)
         outside = (self.clusters.log_elsewhere, self.clusters.log_off_map)
         self.begin |= self.search.begin(first_step, *outside, near, corners)
 
@@ -322,22 +319,18 @@ class Ensemble(Part, kw_only=True):
             # It has seen scans from before the robot was lifted, and kept where that was.
             self.events += self.search.stop(step, "search stopped")
             return
-        all_in = True
         is_over = self.search.finished(fresh, patient=self._is_patient)
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            all_in = self._admit_candidates(fresh, step, is_over=is_over)
-        if is_over and all_in:
+            self._admit_candidates(fresh, step, is_over=is_over)
+        if is_over:
             self.clusters.hold_on(self.search.first_step)
             self.events += self.search.stop(step, "search over")
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
-        best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
-        has_best = best > LEADS * (1.0 - self.clusters.outside_clusters)
-        is_open = has_best and self.clusters.off_map > OPEN
-        begin, ended = self.decoy.follow(step, reports, is_open=is_open)
+        begin, ended = self.decoy.follow(step, reports, is_open=self.clusters.off_map > OPEN)
         self.begin |= begin
         self.events += ended
 
@@ -356,14 +349,11 @@ class Ensemble(Part, kw_only=True):
         self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> bool:
+    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> None:
         """Admit places that no cluster holds; their probability is taken from elsewhere.
 
         The scans since the search began determine its weight. Once some of its places are
         clusters, their probability determines it, and is shared with later places.
-
-        Returns:
-            False if some places have to wait until the protection of other clusters ends.
         """
         first_step, evidence = self.search.first_step, self.search.evidence
         then, settings = self.search.means_at(pool.step), self.settings
@@ -373,7 +363,7 @@ class Ensemble(Part, kw_only=True):
         since = evidence.log_weight(pool.step, pool.log_evidence)
         log_weight = since if log_held is None else log_held
         held = [then[cluster.job_id] for cluster in clusters]
-        room = self.clusters.room(step, first_step)
+        room = self.clusters.room()
         before = self.clusters.elsewhere
         most = math.inf if log_held is None else before + math.fsum(share for _, share in own)
         found = admission(
@@ -394,10 +384,7 @@ class Ensemble(Part, kw_only=True):
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
-        self._admit(entering, step, first_step, step + settings.belief.minimum_lifetime_steps)
-        if entering and not own:
-            self.clusters.apply_floor(step, first_step)
-        return found.eligible <= len(room) or len(room) == settings.belief.max_clusters
+        self._admit(entering, step)
 
     def _ride(self, scan: Scan, hazard: float, *, in_cabin: bool) -> None:
         """Admit places at the other ends of links that the robot may have taken."""
@@ -405,7 +392,7 @@ class Ensemble(Part, kw_only=True):
         if not settings.belief.link_probability:
             return
         ends = ride(self.clusters, scan, hazard, in_cabin=in_cabin)
-        room = self.clusters.room(step)
+        room = self.clusters.room()
         entering: list[Candidate] = []
         for (cluster, end, share), leaving in zip(ends, room, strict=False):
             if share <= max(leaving, settings.belief.least_probability):
@@ -423,34 +410,23 @@ class Ensemble(Part, kw_only=True):
             self.clusters.move({cluster.cluster: -share})
             entering.append((place, "ride"))
         if entering:
-            protected = step + settings.belief.minimum_lifetime_steps
-            self._admit(entering, step, protected_until=protected)
+            self._admit(entering, step)
 
     def _admit_observed(self, pool: Pool) -> None:
         """Admit places that an observation allows; they share the probability of elsewhere."""
         step, log_weight = pool.step, self.clusters.log_elsewhere
         held = [cluster.pose for cluster in self.clusters.all()]
-        room = self.clusters.room(step)
+        room = self.clusters.room()
         found = admission(pool, held, room, log_weight, self.settings, is_over=False)
         if found.entering:
             self.clusters.take_from_elsewhere(found.explained)
             entering: list[Candidate] = [(place, "observed") for place in found.entering]
-            self._admit(
-                entering, step, protected_until=step + self.settings.belief.minimum_lifetime_steps
-            )
+            self._admit(entering, step)
 
-    def _admit(
-        self,
-        candidates: Sequence[Candidate],
-        step: int,
-        first_step: float = math.inf,
-        protected_until: int = -1,
-    ) -> None:
+    def _admit(self, candidates: Sequence[Candidate], step: int) -> None:
         if candidates and len(self.clusters):
             self.seen = ViewMemory.of_this_scan()  # further scans separate others, not these
-        admitted = self.clusters.admit(
-            candidates, step, first_step=first_step, protected_until=protected_until
-        )
+        admitted = self.clusters.admit(candidates, step)
         self._track([place for place, _ in candidates], *admitted)
 
     def _track(

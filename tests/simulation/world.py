@@ -32,7 +32,6 @@ SETTINGS = FilterSettings(
         elsewhere_poses=20,
         search_every_steps=6,
         candidate_probability=0.05,
-        minimum_lifetime_steps=2,
     ),
 )
 COORDINATOR = CoordinatorSettings(

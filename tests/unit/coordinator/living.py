@@ -78,9 +78,7 @@ SETTINGS = FilterSettings(
         places=8,
         places_with_particles=4,
     ),
-    belief=BeliefSettings(
-        max_clusters=4, search_every_steps=6, candidate_probability=0.05, minimum_lifetime_steps=2
-    ),
+    belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )
 EVENT_NS = 1_000_000
 NO_COORDINATOR = TakeOver(sender="coordinator", term=0)

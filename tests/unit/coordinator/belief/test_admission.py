@@ -138,12 +138,6 @@ def test_no_more_probable_cluster_is_replaced_by_a_candidate() -> None:
     assert set(entered(found, 0.0, ())) == set()
 
 
-def test_the_number_of_candidates_includes_those_without_room() -> None:
-    found = pool((0.5, FAR), (0.3, FARTHER), (0.1, HELD[0]), (0.05, LEAST))
-    for room in ((), (0.0, 0.9)):
-        assert admission(found, HELD, room, 0.0, SETTINGS, is_over=False).eligible == 3
-
-
 def test_places_that_are_too_improbable_do_not_enter() -> None:
     found = pool((0.09, FAR), (0.05, FARTHER))
     assert set(entered(found, 0.0, least_probability=0.06)) == {FAR}

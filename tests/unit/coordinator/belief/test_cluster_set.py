@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import NEWS_M, new_evidence_share, weigh
-from clustermcl.belief.cluster_set import LEAST_LOG, STILL_PROBABLE, Candidate, ClusterSet
+from clustermcl.belief.cluster_set import LEAST_LOG, Candidate, ClusterSet
 from clustermcl.filter.laser.evidence_model import residual, through_beam_loss
 from clustermcl.filter.laser.off_map import MapQuality
 from clustermcl.filter.settings import SensorSettings
@@ -231,12 +231,11 @@ def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
 
 def test_weights_of_candidates_are_relative_to_the_belief() -> None:
     made = first(0.5, 0.3, 0.2, max_clusters=3)
-    assert made.room(0) == pytest.approx([0.2, 0.3, 0.5])
-    admitted, _ = made.admit([(place(0.45, NORTH, 1), "restart")], 1, protected_until=9)
+    assert made.room() == pytest.approx([0.2, 0.3, 0.5])
+    admitted, _ = made.admit([(place(0.45, NORTH, 1), "restart")], 1)
     assert [c.probability for c in made.all()] == pytest.approx([0.4, 0.24, 0.36])
-    assert (admitted[0].born_step, admitted[0].protected_until) == (1, 9)
-    assert made.room(8) == pytest.approx([0.24, 0.4])
-    assert made.room(9) == pytest.approx([0.24, 0.36, 0.4])
+    assert admitted[0].born_step == 1
+    assert made.room() == pytest.approx([0.24, 0.36, 0.4])
 
 
 def test_the_event_of_a_replaced_cluster_names_its_successor() -> None:
@@ -250,18 +249,6 @@ def test_the_event_of_a_replaced_cluster_names_its_successor() -> None:
     ]
 
 
-def test_every_removed_cluster_has_an_event_if_protection_had_kept_too_many() -> None:
-    """A given place entered while no cluster could be replaced."""
-    made = first(0.5, 0.3, 0.2, max_clusters=3)
-    made.protect_alternatives(5)
-    made.admit([(place(1.0, EAST, 1), "given")], 1)
-    assert len(made) == 4
-    _, events = made.admit([(place(1.0, EAST, 5), "restart")], 5)
-    left = [(event.job_id, event.by) for event in events if isinstance(event, Ended)]
-    assert left == [("c2", ("c4",)), ("c1", ("c4",))]
-    assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
-
-
 def test_a_place_whose_probability_underflows_keeps_the_least_probability() -> None:
     made = first(1.0, 0.0)
     first_one, second = made.by_probability()
@@ -272,20 +259,18 @@ def test_a_place_whose_probability_underflows_keeps_the_least_probability() -> N
 
 def test_the_probability_of_a_dropped_cluster_goes_to_elsewhere() -> None:
     made = first(0.5, 0.3, 0.1, least_probability=0.2)
-    (ended,) = made.drop_improbable(0)
+    (ended,) = made.drop_improbable()
     assert ended == Ended("c2", "improbable", (), pytest.approx(0.1))
     assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
     never = first(0.6, 0.3, 0.1, least_probability=0.2, kidnapping_probability=0.0)
-    never.drop_improbable(0)
+    never.drop_improbable()
     assert probabilities(never) == pytest.approx([2 / 3, 1 / 3, 0.0])
 
 
-def test_the_protected_and_the_best_stay_when_improbable_ones_are_dropped() -> None:
-    made = first(0.8, 0.1, least_probability=0.2)
-    made.admit([(place(0.1, NORTH, 0), "restart")], 1, protected_until=5)
-    assert [ended.job_id for ended in made.drop_improbable(4)] == ["c1"]
-    assert [ended.job_id for ended in made.drop_improbable(5)] == ["c2"]
-    assert made.drop_improbable(99) == []
+def test_the_best_stays_when_improbable_ones_are_dropped() -> None:
+    made = first(0.15, 0.1, 0.05, least_probability=0.2)
+    assert [ended.job_id for ended in made.drop_improbable()] == ["c1", "c2"]
+    assert made.drop_improbable() == []
     assert math.fsum(probabilities(made)) == pytest.approx(1.0)
 
 
@@ -327,7 +312,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
                 made.take_from_elsewhere(value)
                 made.admit([(place(v, SOUTH, step), "restart") for v in values], step)
             case "drop":
-                made.drop_improbable(step)
+                made.drop_improbable()
             case "merge":
                 made.merge_overlaps()
             case "split" if clusters:
@@ -341,35 +326,12 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             assert made.elsewhere == 0.0
 
 
-def test_only_clusters_from_before_a_search_are_raised_after_its_candidates() -> None:
-    made = first(0.9, 0.09)
-    made.protect_alternatives(20)
-    made.admit([(place(50.0, SOUTH, 5), "restart"), (place(0.01, NORTH, 5), "restart")], 5,
-               protected_until=20)  # fmt: skip
-    made.apply_floor(6, first_step=4)
-    old, _, strong, weak = probabilities(made)[:4]
-    assert old == pytest.approx(STILL_PROBABLE / (1.0 + STILL_PROBABLE), rel=0.1)
-    assert strong > 0.8
-    assert weak < 0.01, "found by the search itself"
-
-
-def test_later_places_of_a_search_may_replace_its_first_places() -> None:
-    made = first(0.5, 0.5, max_clusters=3)
-    made.protect_alternatives(20)
-    made.admit([(place(0.1, SOUTH, 5), "restart")], 5, protected_until=20)
-    assert made.room(6) == []
-    assert made.room(6, first_step=4) == pytest.approx([0.1 / 1.1])
-    better = [(place(0.2, NORTH, 6), "restart")]
-    _, events = made.admit(better, 6, first_step=4, protected_until=21)
-    assert [e.job_id for e in events if isinstance(e, Ended)] == ["c2"]
-
-
 def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> None:
     made = first(0.6, 0.2)
     made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
     *old, held = probabilities(made)[:3]
     found: list[Candidate] = [(place(0.6 * held, NORTH, 6), "restart")]
-    made.admit(made.sharing(found, 5, 0.0), 6, first_step=5)
+    made.admit(made.sharing(found, 5, 0.0), 6)
     after = probabilities(made)
     assert after[:2] == pytest.approx(old)
     assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])
@@ -377,9 +339,8 @@ def test_later_places_of_a_search_take_weight_only_from_its_first_places() -> No
 
 def test_parts_of_a_split_cluster_keep_its_age() -> None:
     made = first(1.0)
-    made.protect_alternatives(20)
     made.split("c0", [place(0.7, SOUTH, 5), place(0.3, NORTH, 5)], 5)
-    assert [(c.born_step, c.protected_until) for c in made.all()] == [(0, 20)] * 2
+    assert [c.born_step for c in made.all()] == [0, 0]
 
 
 def test_two_clusters_at_one_place_merge_with_their_joint_probability() -> None:

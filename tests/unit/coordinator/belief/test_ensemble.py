@@ -176,21 +176,6 @@ def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() ->
     assert not outcome.searching
 
 
-def test_a_candidate_in_its_grace_is_not_replaced() -> None:
-    places = {NORTH: 0.98, SOUTH: 0.01, EAST: 0.01}
-    made = bootstrapped(
-        places, search_every_steps=1, minimum_lifetime_steps=50, candidate_probability=0.02
-    )
-    tracks: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
-    for step, x_m in ((1, 0.0), (2, -5.0), (3, 0.0), (4, -9.0), (5, 0.0), (6, -15.0)):
-        reports: list[Report] = [tracked(job, step, 0.1, mean) for job, mean in tracks.items()]
-        search = step // 2
-        reports += [searched(f"s{search}.{n}", step, {(x_m, 0.0, 0.0): 1.0}) for n in range(2)]
-        outcome = made.advance(step, reports)
-        tracks = {f"c{h.cluster}": h.pose for h in outcome.hypotheses}
-    assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
-
-
 @pytest.mark.parametrize("log_elsewhere", [math.log(0.05), math.log(5.0), None])
 def test_the_first_scan_after_a_given_pose_decides(log_elsewhere: float | None) -> None:
     """Also if the robot stands, where scans are no news otherwise."""
@@ -318,22 +303,6 @@ def test_a_search_from_before_a_kidnapping_begins_again(evidence: float, goes_on
     assert (Ended("s1.0", "search stopped") in outcome.events) == (not goes_on)
     second = SearchJob(search=2, shard=0, first_step=3)
     assert outcome.begin.get("s2.0") == (None if goes_on else second)
-
-
-def test_a_search_waits_until_there_is_room_for_its_places() -> None:
-    """A full set of places that the robot may well be at is kept for a grace, and no longer."""
-    made = bootstrapped(
-        {NORTH: 0.5, SOUTH: 0.5},
-        max_clusters=2,
-        minimum_lifetime_steps=10,
-        kidnapping_probability=0.001,
-    )
-    assert lifted(made, 1, search=9).begin.keys() == {"s1.0", "s1.1"}
-    for step in range(2, 12):
-        assert not lifted(made, step, search=1).events
-    outcome = lifted(made, 12, search=1)
-    assert outcome.hypotheses[0].pose == EAST
-    assert Ended("s1.0", "search over") in outcome.events
 
 
 def test_after_a_given_pose_elsewhere_is_weighed_from_the_next_step_on() -> None:
