@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.poses import compose
@@ -34,7 +35,7 @@ from clustermcl.ros2.messages_out import (
 )
 from clustermcl.ros2.outputs import NO_ID, Output, Publish, Refused
 from clustermcl.ros2.particles import ClusterParticles
-from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice
+from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice, on_floor
 from clustermcl.ros2.tf_queue import TfQueue
 from clustermcl.ros2.topics import Topic, Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
@@ -63,6 +64,9 @@ class Amcl:
         self._odometry_ns: int | None = None
         self._published_ns: int | None = None
         self._map_digest = ""
+        self._floor = ""
+        self.waits_for_map = False
+        """Whether map_server still has the map of another floor."""
         self._remembered_pose: Any = None
         self._was_reset = False
 
@@ -179,7 +183,8 @@ class Amcl:
             self._remembered_pose = message
             return
         try:
-            yield given_pose(message, self.settings, self._frames)
+            given = given_pose(message, self.settings, self._frames)
+            yield replace(given, floor=self.choice.floor or self.settings.initial_floor)
         except ValueError as problem:
             yield Refused(Cause.POSE_REFUSED, str(problem))
 
@@ -214,6 +219,9 @@ class Amcl:
             message = pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.pose
+            if chosen.floor != self._floor:
+                self._floor = chosen.floor
+                yield Publish(topics.FLOOR, new(types.STRING, data=chosen.floor))
         yield Publish(topics.STATE, new(types.STRING, data=belief.state))
         yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=belief.probability))
 
@@ -223,6 +231,7 @@ class Amcl:
         self._unpublished = None
         if belief is None or not self.is_active:
             return
+        belief = on_floor(belief, self.choice.floor or belief.floor)
         places = detection(belief, frame, self.settings.node_name)
         yield Publish(topics.HYPOTHESIS_DETECTION, places)
         yield Publish(topics.HYPOTHESES, markers(belief, frame))
@@ -272,6 +281,7 @@ class Amcl:
             self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
             map_from_odom = self._place.place(reading.odom_from_robot)
             is_newer = self._published_ns is None or reading.stamp_ns > self._published_ns
+            is_newer &= not self.waits_for_map
             if map_from_odom is not None and self.settings.tf_broadcast and is_newer:
                 self._published_ns = reading.stamp_ns
                 until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)

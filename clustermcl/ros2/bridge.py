@@ -177,6 +177,9 @@ class BridgeLoop:
     def refuse(self, cause: AnyCause, detail: str) -> None:
         self._node.warn(_log, cause, detail)
 
+    def load_map(self, file: str) -> None:
+        self._port.on_map_loaded(f"{file} cannot be loaded over rmw_zenoh: use the ROS package")
+
     def refused(self) -> Mapping[str, int]:
         return self._node.health.dropped()
 

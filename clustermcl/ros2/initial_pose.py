@@ -59,6 +59,7 @@ def initial_pose(settings: Ros2Settings) -> SetPose:
         pose=(settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad),
         position_sigma_m=0.5,
         heading_sigma_rad=math.pi / 12.0,
+        floor=settings.initial_floor,
     )
 
 

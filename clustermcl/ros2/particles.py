@@ -51,6 +51,7 @@ class ClusterParticles:
             (N, 3) poses and (N,) weights that sum to one; None while no particles are known.
         """
         places = {one.cluster: one.probability for one in belief.hypotheses}
+        at = {one.cluster: one.pose for one in belief.hypotheses}
         self._clouds = {number: self._clouds[number] for number in places if number in self._clouds}
         total = sum(places[number] for number in self._clouds)
         if total <= 0.0:
@@ -58,6 +59,9 @@ class ClusterParticles:
         odometry, poses, weights = np.array(belief.odom_from_robot), [], []
         for number, cloud in self._clouds.items():
             count = max(1, round(CLOUD * places[number]))
-            poses.append(compose(cloud.drawn(count), between(cloud.odom_from_robot, odometry)))
+            moved = compose(cloud.drawn(count), between(cloud.odom_from_robot, odometry))
+            if belief.floors:  # particles are in the atlas, places on their floor
+                moved[:, :2] += np.array(at[number][:2]) - moved[:, :2].mean(axis=0)
+            poses.append(moved)
             weights.append(np.full(count, places[number] / total / count))
         return np.concatenate(poses), np.concatenate(weights)

@@ -2,7 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
+
+from msgspec.structs import replace
 
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, Configure, Freshness, Relocalize, Update
@@ -11,9 +14,11 @@ from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles
+from clustermcl.recordings.maps.building import floor_files
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2 import topics
 from clustermcl.ros2.amcl import Amcl
+from clustermcl.ros2.floor_maps import FloorMaps
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import new, response_of
 from clustermcl.ros2.messages_out import diagnostics
@@ -54,6 +59,9 @@ class Ros(Protocol):
 
     def show_parameters(self, values: Mapping[str, Value]) -> None:
         """Set the node's parameters to values that were not set by a call."""
+
+    def load_map(self, file: str) -> None:
+        """Have map_server load a map, and call `Port.on_map_loaded` with its answer."""
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
         """Count something unusable by its cause, and log it."""
@@ -101,6 +109,8 @@ class Port:
         """Whether `tick` will publish the places of a belief."""
         self._status: EngineStatus | None = None
         self._diagnostics_ns = 0
+        named = settings.bridge.map
+        self._floors = FloorMaps(floor_files(Path(named)) if named else {})
 
     @property
     def held(self) -> int | None:
@@ -118,6 +128,8 @@ class Port:
                 self._do(amcl.on_transforms(message, now_ns, fixed=False))
             case self._topics.tf_static:
                 self._do(amcl.on_transforms(message, now_ns, fixed=True))
+            case self._topics.map if self._floors.files:
+                pass  # map_server has the map of one floor, the engine that of the building
             case self._topics.map:
                 self._do(amcl.on_map(message))
             case topic if topic in self._topics.observed:
@@ -174,6 +186,7 @@ class Port:
 
     def tick(self) -> None:
         """Do what is due; to be called when nothing else is to do, and ten times a second."""
+        self._amcl.waits_for_map = self._floors.waits(self._ros.monotonic_ns())
         self._do(self._amcl.on_tick(self._ros.monotonic_ns()))
         if self.has_places:
             self.has_places = False
@@ -187,6 +200,16 @@ class Port:
     def on_belief(self, belief: Belief) -> None:
         self._do(self._amcl.on_belief(belief))
         self.has_places = True
+        if self._amcl.settings.load_floor_maps and self.state is State.ACTIVE:
+            file = self._floors.on_belief(belief, self._ros.monotonic_ns())
+            if file is not None:
+                self._amcl.waits_for_map = True
+                self._ros.load_map(str(file.absolute()))
+
+    def on_map_loaded(self, problem: str) -> None:
+        """Take map_server's answer to a request; empty: it has loaded the map."""
+        self._floors.on_answer(problem)
+        self._amcl.waits_for_map = False
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self._amcl.on_particles(cluster, particles)
@@ -222,6 +245,8 @@ class Port:
                     self._ros.refuse(cause, detail)
                 case Bond(alive=alive):
                     self._ros.bond(alive=alive)
+                case Observation(landmark="") if self._floors.files:
+                    self._engine.put(replace(output, floor=self._amcl.choice.floor))
                 case LaserReading() | OdometryReading() | Observation() | MapReading():
                     self._engine.put(output)
                 case AskAdvice():
@@ -269,6 +294,10 @@ class Port:
         if belief is not None:
             values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
             values["probability off the map"] = f"{belief.off_map_probability:.3f}"
+            values |= {f"floor {name}": f"{p:.3f}" for name, p in belief.floors.items()}
+        if self._amcl.settings.load_floor_maps:
+            values["map of floor"] = self._floors.loaded or "none yet"
+            values["load_map"] = self._floors.problem or "ok"
         if status is not None:
             values |= {"step": status.step, "workers": status.workers}
         values |= self._ros.refused()

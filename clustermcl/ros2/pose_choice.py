@@ -34,6 +34,8 @@ class PoseChoice:
         self.publish = publish
         self.held: int | None = None
         """The cluster of the place published last."""
+        self.floor = ""
+        """The floor of that place; empty: of a single map, or none was published yet."""
 
     def choose(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         """Return the place to publish after a step; None: there is none.
@@ -45,9 +47,11 @@ class PoseChoice:
         self.held = hypothesis.cluster if hypothesis else None
         if hypothesis is None:
             return None
+        self.floor = hypothesis.floor
         if belief.state == "localized":
             return hypothesis
-        covariance = mixture_covariance(belief.hypotheses, hypothesis.pose)
+        here = on_floor(belief, self.floor).hypotheses
+        covariance = mixture_covariance(here, hypothesis.pose)
         return replace(hypothesis, covariance=covariance)
 
     def _chosen(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
@@ -71,8 +75,17 @@ class PoseChoice:
         for hypothesis in belief.hypotheses:
             if hypothesis.cluster == self.held:
                 return hypothesis
-        near = [one for one in belief.hypotheses if expected and _same(one.pose, expected)]
+        here = on_floor(belief, self.floor).hypotheses
+        near = [one for one in here if expected and _same(one.pose, expected)]
         return (near or belief.hypotheses)[0]
+
+
+def on_floor(belief: Belief, floor: str) -> Belief:
+    """Return a belief with the places on one floor: those on others have coordinates of theirs."""
+    if not belief.floors:
+        return belief
+    here = tuple(place for place in belief.hypotheses if place.floor == floor)
+    return replace(belief, hypotheses=here)
 
 
 def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> Covariance:

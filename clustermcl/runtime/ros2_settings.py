@@ -79,6 +79,11 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Initial pose in the map [m]."""
     initial_heading_rad: float = 0.0
     """Initial pose in the map [rad]."""
+    initial_floor: str = ""
+    """Floor of a building for the initial pose, and for poses given before a floor is known."""
+    load_floor_maps: bool = False
+    """Have nav2's map_server/load_map load the map of each floor on which the robot is sure; map to
+    odom waits for the answer. The building is that of bridge.map."""
     always_reset_initial_pose: bool = False
     """Search the whole map after each reset instead of continuing."""
 

@@ -28,10 +28,12 @@ from clustermcl.protocol.errors import MapFileError, printable
 from clustermcl.protocol.floors import MAX_LINKS, Floor, FloorName, Floors, Link
 from clustermcl.protocol.message import Coordinate, Finite
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap
+from clustermcl.runtime.compressed import first_bytes, too_long_problem
 from clustermcl.runtime.yaml_text import yaml_of
 
 GAP_M = 40.0
 """Distance between floors in the atlas, in unknown ground: indoors, lasers see less far."""
+MAX_BUILDING_BYTES = 64 * 1024
 _SAME_CELL = 1e-6
 _IS_BUILDING = re.compile(rb"^[\s{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
 _PACKAGE = re.compile(r"package://[^/]+/|\$\(find [^)]+\)/")
@@ -100,6 +102,8 @@ def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap
         MapFileError: it is not such a file, a map cannot be read, all maps together are too large,
             or a link names an unknown floor, or a position outside of it.
     """
+    if len(content) > MAX_BUILDING_BYTES:
+        raise MapFileError(path, too_long_problem(MAX_BUILDING_BYTES))
     building = _parsed(content, path)
     maps: dict[str, GridMap] = {}
     for name, floor in building.floors.items():
@@ -117,6 +121,20 @@ def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap
     for link in building.links:
         _check_link(link, atlas.floors.floors, path)
     return atlas
+
+
+def floor_files(path: Path) -> dict[str, Path]:
+    """Return the map file of each floor of a building; empty if the file is another map.
+
+    Raises:
+        MapFileError: it is an unusable building.
+    """
+    content = first_bytes(path, MAX_BUILDING_BYTES + 1, MapFileError) if path.is_file() else b""
+    if not is_building(content):
+        return {}
+    floors = _parsed(content, path).floors
+    names = {name: floor if isinstance(floor, str) else floor.map for name, floor in floors.items()}
+    return {name: _found(file, path) for name, file in names.items()} if len(names) > 1 else {}
 
 
 def atlas_of(

@@ -62,6 +62,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         self._bond = BondThread(self._publishers_of[topics.BOND].publish, self.get_name())
         self._causes, self._showing = CauseCounter(), False
         self._resumed: BridgeState | None = None
+        self._load_map: Any = None
         self._calls: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._called = self.create_guard_condition(self._run_calls)
 
@@ -233,6 +234,19 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
             self._bond.begin()
         else:
             self._bond.end()
+
+    def load_map(self, file: str) -> None:
+        kind = class_of("nav2_msgs/srv/LoadMap")
+        if self._load_map is None:
+            self._load_map = self.create_client(kind, "map_server/load_map")
+
+        def on_done(future: Any) -> None:
+            result = future.result()
+            failed = result is None or result.result != kind.Response.RESULT_SUCCESS
+            self._port.on_map_loaded("map_server refuses it" if failed else "")
+
+        asked = self._load_map.call_async(kind.Request(map_url=file))
+        asked.add_done_callback(lambda future: self.later(lambda: on_done(future)))
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
         self._causes.warn(_log, cause, detail, time.monotonic())

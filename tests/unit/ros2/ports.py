@@ -23,6 +23,7 @@ class Kept:
         self.readings: list[Reading] = []
         self.commands: list[Command] = []
         self.questions = 0
+        self.loads: list[str] = []
         self.ros_ns = self.process_ns = 0
 
     def on(self, topic: Topic) -> list[Any]:
@@ -36,6 +37,9 @@ class Kept:
 
     def show_parameters(self, values: Mapping[str, Value]) -> None:
         self.shown |= values
+
+    def load_map(self, file: str) -> None:
+        self.loads.append(file)
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
         assert detail
