@@ -7,8 +7,9 @@ import math
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -47,9 +48,6 @@ from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.settings_table import TABLE, value_of
 from clustermcl.sensor_bridge.step_maker import StepMaker
 
-if TYPE_CHECKING:
-    from PIL.Image import Image
-
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
 _STATE_VERSION = 4
@@ -81,20 +79,11 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
 
     __repr__ = answers.Belief.__repr__
 
-    def picture(self) -> Image:
-        """Return a picture of the map, all places, and the scan at the most probable place."""
-        from clustermcl.view.drawing import drawn_picture  # noqa: PLC0415 - loads pillow
-        from clustermcl.view.frames import step_frame  # noqa: PLC0415
-
-        slots = {place.cluster: place.cluster for place in self.hypotheses}
-        belief = self.map.floors.drawn(self)
-        return drawn_picture(self.map, step_frame(belief, slots, self.scan, None))
-
     def plot(self, ax: Any = None) -> Any:
-        """Draw `picture` in axes of matplotlib, with x and y in metres.
+        """Draw the map, all places, and the scan at the most probable one; x and y in metres.
 
         Args:
-            ax: axes to draw in; None: new axes.
+            ax: axes of matplotlib to draw in; None: those of a new figure.
 
         Returns:
             The axes.
@@ -102,24 +91,20 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         Raises:
             ImportError: matplotlib, the extra ``plots``, is not installed.
         """
-        if ax is None:
-            try:
-                from matplotlib import pyplot  # noqa: PLC0415 - an extra
-            except ImportError as error:
-                problem = "plot needs matplotlib: pip install 'clustermcl[plots]'"
-                raise ImportError(f"{problem} ({error})") from error
-            ax = pyplot.figure().gca()
-        from clustermcl.view.drawing import extent_m  # noqa: PLC0415 - loads pillow
+        from clustermcl.view import plots  # noqa: PLC0415 - only for drawing
 
-        ax.imshow(self.picture(), extent=extent_m(self.map))
-        ax.set(xlabel="x [m]", ylabel="y [m]", title=f"step {self.step}: {self.state}")
-        return ax
+        axes = ax or plots.new_figure().axes[0]
+        plots.draw_map(axes, self.map)
+        plots.draw_places(axes, self.map.floors.drawn(self).hypotheses, self.scan)
+        axes.set_title(f"step {self.step}: {self.state}")
+        return axes
 
-    def _repr_png_(self) -> bytes:
-        """Return the picture as PNG, for notebooks."""
+    def _repr_png_(self) -> bytes | None:
+        """Return `plot` as PNG, for notebooks; None without matplotlib."""
         file = io.BytesIO()
-        self.picture().save(file, "PNG")
-        return file.getvalue()
+        with suppress(ImportError):
+            self.plot().figure.savefig(file, format="png")
+        return file.getvalue() or None
 
 
 class ClusterMCL(RobotCommands):

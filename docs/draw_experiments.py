@@ -1,6 +1,6 @@
 """Draws the pictures of measurements, such as experiments.svg, from the tables in docs/experiments.
 
-python docs/draw_experiments.py    (needs the extras `dev` and `plots`)
+python docs/draw_experiments.py    (needs the extra `plots`)
 """
 
 from pathlib import Path
@@ -21,6 +21,7 @@ NAMES = {
     "mcl": "ordinary MCL", "paper-letter": "the paper's letter", "amcl": "augmented MCL",
 }  # fmt: skip
 NEVER = 68
+NAMED_ABOVE_PERCENT = 3.0
 COLUMNS = 6
 STYLE = {
     "font.size": 9,
@@ -35,6 +36,7 @@ def main() -> None:
     """Draw all."""
     with plt.rc_context(STYLE):
         draw_scores()
+        draw_rivals()
         draw_starts()
         draw_reliability()
         draw_advice()
@@ -52,6 +54,27 @@ def draw_scores() -> None:
     axes.grid(axis="y", alpha=0.3)
     axes.legend(loc="upper left")
     save(figure, "experiments.svg")
+
+
+def draw_rivals() -> None:
+    """How often each algorithm is sure and wrong, by how soon it is sure and right."""
+    table = pd.read_csv(HERE / "experiments" / "rivals.csv")
+    figure, axes = plt.subplots(figsize=(7.5, 3.4))
+    for (algorithm, ink), mark in zip(INKS.items(), "osD", strict=False):
+        theirs = table[table["algorithm"] == algorithm]
+        late, wrong = theirs["sure_at_step"].clip(upper=NEVER), 100.0 * theirs["sure_and_wrong"]
+        axes.scatter(late, wrong, 40, ink, mark, label=NAMES[algorithm], alpha=0.75)
+        for name, x, y in zip(theirs["recording"], late, wrong, strict=True):
+            if y > NAMED_ABOVE_PERCENT:
+                axes.annotate(name, (x, y), (5, 3), textcoords="offset points", fontsize=8)
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
+    axes.set_ylim(-0.15, 100)
+    axes.set_xticks([*range(0, 61, 10), NEVER], [*map(str, range(0, 61, 10)), "not by 60"])
+    axes.set_xlabel("sure and right at step, median of the starts")
+    axes.set_ylabel("sure and wrong [% of the steps]")
+    axes.legend()
+    save(figure, "rivals.svg")
 
 
 def draw_starts() -> None:

@@ -1,8 +1,8 @@
-"""Draws docs/page-light.webp and docs/page-dark.webp: the live page in Chromium, of a real run.
+"""Draws docs/page.webp: the live page in Chromium, of a real run.
 
     python docs/draw_page.py
 
-Starts `clustermcl demo --view` and takes screenshots while the robot drives. Needs the extra
+Starts `clustermcl demo --view` and takes screenshots while the robot drives. Needs the group
 `browser`, Chromium and its driver.
 """
 
@@ -30,27 +30,23 @@ STEP_WITHIN_S = 60.0
 
 
 def main() -> None:
-    """Run it and write both files."""
-    frames: dict[str, list[Image.Image]] = {"light": [], "dark": []}
+    """Run it and write the file."""
+    taken: list[Image.Image] = []
     with browser() as chromium, demo() as link:
         chromium.get(link)
         for step in STEPS:
             WebDriverWait(chromium, STEP_WITHIN_S, 0.05).until(shows(step))
-            for scheme, taken in frames.items():
-                feature = {"name": "prefers-color-scheme", "value": scheme}
-                chromium.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-                taken.append(Image.open(io.BytesIO(chromium.get_screenshot_as_png())))
-    for scheme, taken in frames.items():
-        first, *others = (frame.convert("RGB") for frame in taken)
-        first.save(
-            HERE / f"page-{scheme}.webp",
-            save_all=True,
-            append_images=others,
-            duration=[FRAME_MS] * len(others) + [LAST_FRAME_MS],
-            loop=0,
-            quality=75,
-            method=6,
-        )
+            taken.append(Image.open(io.BytesIO(chromium.get_screenshot_as_png())))
+    first, *others = (frame.convert("RGB") for frame in taken)
+    first.save(
+        HERE / "page.webp",
+        save_all=True,
+        append_images=others,
+        duration=[FRAME_MS] * len(others) + [LAST_FRAME_MS],
+        loop=0,
+        quality=75,
+        method=6,
+    )
 
 
 @contextmanager

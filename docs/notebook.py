@@ -2,7 +2,7 @@
 
     python docs/notebook.py      runs it, and keeps what it shows in the file
 
-Needs the extra `docs`.
+Needs the group `docs`.
 """
 
 import base64

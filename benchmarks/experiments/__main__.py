@@ -17,7 +17,7 @@ from rich.progress import track
 from benchmarks.experiments.case import algorithm_named
 from benchmarks.experiments.catalogue import all_cases
 from benchmarks.experiments.run_table import RunTable, key_of, tasks_of
-from benchmarks.experiments.summary import behind, over_all, read_table, reliability, starts
+from benchmarks.experiments.summary import behind, over_all, read_table, reliability, rivals, starts
 from benchmarks.experiments.summary import summary as table_summary
 from benchmarks.experiments.task import run_task
 from clustermcl.commands.options import Assignments, SettingsFile
@@ -44,9 +44,7 @@ def experiments(
     ] = False,
     tables: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FOLDER", help="With --summary: write summary, reliability and starts there."
-        ),
+        typer.Option(metavar="FOLDER", help="With --summary: write tables there."),
     ] = None,
     seeds: Annotated[
         int | None, typer.Option(min=1, max=MOST_RUNS, help="Runs of each experiment.")
@@ -81,7 +79,8 @@ def experiments(
             console.print(_csv(table))
         if tables is not None:
             for name, table in (
-                ("summary", each), ("reliability", reliability(runs)), ("starts", starts(runs))
+                ("summary", each), ("reliability", reliability(runs)),
+                ("starts", starts(runs)), ("rivals", rivals(runs)),
             ):  # fmt: skip
                 (tables / f"{name}.csv").write_text(_csv(table), encoding="utf-8")
         return

@@ -157,6 +157,25 @@ def starts(table: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def rivals(table: pd.DataFrame) -> pd.DataFrame:
+    """Return each algorithm's runs that start all over a recording, a row for each recording.
+
+    `sure_at_step` is a median in which a run that was never sure and right counts as infinite.
+    """
+    runs = table[table["experiment"].str.endswith(_STARTS)]
+    rows = [
+        {
+            "recording": str(experiment).removesuffix(_STARTS),
+            "algorithm": algorithm,
+            "runs": len(each),
+            "sure_at_step": (each["sure_and_right_at_update"] - 1).fillna(np.inf).median(),
+            "sure_and_wrong": _mean(each, "confidently_wrong_share"),
+        }
+        for (experiment, algorithm), each in runs.groupby(["experiment", "algorithm"], sort=False)
+    ]
+    return pd.DataFrame(rows)
+
+
 def _mean(runs: pd.DataFrame, column: str) -> float:
     known = runs[column].notna()
     weights = runs.loc[known, "updates"]

@@ -1,5 +1,6 @@
 """`clustermcl changes`: what has changed in the building, and a map with it."""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NO_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
 from clustermcl.view.changes_picture import drawn_changes
+from clustermcl.view.plots import NoMatplotlibError, save
+
+_log = logging.getLogger(__name__)
 
 
 def run_changes(
@@ -58,7 +62,10 @@ def run_changes(
         new, old, picture = files
         save_ros_map(with_changes(grid_map, changes), new)
         save_ros_map(grid_map, old)
-        drawn_changes(grid_map, changes, summary(changes)).save(picture)
+        try:
+            save(drawn_changes(grid_map, changes, summary(changes)), picture)
+        except NoMatplotlibError as error:
+            _log.warning("%s: not drawn: %s", picture, error)
     print_answer(as_object(changes) if as_json else [summary(changes)])
 
 

@@ -24,6 +24,7 @@ from clustermcl.recordings.maps.map_file import load_map_with_obstacles
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.sensor_bridge.recorded import opened, steps_of
+from clustermcl.view.plots import new_figure, save
 
 MOST_CELLS = 2**26
 """Limit for the cells of a map; the check needs about 42 bytes for each."""
@@ -49,6 +50,7 @@ def run_check(
         if report_file.suffix.lower() != ".png":
             raise SettingsError(f"--report {report_file}: the picture is a .png file")
         check_output_file(report_file)
+        new_figure()  # raises before the check, not after it
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:
         rows, cols = grid_map.cells.shape
@@ -71,7 +73,7 @@ def run_check(
         agreement=agreement,
     )
     if report_file is not None:
-        drawn_report(report, grid_map, landmarks, changes).save(report_file)
+        save(drawn_report(report, grid_map, landmarks, changes), report_file)
     off_the_map = filter(None, (_off_the_map(landmarks, grid_map),))
     remarks = (*report.remarks, *grid_map.remarks, *off_the_map)
     report = msgspec.structs.replace(report, remarks=remarks)

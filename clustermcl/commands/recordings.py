@@ -52,6 +52,10 @@ def evaluate(
         Path | None,
         typer.Option("--tum", metavar="FILE.tum", help="Write the estimates of one run for evo."),
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE.png", help="Draw one run: path, probability, error."),
+    ] = None,
     floor: common.Floor = "",
 ) -> None:
     """Localize in one process, and measure the accuracy.
@@ -72,6 +76,7 @@ def evaluate(
         as_json=as_json,
         output=output,
         tum=tum,
+        plot=plot,
         floor=floor,
     )
 

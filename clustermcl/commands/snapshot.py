@@ -12,8 +12,7 @@ from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.output_files import check_output_file
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import stop_on_signals
-from clustermcl.view.drawing import drawn_picture
-from clustermcl.view.frames import place_frames, scan_frame
+from clustermcl.view.plots import draw_map, draw_places, new_figure, save
 
 STANDS_AFTER_S = 2.0
 """Time without a scan after which the robot counts as standing still, and is drawn without one."""
@@ -24,6 +23,7 @@ def save_snapshot(file: Path, settings: Settings) -> None:
     if file.suffix.lower() != ".png":
         raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
     check_output_file(file)
+    figure = new_figure()
     with Client(settings, stop=stop_on_signals()) as client:
         grid_map, scan = client.map(), _next_scan(client)
         answer = client.hypotheses()
@@ -32,12 +32,14 @@ def save_snapshot(file: Path, settings: Settings) -> None:
         for place in answer.hypotheses
     )
     pose = answer.pose
-    slots = {place.cluster: slot for slot, place in enumerate(places)}
-    frame = {"places": place_frames(places, slots), **scan_frame(scan), "truth": None}
     says = {"fresh": pose.state, "none": "no scan yet", "dead_reckoning": "dead reckoning"}
     count = "1 place" if len(places) == 1 else f"{len(places)} places"
     title = f"{settings.robot.name}: {says.get(pose.freshness, pose.freshness)}, {count}"
-    drawn_picture(grid_map, frame, title).save(file)
+    (axes,) = figure.axes
+    draw_map(axes, grid_map)
+    draw_places(axes, places, scan)
+    axes.set_title(f"{title}, {time.strftime('%Y-%m-%d %H:%M %Z')}")
+    save(figure, file)
 
 
 def _next_scan(client: Client) -> Scan | None:

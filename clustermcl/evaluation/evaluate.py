@@ -8,7 +8,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,6 @@ from clustermcl.evaluation.results import (
 )
 from clustermcl.evaluation.run import Run, in_parallel
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.map_file import map_file_of
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.output_files import check_output_file, write_output_file
@@ -40,6 +39,7 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
+from clustermcl.view import plots
 
 DEFAULT_STEPS = 300
 """Default number of steps of a simulated robot, which drives until it is stopped."""
@@ -49,14 +49,14 @@ _log = logging.getLogger(__name__)
 
 
 def executed(
-    run: Run, on_update: Callable[[Scan, Outcome], None] = lambda _scan, _outcome: None
+    run: Run, on_update: Callable[[Outcome, StepFacts], None] = lambda _outcome, _facts: None
 ) -> RunMeasures:
     _, steps = run.begun()
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     facts: list[StepFacts] = []
     for number, (scan, outcome, truth) in enumerate(steps):
         facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
-        on_update(scan, outcome)
+        on_update(outcome, facts[-1])
     return measures_of(
         facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
     )
@@ -75,11 +75,13 @@ def run_evaluate(
     as_json: bool = False,
     output: Path | None = None,
     tum: Path | None = None,
+    plot: Path | None = None,
     floor: str = "",
 ) -> None:
     robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
     case, seeds = case_of(robot, seeds, starts, steps)
-    _check_files(output, tum, max(seeds, starts or 1))
+    _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
+    figure = None if plot is None else plots.new_figure(2, (3.0, 1.0))
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
         _log.warning("the robot drives in %s, and is given the map %s", robot.world, robot.map)
     if isinstance(robot, RecordedRobot):
@@ -92,8 +94,8 @@ def run_evaluate(
     if starts is not None and isinstance(robot, RecordedRobot):
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
-    stop, lines = stop_on_signals(exit_after_s=5.0), list[str]()
-    finished = _all_results(runs, jobs, min(known, case.updates or known), stop, lines)
+    stop, course = stop_on_signals(exit_after_s=5.0), list[plots.Drawn]()
+    finished = _all_results(runs, jobs, min(known, case.updates or known), stop, course)
     results = [
         {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
         for run, measures in zip(runs, finished, strict=True)
@@ -107,7 +109,10 @@ def run_evaluate(
     if output is not None:
         write_results(output, common, results)
     if tum is not None:
-        write_output_file(tum, "".join(lines))
+        write_output_file(tum, "".join(tum_line(step.stamp_ns, step.pose) for step in course))
+    if plot is not None and course:
+        plots.draw_run(figure, runs[0].begun()[0].map, course)
+        plots.save(figure, plot)
     if as_json:
         sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
     else:
@@ -115,15 +120,17 @@ def run_evaluate(
     stop.check()
 
 
-def _check_files(output: Path | None, tum: Path | None, runs: int) -> None:
+def _check_files(output: Path | None, of_one: Mapping[str, Path | None], runs: int) -> None:
     if output is not None:
         if output.suffix.lower() != ".csv":
             raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
         check_output_file(output)
-    if tum is not None:
-        if runs > 1:
-            raise SettingsError(f"--tum {tum}: a file has one run; leave out --seeds and --starts")
-        check_output_file(tum)
+    for option, file in of_one.items():
+        if file is not None:
+            if runs > 1:
+                problem = "a file has one run; leave out --seeds and --starts"
+                raise SettingsError(f"{option} {file}: {problem}")
+            check_output_file(file)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -199,7 +206,7 @@ def _steps_count(run: Run) -> int:
 
 
 def _all_results(
-    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, tum_lines: list[str]
+    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, course: list[plots.Drawn]
 ) -> list[RunMeasures | None]:
     """Execute the runs, in parallel if there are several.
 
@@ -210,11 +217,12 @@ def _all_results(
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(runs))
 
-        def on_update(scan: Scan, outcome: Outcome) -> None:
+        def on_update(outcome: Outcome, facts: StepFacts) -> None:
             stop.check()
             progress.advance(bar)
-            if outcome.hypotheses:
-                tum_lines.append(tum_line(scan.stamp_ns, outcome.hypotheses[0].pose))
+            for best in outcome.hypotheses[:1]:
+                error_m = facts.error.distance_m if facts.error else None
+                course.append(plots.Drawn(facts.stamp_ns, best.pose, best.probability, error_m))
 
         if len(runs) == 1:
             with suppress(StoppedError):

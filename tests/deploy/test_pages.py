@@ -1,6 +1,5 @@
 """The pages of docs: what they name is there, what they print runs, what they list is all."""
 
-import importlib.util
 import re
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ from clustermcl.link.access_control import ROLES, rights_of
 from clustermcl.protocol.answers import Freshness, State
 from clustermcl.protocol.causes import Cause
 from clustermcl.runtime.settings_table import TABLE
+from tests.deploy.docs_scripts import loaded
 from tests.unit.evaluation.places import STATUS
 
 REPOSITORY = Path(__file__).parents[2]
@@ -93,12 +93,7 @@ def test_every_python_file_that_a_page_names_is_there(page: Path) -> None:
 
 
 def test_the_list_of_folders_is_that_of_the_files() -> None:
-    script = REPOSITORY / "docs" / "list_modules.py"
-    spec = importlib.util.spec_from_file_location(script.stem, script)
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
+    made = loaded("list_modules")
     page = made.PAGE.read_text()
     assert "* `filter/search/`: " in page
     assert page == made.renewed(page), "rewrite it: python docs/list_modules.py"

@@ -1,5 +1,4 @@
 import base64
-import importlib.util
 import json
 import os
 import re
@@ -20,6 +19,7 @@ import clustermcl
 from clustermcl.protocol import answers, health, job_events, steps, work
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
+from tests.deploy.docs_scripts import loaded
 from tests.integration.view.conftest import started_browser
 from tests.integration.view.page import Page, problems
 
@@ -31,15 +31,6 @@ REPOSITORY = Path(__file__).parents[2]
 @pytest.fixture(scope="module")
 def reference() -> ModuleType:
     return loaded("reference")
-
-
-def loaded(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, REPOSITORY / f"docs/{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
 
 
 def test_the_reference_has_every_setting_command_and_question(reference: ModuleType) -> None:
@@ -73,7 +64,7 @@ def test_every_field_that_the_client_hands_out_is_described(
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("mkdocs", reason="the extra docs is not installed; .ci/run makes the site")
+    pytest.importorskip("mkdocs", reason="the group docs is not installed; .ci/run makes the site")
     folder = tmp_path_factory.mktemp("site")
     made = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
@@ -122,7 +113,7 @@ def said(cell: Any) -> list[str]:
 
 
 def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
-    pytest.importorskip("nbclient", reason="the extra docs is not installed; .ci/run runs it")
+    pytest.importorskip("nbclient", reason="the group docs is not installed; .ci/run runs it")
     notebook = loaded("notebook")
     executed, kept = notebook.executed(), notebook.kept()
     assert list(map(said, executed.cells)) == list(map(said, kept.cells)), "run docs/notebook.py"

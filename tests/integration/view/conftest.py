@@ -113,7 +113,7 @@ def started_browser() -> Any:
     """
     leave_out = pytest.fail if os.environ.get("BROWSER_TESTS") == "required" else pytest.skip
     if importlib.util.find_spec("selenium") is None:
-        leave_out("selenium is not installed: pip install 'clustermcl[browser]'")
+        leave_out("selenium is not installed: pip install --group browser")
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     driver = next(filter(None, map(shutil.which, DRIVERS)), None)
     if browser is None or driver is None:

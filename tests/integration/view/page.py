@@ -179,7 +179,7 @@ def problems(page: Page, *, serious: bool = False) -> list[str]:
     """What axe-core finds on the page by all its rules; or what breaks WCAG 2.1 AA seriously."""
     package = importlib.util.find_spec("axe_core_python")
     if package is None or package.origin is None:
-        pytest.skip("axe-core-python is not installed: pip install 'clustermcl[browser]'")
+        pytest.skip("axe-core-python is not installed: pip install --group browser")
     page.run((Path(package.origin).parent / "axe.min.js").read_text())
     rules = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}" if serious else "{}"
     found = page.run_async(f"axe.run({rules}).then(done)")

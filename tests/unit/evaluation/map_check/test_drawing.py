@@ -20,7 +20,7 @@ def colours_of(name: str, folder: Path) -> set[tuple[int, ...]]:
     assert done.exit_code == 0, done.output
     with Image.open(picture) as drawn:
         assert max(drawn.size) > 1000
-        return {colour for _, colour in drawn.getcolors(2**24)}
+        return {colour for _, colour in drawn.convert("RGB").getcolors(2**24)}
 
 
 def test_picture_and_legend_show_how_many_places_look_alike(tmp_path: Path) -> None:

@@ -1,0 +1,80 @@
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
+from typer.testing import CliRunner
+
+from clustermcl.commands.command import app
+from clustermcl.protocol.answers import Hypothesis
+from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.view.plots import PALETTE, draw_map, draw_places, new_figure, percent
+
+ROOM = np.zeros((20, 40), np.int8)
+ROOM[:10, 20:] = 1  # the low right quarter is a wall
+
+
+def drawn(heading: float, places: tuple[Hypothesis, ...] = (), **more: Any) -> Any:
+    (axes,) = new_figure().axes
+    draw_map(axes, GridMap(ROOM, 0.5, (-4.0, 2.0, heading)))
+    draw_places(axes, places, **more)
+    return axes
+
+
+def place(probability: float, spread_m2: float = 0.01) -> Hypothesis:
+    covariance = (spread_m2, 0.0, 0.0, 0.0, spread_m2, 0.0, 0.0, 0.0, 0.01)
+    return Hypothesis(
+        cluster=1, pose=(1.0, 8.0, math.pi / 2), covariance=covariance,
+        probability=probability, log_probability=math.log(probability),
+        effective_sample_size=100.0, age_steps=1,
+    )  # fmt: skip
+
+
+def test_a_map_is_drawn_in_metres_and_rotated() -> None:
+    """A quarter turn: 10 m wide, and to the left of x = -4."""
+    axes = drawn(math.pi / 2)
+    assert axes.get_xlim() == pytest.approx((-14.0, -4.0))
+    assert axes.get_ylim() == pytest.approx((2.0, 22.0))
+    canvas = FigureCanvasAgg(axes.figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+    for x, y, dark in ((-5.0, 3.0, False), (-5.0, 21.0, True), (-13.0, 21.0, False)):
+        column, row = axes.transData.transform((x, y)).round().astype(int)
+        assert (pixels[len(pixels) - row, column, 0] < 60) == dark
+
+
+@pytest.mark.parametrize("spread_m2", [0.01, 0.0])
+@pytest.mark.parametrize("probability", [1.0, 0.5, 1e-9])
+def test_a_place_is_drawn_in_its_colour_with_its_probability(
+    probability: float, spread_m2: float
+) -> None:
+    axes = drawn(0.0, (place(probability, spread_m2),), truth=(2.0, 5.0, 0.0))
+    (marker,) = axes.collections
+    assert marker.get_offsets().tolist() == [[1.0, 8.0]]
+    assert tuple(marker.get_facecolor()[0][:3]) == pytest.approx(
+        tuple(int(PALETTE[1][at : at + 2], 16) / 255 for at in (1, 3, 5))
+    )
+    assert [text.get_text() for text in axes.texts] == [percent(probability)]
+    assert axes.lines[0].get_xydata()[0] == pytest.approx((2.0, 5.0)), "the true pose"
+
+
+@pytest.mark.parametrize(
+    ("probability", "written"),
+    [(1.0, "100 %"), (0.994, "99 %"), (0.0312, "3.1 %"), (0.004, "0.4 %"), (2e-5, "< 0.1 %")],
+)
+def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
+    assert percent(probability) == written
+
+
+def test_evaluate_draws_one_run(tmp_path: Path) -> None:
+    file = tmp_path / "run.png"
+    small = ["--set", "belief.max_clusters=4", "--set", "cluster.particles=200"]
+    words = ["evaluate", "sim:hall", "--steps", "8", "--plot", str(file), *small]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    with Image.open(file) as picture:
+        assert len(picture.convert("RGB").getcolors(2**24)) > 100, "path, colour bar, two curves"
+    refused = CliRunner().invoke(app, [*words, "--seeds", "2"])
+    assert "a file has one run" in str(refused.exception)
