@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.belief.ledger import Ledger
-from clustermcl.filter.arrays import Pose
 from clustermcl.filter.laser.evidence_model import (
     contenders,
     evidence_weight,
@@ -20,7 +19,6 @@ from clustermcl.filter.laser.evidence_model import (
     short_beam_gain,
     tempered,
     through_beam_loss,
-    way,
 )
 from clustermcl.filter.laser.off_map import (
     BeamClasses,
@@ -30,16 +28,8 @@ from clustermcl.filter.laser.off_map import (
 )
 from clustermcl.protocol.work import TrackReport
 
-NEWS_M, NEWS_RAD = 0.1, 0.2
-"""Distance [m] and turn [rad] after which 63 % of a scan is new (`new_evidence_share`)."""
 PERHAPS_LIFTED = 0.2
 """Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
-
-
-def new_evidence_share(before_from_after: Pose) -> float:
-    """Return the share of a scan, after a motion (3,), that counts against all clusters."""
-    moved_m, turned_rad = way(before_from_after)
-    return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
 
 def weigh(
@@ -69,7 +59,7 @@ def weigh(
             whole map.
         new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
         news: share of the scan that is new evidence of the robot being at any cluster
-            (`new_evidence_share`).
+            (`new_share`).
         decoy: report of a job that tracks the mirrored scans; None: there is none.
         awaits_decoy: the first decoy is being searched for; classes do not count until then.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.

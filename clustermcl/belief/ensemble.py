@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
-from clustermcl.belief.bayes_update import PERHAPS_LIFTED, new_evidence_share, weigh
+from clustermcl.belief.bayes_update import PERHAPS_LIFTED, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
 from clustermcl.belief.ledger import Ledger
@@ -23,6 +23,7 @@ from clustermcl.belief.part import Count, Part
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
+from clustermcl.filter.cluster.cluster_filter import new_share
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import UsualFit
 from clustermcl.filter.random_streams import Purpose
@@ -160,7 +161,7 @@ class Ensemble(Part, kw_only=True):
         news = 1.0
         is_given = not all(cluster.confirmed for cluster in self.clusters.all())
         if before_from_after is not None and observed is None and not is_given:
-            news = new_evidence_share(before_from_after)
+            news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
         ledger = Ledger(self.clusters)
         log_likelihood = weigh(

@@ -103,11 +103,11 @@ def measurement_update(
     return MeasurementUpdate(after, total, float(fit[best]) / beams.count, poses[best])
 
 
-def pose_share(before_from_after: Pose, settings: ClusterSettings) -> float:
-    """Return the share of a scan that is new information about the pose within a cluster.
+def new_share(before_from_after: Pose, settings: ClusterSettings) -> float:
+    """Return the share of a scan that is new, after a motion (3,): a standing robot learns nothing.
 
-    The particles already contain the information of earlier scans, blurred by the motion (3,) since
-    then. A scan counts as much as the motion has blurred: a standing robot learns nothing new.
+    It counts so much for the pose within a cluster, where motion has blurred what earlier scans
+    told, and for the robot being at no cluster.
     """
     if settings.view_distance_m == 0.0:
         return 1.0
@@ -148,7 +148,7 @@ def mcl_step(
     particles = resampled(particles, count or len(particles.log_weights), settings, rng)
     moved = move(particles.map_from_robot, before_from_after, motion, rng)
     exponent = scan_exponent(beams.count, model.settings)
-    share = 1.0 if is_first else pose_share(before_from_after, settings)
+    share = 1.0 if is_first else new_share(before_from_after, settings)
     after_motion = ParticleSet(moved, particles.log_weights)
     result = measurement_update(after_motion, beams, model, exponent, share)
     after = result.particles

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from clustermcl.belief.bayes_update import NEWS_M, NEWS_RAD
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from tests.unit.filter.naive_rays import composed
 from tests.unit.oracle.grid_filter import Array, ExactField
@@ -27,8 +26,6 @@ from tests.unit.oracle.tiny_world import (
 )
 
 STEPS, SEEDS, HAZARD = 2, range(16), 0.1
-NEWS = 1.0 - math.exp(-math.hypot(DRIVE[0], DRIVE[1]) / NEWS_M - DRIVE[2] / NEWS_RAD)
-"""Of whether the robot is at any place at all, in each scan."""
 FIRST = 2
 """The step after the one at which the search is decided on."""
 REACH_M, REACH_RAD = 0.8, 0.6
@@ -64,10 +61,9 @@ def exact_log_odds(drive: Drive) -> float:
     cells = plain_room()
     gathered = np.array(exact_evidence(cells, drive, exact_patch(MIRRORED)))
     elsewhere = exact_elsewhere(cells, drive)
-    lifted = HAZARD * NEWS
     # Before step 1 the cluster is certain; then it is the hazard that makes elsewhere possible.
-    start = math.log(lifted) - math.log1p(-lifted) + NEWS * (elsewhere[0] - gathered[0])
-    since = math.log1p(-lifted) * (STEPS - 1) + float(gathered[1:].sum())
+    start = math.log(HAZARD) - math.log1p(-HAZARD) + (elsewhere[0] - gathered[0])
+    since = math.log1p(-HAZARD) * (STEPS - 1) + float(gathered[1:].sum())
     return start + exact_log_weight(drive) - since
 
 

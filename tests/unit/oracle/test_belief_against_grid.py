@@ -4,7 +4,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from clustermcl.belief.bayes_update import NEWS_M, NEWS_RAD
 from clustermcl.filter.arrays import Cells
 from tests.unit.oracle.grid_filter import Array
 from tests.unit.oracle.statistics import assert_is_mean_of
@@ -24,8 +23,6 @@ from tests.unit.oracle.tiny_world import (
 )
 
 MOVED_M, TURNED_RAD = math.hypot(DRIVE[0], DRIVE[1]), float(DRIVE[2])
-NEWS = 1.0 - math.exp(-MOVED_M / NEWS_M - TURNED_RAD / NEWS_RAD)
-"""Of whether the robot is at any place at all, in each scan."""
 TEMPERED: dict[str, object] = {"evidence_noise": 0.3, "view_distance_m": 0.4, "view_turn_rad": 0.2}
 EXACTLY = {"noise": 0.3, "share": 1.0 - math.exp(-MOVED_M / 0.4 - TURNED_RAD / 0.2)}
 STEPS, SEEDS = 6, range(16)
@@ -98,8 +95,8 @@ def exact_log_odds(
     here = np.exp(logs) / np.exp(logs).sum()
     here, there = (here[:-1], here[-1]) if hazard > 0.0 else (here, 0.0)
     for step in range(evidence_of.shape[1]):
-        there += hazard * NEWS * here.sum()
-        here *= 1.0 - hazard * NEWS
+        there += hazard * here.sum()
+        here *= 1.0 - hazard
         reported = np.full(len(here), True)
         if missing and step + 1 in missing:
             reported[missing[step + 1]] = False
@@ -109,9 +106,9 @@ def exact_log_odds(
         lost = share * (lost if noise == 0.0 else lost * lost / (lost + noise))
         fresh = here[reported] * np.exp(-lost)
         here[reported] = mass * fresh / fresh.sum()
-        here = (1.0 - rho * NEWS) * here + rho * NEWS * here.sum() / len(here)
+        here = (1.0 - rho) * here + rho * here.sum() / len(here)
         if hazard > 0.0:
-            there *= (np.exp(evidence_of[-1, step]) / scan) ** NEWS
+            there *= np.exp(evidence_of[-1, step]) / scan
     others = [*here[1:], there] if hazard > 0.0 else here[1:]
     return np.asarray(np.log(np.array(others) / here[0]))
 
