@@ -7,7 +7,8 @@ DATA is the folder of recordings and maps. The rows are
 * `nine`: recordings, in a building whose floors are the maps of all of them; three starts each;
 * `gdc`: a robot simulated on each of four floors of one building;
 * `missing`: the same robots, in the building without their own floor;
-* `rides`: rides between the two floors of `sim:tower` that look alike;
+* `rides`: rides between floors 3 and 4 of that building, which look alike, at places that are free
+  on both; `seeds` places, two rides at each;
 * `cost`: CPU of a step and memory, against the same floors without the gaps between them.
 """
 
@@ -19,19 +20,29 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 
+import msgspec
 import numpy as np
+from scipy.ndimage import distance_transform_edt
 
 from benchmarks.wean import WeanRobot
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot, course_of
 from clustermcl.evaluation.pose_error import pose_error
 from clustermcl.evaluation.run import EstimatedStep, Run
-from clustermcl.protocol.floors import Floors
+from clustermcl.filter.arrays import FREE
+from clustermcl.jobs.in_process import InProcess
+from clustermcl.jobs.map_model import sensor_model
+from clustermcl.protocol.floors import Floors, Link
 from clustermcl.recordings.maps import building as buildings
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import Settings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.worlds.world import world_from_map
 
 RECORDED = ("aces", "belgioioso", "edmonton", "fhw", "fr079", "fr101", "intel", "crob-jarvis")
 GDC = {"1": "f1", "2": "f2_2019", "3": "f3", "4": "f4"}
-SURE_STEPS = 20
+ROOM_M, AFTER_STEPS = 1.2, 40
 
 
 def write_building(folder: Path, maps: dict[str, Path]) -> Path:
@@ -123,6 +134,52 @@ def cost(data: Path, folder: Path, seeds: int, steps: int) -> None:
         print(f"gap {gap} m: {ms:.1f} ms a step, {whole_s:.0f} s, up to {most_mb:.0f} MB")
 
 
+def rides(data: Path, _folder: Path, seeds: int, _steps: int) -> None:
+    maps = {name: load_map(data / "gdc" / f"{GDC[name]}.yaml") for name in ("3", "4")}
+    shared = np.logical_and(
+        *(each.cells == FREE for each in maps.values())
+    )  # they lie one on another
+    room = distance_transform_edt(shared) * maps["3"].cell_m
+    x0, y0, _ = maps["3"].map_from_grid
+    for seed in range(seeds):
+        rng = np.random.default_rng([seed, 60])
+        row, col = rng.choice(np.argwhere(room > ROOM_M))
+        at = (float(x0 + col * maps["3"].cell_m), float(y0 + row * maps["3"].cell_m))
+        link = Link("lift", {"3": at, "4": at}, 1.3)
+        atlas = buildings.atlas_of(maps, {"3": 0.0, "4": 4.0}, (link,))
+        start = atlas.floors.in_atlas("3", (*at, float(rng.uniform(-np.pi, np.pi))))
+        ride(Simulation(world_from_map(atlas, start), seed), seed)
+
+
+def ride(simulation: Simulation, seed: int) -> None:
+    """Report two rides of a robot: steps from the doors' opening until sure, and wrong ones."""
+    settings, grid_map = msgspec.structs.replace(Settings(), seed=seed), simulation.world.map
+    floors, lift = grid_map.floors, simulation.lift
+    assert lift is not None
+    source = SimulatedSource(simulation, steps=600)
+    scans = simulated_steps(source, settings.bridge, grid_map.digest, floors)
+    process = InProcess(sensor_model(grid_map, settings.sensor, kept_folder("maps")), settings)
+    since, found, wrong, begun, lost = 0, -1, 0, 0, 0
+    for scan, truth in scans:
+        outcome, floor = process.advance(scan), floors.on_floor(truth)[0]
+        begun = lift.rides
+        lost += outcome.state == "lost" and begun > 0
+        if lift.middle is not None:
+            since, found = 0, -1
+            continue
+        since += begun > 0
+        if begun and outcome.state == "localized":
+            is_right = floors.on_floor(outcome.hypotheses[0].pose)[0] == floor
+            wrong += not is_right
+            found = since if is_right and found < 0 else found
+        if begun and since == AFTER_STEPS:
+            print(f"ride {begun} of seed {seed}: right floor {found} steps after the doors opened, "
+                  f"sure of the wrong floor {wrong}, lost {lost}", flush=True)  # fmt: skip
+            wrong = lost = 0
+            if begun == 2:
+                return
+
+
 def report(what: str, steps: int, found: tuple[int | None, int, int, float]) -> None:
     first, wrong, sure, cpu_s = found
     print(
@@ -132,7 +189,7 @@ def report(what: str, steps: int, found: tuple[int | None, int, int, float]) -> 
 
 
 ROWS: dict[str, Callable[[Path, Path, int, int], None]] = {
-    "nine": nine, "gdc": gdc, "missing": without_own_floor, "cost": cost,
+    "nine": nine, "gdc": gdc, "missing": without_own_floor, "rides": rides, "cost": cost,
 }  # fmt: skip
 
 

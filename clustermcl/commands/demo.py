@@ -189,7 +189,7 @@ class _Audience:
         self._run, self._output, self._check = run, output, check
         self._inbox: Events = Inbox({"belief": 4096, "events": 4096, "truth": 4096})
         self._alive: set[str] = set()
-        self._truths: dict[int, PoseTuple] = {}
+        self._truths: dict[int, TruePose] = {}
         self.summary = DemoSummary()
         self._truth = Publisher(session, keys.TRUTH) if run.reference else None
         subscribe(session, keys.BELIEF, Belief, self._inbox, "belief")
@@ -229,7 +229,12 @@ class _Audience:
             if time.monotonic() > deadline_s:
                 break
             self._receive()
-        return self._truths.get(belief.step)
+        return self._received_truth(belief)
+
+    def _received_truth(self, belief: Belief) -> PoseTuple | None:
+        """Return the true pose at a step; None: it is unknown, or on another floor."""
+        truth = self._truths.get(belief.step)
+        return truth.pose if truth and truth.floor == belief.floor else None
 
     def _receive(self) -> Belief | None:
         """Wait briefly for a message and handle the message; return it if it is a belief."""
@@ -239,7 +244,7 @@ class _Audience:
                 (self._alive.add if alive else self._alive.discard)(key)
             case Received(key=keys.TRUTH, payload=payload):
                 truth = decode(payload, TruePose)
-                self._truths[truth.step] = truth.pose
+                self._truths[truth.step] = truth
                 while len(self._truths) > _KEPT_TRUTHS:
                     del self._truths[next(iter(self._truths))]
             case Received(key=keys.EVENTS, payload=payload):
@@ -254,7 +259,7 @@ class _Audience:
         return None
 
     def _on_belief(self, belief: Belief) -> None:
-        truth = self._truths.get(belief.step)
+        truth = self._received_truth(belief)
         if self._truth is not None and (truth := self._truth_of(belief)) is not None:
             self._truth.put(TruePose(sender="demo", step=belief.step, pose=truth))
         self.summary.on_belief(belief, truth)

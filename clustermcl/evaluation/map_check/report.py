@@ -9,6 +9,7 @@ from scipy.ndimage import binary_dilation, label
 
 from clustermcl.evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
 from clustermcl.evaluation.map_check.ambiguity import distinguishable
+from clustermcl.evaluation.map_check.floors import floor_remarks
 from clustermcl.evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
 from clustermcl.protocol.message import PoseTuple
@@ -134,16 +135,23 @@ def report_of(
         agreement=agreement,
     )
     of_recording = _of_agreement(agreement) if agreement is not None else ()
-    remarks = (*_of_ground(report.ground), *_of_places(report), *of_recording)
+    of_floors = floor_remarks(((p.pose, *p.look_alikes) for p in report.places), grid_map)
+    is_one = len(grid_map.floors.names) < 2
+    remarks = (
+        *_of_ground(report.ground, is_one_map=is_one),
+        *_of_places(report),
+        *of_floors,
+        *of_recording,
+    )
     return msgspec.structs.replace(report, remarks=remarks)
 
 
-def _of_ground(ground: Ground) -> Iterator[str]:
+def _of_ground(ground: Ground, *, is_one_map: bool) -> Iterator[str]:
     if ground.cell_m > _COARSE_CELL_M:
         yield f"cells of {ground.cell_m} m are coarse, walls may be that far off; 0.05 m is usual"
     if ground.cell_m < _FINE_CELL_M:
         yield f"cells of {ground.cell_m} m cost memory and gain nothing; 0.05 m is usual"
-    if ground.largest_piece_share < _WHOLE_SHARE:
+    if is_one_map and ground.largest_piece_share < _WHOLE_SHARE:
         outside = 1.0 - ground.largest_piece_share
         yield (
             f"the free ground lies in {ground.pieces} pieces, {outside:.0%} of it outside the "
