@@ -123,7 +123,7 @@ class ClusterMCL(RobotCommands):
         grid_map: the map, from `load_map`.
         robot_from_laser: mount of the laser, for readings that have none: x [m], y [m],
             heading [rad].
-        landmarks: landmarks of the map, from `load_landmarks`.
+        landmarks: landmarks of the map, from `load_landmarks`; none: those that `grid_map` has.
         seed: seed of all random numbers; None: that of the settings.
         settings: `Settings`, or a dictionary of those that differ from their defaults, such as
             ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all names.
@@ -307,7 +307,7 @@ class ClusterMCL(RobotCommands):
         _check_map(grid_map)
         self._farthest_m = max(_FARTHEST_M, math.hypot(*grid_map.size_m))
         self._model = sensor_model(grid_map, self._settings.sensor, kept_folder("maps"))
-        self.map = grid_map.with_landmarks(landmarks)
+        self.map = grid_map.with_landmarks(landmarks or grid_map.landmarks)
         self._ground = FreeGround.of(self.map)
         self._maker.change_map(self.map.digest, self.map.landmarks, self.map.floors)
         self._filter = InProcess(self._model, self._settings, self._SNAPSHOT_EVERY_STEPS)

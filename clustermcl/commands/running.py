@@ -167,7 +167,11 @@ def serve_view(
     ] = None,
     save_file: Annotated[
         Path | None,
-        typer.Option("--save", metavar="FILE.html", help="Write the recording as one page."),
+        typer.Option(
+            "--save",
+            metavar="FILE.html",
+            help="Write the run as one page, or as .rrd for Rerun.",
+        ),
     ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")

@@ -1,14 +1,19 @@
 """The package as users install it: one name, whatever modules of their own are called."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
+
+from clustermcl.runtime.version import VERSION
 
 REPOSITORY = Path(__file__).parents[2]
 PACKAGE = REPOSITORY / "clustermcl"
@@ -89,3 +94,20 @@ def test_modules_import_beside_a_users_modules_of_the_same_names(
     (tmp_path / "recordings" / "__init__.py").write_text("raise ImportError('a folder of data')\n")
     command = [sys.executable, "-c", f"import clustermcl.{module}"]
     subprocess.run(command, cwd=tmp_path, check=True)
+
+
+def test_the_public_host_runs_the_gates_on_every_python_that_is_named() -> None:
+    jobs = yaml.safe_load((REPOSITORY / ".github/workflows/ci.yml").read_text())["jobs"]
+    assert {"run": ".ci/run"} in jobs["gates"]["steps"]
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    named = re.findall(r":: (3\.\d+)", "\n".join(project["classifiers"]))
+    assert named == ["3.11", *jobs["other-pythons"]["strategy"]["matrix"]["python"]]
+    for form in (REPOSITORY / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml"):
+        assert {"name", "description", "body"} <= set(yaml.safe_load(form.read_text()))
+
+
+def test_the_citation_has_the_version_and_the_paper() -> None:
+    cited = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
+    assert cited["version"] == VERSION
+    assert cited["references"][0]["title"].startswith("Robust Global Localization")
+    assert f"## {VERSION} (" in (REPOSITORY / "CHANGELOG.md").read_text()

@@ -6,6 +6,7 @@ A comment before each block says which: `runs: offline`, in a folder with a map 
 
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -33,6 +34,16 @@ pytestmark = pytest.mark.timeout(300)  # a block is several commands
 
 REPOSITORY = Path(__file__).parents[3]
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
+EXAMPLES = REPOSITORY / "examples"
+LONGEST_EXAMPLE = 30
+ALONE = {
+    "arrays": r"^\d+% at x 8.0 m, y 4.0 m$",
+    "two_lasers": r"localized 2 lasers",
+    "tags": r"localized \d places",
+    "floors": r"localized: 100% on ",
+}
+"""What the examples print that need no robot."""
+LIVE = {"planner": r"places, ambiguous|plan with|localized", "fleet": r"robot: \w+, \w+, \d+%"}
 ELSEWHERE = {"test command", "driver", "robot example"}
 """Marks of blocks that .ci/run and other tests run: test_pages.py, test_live_robot.py, ..."""
 
@@ -173,6 +184,31 @@ def test_a_program_for_a_running_robot_runs(
     monkeypatch.setattr("clustermcl.client.Settings", lambda: robot)
     exec(compile(block.text, block.page, "exec"), {})
     assert re.search(r"place\(s\) hold|\d+% at \(", capsys.readouterr().out)
+
+
+def test_there_are_six_examples_and_each_is_short() -> None:
+    assert {file.stem for file in EXAMPLES.glob("*.py")} == {*ALONE, *LIVE}
+    for file in EXAMPLES.glob("*.py"):
+        assert len(file.read_text().splitlines()) <= LONGEST_EXAMPLE, file
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_an_example_runs_by_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    assert re.search(ALONE[name], capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", LIVE)
+def test_an_example_runs_with_a_robot(
+    name: str,
+    robot: Settings,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("clustermcl.client.Settings", lambda: robot)
+    monkeypatch.setattr(sys, "argv", [name])
+    runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    assert re.search(LIVE[name], capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("block", marked("certificates"), ids=str)

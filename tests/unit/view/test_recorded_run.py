@@ -1,13 +1,17 @@
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
+from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.simulator.worlds.catalogue import world
+from clustermcl.view.admission import Address
 from clustermcl.view.picture import Picture
-from clustermcl.view.recorded_run import RecordedRun
+from clustermcl.view.recorded_run import RecordedRun, view_recording
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import Recordings
 from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
@@ -101,3 +105,25 @@ def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
     shown = read(RecordedRun(cut, None)).picture.everything()
     assert 0 < shown["step"]["step"] < STEPS - 1
     assert "is cut off or damaged" in caplog.text
+
+
+def test_a_run_is_written_for_reruns_viewer(file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the extra rerun is not installed; .ci/run installs it")
+    saved = tmp_path / "run.rrd"
+    view_recording(file, Address("", 0), save_file=saved)
+    printed = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", "-vv", saved],
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout  # fmt: skip
+    for entity in ("/map", "/scan", "/places", "/places/spread", "/probability/elsewhere"):
+        assert entity in printed
+    assert "Scalars" in printed
+    assert "Arrows3D" in printed
+
+
+def test_without_rerun_the_extra_is_named(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(ClusterMclError, match=r"pip install 'clustermcl\[rerun\]'"):
+        view_recording(file, Address("", 0), save_file=tmp_path / "run.rrd")
