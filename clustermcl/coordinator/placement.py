@@ -139,11 +139,11 @@ class Placement(Part):
     ) -> None:
         """Take the jobs of workers that were late too often.
 
-        Workers with a search keep it: its steps may take longer than a deadline. `patient`
+        Workers with a search keep their jobs: its steps may take longer than a deadline. `patient`
         says that all workers are slow, so that moving jobs would not help.
         """
-        placed = self.jobs.placed
-        owed = {job_id: job for job_id in expected if (job := placed.get(job_id)) is not None}
+        placed, shards = self.jobs.placed, self.jobs.shards()
+        owed = {i: placed[i] for i in expected if i in placed and i not in shards}
         late = {
             job.worker
             for job_id in missing
@@ -152,8 +152,10 @@ class Placement(Part):
             and now_ns >= job.placed_ns + HAND_OVER_NS
         }
         reported = {job.worker for job in owed.values() if job.worker}
-        late -= {job.worker for job in self.jobs.shards().values()}
-        for worker in self.stragglers.on_step_decided(reported, late, now_ns, patient=patient):
+        search = {job.worker for job in shards.values()}
+        for worker in self.stragglers.on_step_decided(
+            reported, late, now_ns, patient=patient, keep=search
+        ):
             self.jobs.take_from(worker)
 
     # --- orders
@@ -178,7 +180,8 @@ class Placement(Part):
         able = [name for name in ready if may_work(name, now_ns, answers=live[name].answered)]
         able = able or ready
         trusted = self.stragglers.trusted(able) or able
-        self.jobs.move(self._moves(trusted), term, now_ns)
+        awake = [worker for worker in trusted if self.stragglers.waits_for(worker)]
+        self.jobs.move(self._moves(awake or trusted), term, now_ns)
         # A step waits for a trial until its deadline, without the time for handing a job over.
         self.jobs.move(self._trials(able, trusted), term, now_ns=0)
         jobs = self.jobs.by_worker()

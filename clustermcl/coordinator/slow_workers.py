@@ -9,7 +9,7 @@ their number, count as one worker. Otherwise sixty workers that answer orders an
 would each delay a step.
 """
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Container, Mapping, Sequence, Set
 
 from clustermcl.belief.part import Part
 from clustermcl.coordinator.jobs import PlacedJob
@@ -65,7 +65,13 @@ class StragglerPolicy(Part):
             record.silent = False
 
     def on_step_decided(
-        self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
+        self,
+        reported: Set[str],
+        missing: Set[str],
+        now_ns: int,
+        *,
+        patient: bool = False,
+        keep: Container[str | None] = (),
     ) -> list[str]:
         """Record which workers missed a step; return those that lose their jobs.
 
@@ -74,6 +80,7 @@ class StragglerPolicy(Part):
             missing: workers that did not report all of their jobs in time.
             now_ns: time by the clock of all events [ns].
             patient: whether all workers are slow.
+            keep: workers that do not lose their jobs.
         """
         if not reported:  # the network is slow then, not one worker
             return []
@@ -86,8 +93,10 @@ class StragglerPolicy(Part):
         given_up = []
         for name, workers in late.items():
             record = self.records.setdefault(name, Punctuality())
-            record.missed += 1
             record.silent = True
+            if all(worker in keep for worker in workers):
+                continue
+            record.missed += 1
             if record.missed >= most:
                 given_up += workers
                 record.missed -= most - GIVEN_UP_AFTER

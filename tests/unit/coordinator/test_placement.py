@@ -242,3 +242,21 @@ def test_one_worker_has_all_jobs_of_a_lone_cluster_and_the_other_stands_by() -> 
     made.on_worker_left(home)
     (other,) = begun(due(made, 10 * SECOND)).values()
     assert sorted(other) == ["c1", "elsewhere"]
+
+
+def test_no_step_waits_for_a_silent_worker_with_a_search_which_keeps_its_jobs() -> None:
+    made = tracking("a", "b", clusters=2)
+    made.jobs.begin({"s0.0": SearchJob(search=0, shard=0, first_step=0)})
+    follow(made, due(made, 0))
+    (silent,) = (name for name, jobs in made.workers.items() if "s0.0" in jobs)
+    mine, others = (
+        [job_id for job_id in ("c0", "c1") if (job_id in made.workers[silent]) == is_mine]
+        for is_mine in (True, False)
+    )
+    for step in range(2 * GIVEN_UP_AFTER):
+        made.on_step_decided([*mine, *others, "s0.0"], mine, (9 + step) * SECOND)
+    assert not made.waits_for(mine[0])
+    assert {*mine, "s0.0"} <= set(made.workers[silent])
+    made.jobs.begin({f"d{n}": track(n) for n in range(9)})
+    follow(made, due(made, 20 * SECOND))
+    assert {*mine, "s0.0"} == set(made.workers[silent]), "nor does it get others"
