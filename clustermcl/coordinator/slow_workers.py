@@ -94,11 +94,10 @@ class StragglerPolicy(Part):
         for name, workers in late.items():
             record = self.records.setdefault(name, Punctuality())
             record.silent = True
-            if all(worker in keep for worker in workers):
-                continue
-            record.missed += 1
-            if record.missed >= most:
-                given_up += workers
+            movable = [worker for worker in workers if worker not in keep]
+            record.missed += bool(movable)
+            if movable and record.missed >= most:
+                given_up += movable
                 record.missed -= most - GIVEN_UP_AFTER
                 record.pause(now_ns)
         return given_up

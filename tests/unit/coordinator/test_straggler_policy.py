@@ -120,6 +120,16 @@ def test_sixty_names_of_one_origin_are_given_up_as_one() -> None:
     assert policy.waits_for("other-0")
 
 
+def test_workers_of_one_origin_that_keep_their_jobs_are_not_given_up_with_the_others() -> None:
+    policy, late = StragglerPolicy(), {"liar-0", "liar-1"}
+    for _ in range(GIVEN_UP_AFTER):
+        assert policy.on_step_decided({"other-0"}, late, 0, keep=late) == []
+    assert not policy.waits_for("liar-0")
+    for _ in range(GIVEN_UP_AFTER):
+        given_up = policy.on_step_decided({"other-0"}, late, 0, keep={"liar-0"})
+    assert given_up == ["liar-1"]
+
+
 def test_all_workers_are_trusted_before_the_first_report_except_given_up_ones() -> None:
     policy = StragglerPolicy()
     workers = ["good-0", "good-1", "liar-0", "liar-1"]
