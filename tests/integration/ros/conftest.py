@@ -1,12 +1,15 @@
 """AMCL's node as `colcon build` installs it, and robots; each test has a domain of its own."""
 
+import fcntl
 import itertools
 import os
 import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[3]
 RUNNING = "is running over rmw_"
-_domains = itertools.count(1)
+DOMAINS = range(8, 100)
 
 StartNode = Callable[..., RunningProcess]
 OpenRobot = Callable[..., "Robot"]
@@ -45,10 +48,15 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def domain(worker_id: str) -> int:
-    """A ROS domain that no other running test has."""
-    number = int(worker_id.removeprefix("gw")) if worker_id.startswith("gw") else 0
-    return 1 + (next(_domains) + 30 * number) % 60
+def domain() -> Iterator[int]:
+    """A ROS domain that no other running test has, also of another run on this machine."""
+    for number in DOMAINS:
+        file = Path(tempfile.gettempdir()) / f"clustermcl-ros-domain-{number}.lock"
+        with file.open("w") as lock, suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield number
+            return
+    pytest.fail("all domains are in use")
 
 
 @pytest.fixture
@@ -76,7 +84,8 @@ def start_node(
         chosen = domain if in_domain is None else in_domain
         command = (
             f"source {shlex.quote(str(installed / 'setup.bash'))}"
-            f" && export ROS_DOMAIN_ID={chosen} && exec {shlex.join(words)}"
+            f" && export ROS_DOMAIN_ID={chosen} XDG_STATE_HOME={shlex.quote(str(tmp_path))}"
+            f" && exec {shlex.join(words)}"
         )
         process = start_process(["bash", "-c", command])
         if expect:

@@ -86,7 +86,12 @@ def generate(package: str, tree: Path, modules: Path) -> None:
             )
         )
     folders = (headers, introspection, python)
-    compiled(package, tree, modules, [one for folder in folders for one in folder.rglob("*.c*")])
+    compiled(
+        package,
+        tree,
+        modules,
+        [one for folder in folders for one in folder.rglob("*.c*") if one.suffix != ".o"],
+    )
     add_to_index(package, tree)
 
 
