@@ -418,6 +418,7 @@ class Coordinator(Part):
             freshness=pose.freshness,
             age_s=pose.age_s,
             scan_age_s=pose.scan_age_s,
+            floors=pose.floors,
             step=pose.step,
             steps_applied=self.state.steps_applied,
             steps_lost=self.state.collector.steps_lost,

@@ -278,7 +278,8 @@ class CoordinatorState(Part):
         self.count(Cause.MAP_CHANGED)
         self.map_digest = scan.map_digest
         applied = self.collector.applied
-        if not (self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)):
+        keeps = self.settings.keep_pose_on_new_map and applied and len(self.ensemble.clusters)
+        if not keeps or applied is None or applied.floors.names != scan.floors.names:
             self._search_again(scan, "new map")
             return
         places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
@@ -294,6 +295,7 @@ class CoordinatorState(Part):
             scan.odom_from_robot,
             self.ensemble.settings.motion,
         )
+        mean = scan.floors.in_atlas(*applied.floors.on_floor(mean))
         moved = replace(cluster, pose=mean, covariance=covariance)
         return self._redrawn(moved, cluster.probability, scan, scan.step - 1)
 

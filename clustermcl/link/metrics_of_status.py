@@ -61,6 +61,13 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     yield _gauge("searching", "Whether a global search is under way.", float(status.searching))
     yield _gauge("overloaded", "Whether steps wait to be decided.", float(status.overloaded))
     yield _gauge("workers", "Workers that are alive.", len(status.workers))
+    if status.floors:
+        floors = GaugeMetricFamily(
+            "clustermcl_floor_probability", "Probability of a floor.", labels=["floor"]
+        )
+        for floor, probability in status.floors.items():
+            floors.add_metric([floor], probability)
+        yield floors
     jobs = GaugeMetricFamily("clustermcl_worker_jobs", "Jobs of a worker.", labels=["worker"])
     for worker, held in status.workers.items():
         jobs.add_metric([worker], len(held))

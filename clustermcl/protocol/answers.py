@@ -256,6 +256,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """As in `Belief`."""
     settings: LiveSettings = AS_STARTED
     """Live settings of the newest scan."""
+    floors: FloorProbabilities = msgspec.field(default_factory=dict)
+    """As in `Belief`."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):

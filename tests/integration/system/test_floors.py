@@ -35,6 +35,7 @@ def test_a_building_goes_through_all_processes_and_is_replayed(tmp_path: Path) -
         with tested.client as client:
             assert client.map().floors == floors
             pose, places = client.pose(), client.hypotheses()
+            assert client.status().floors == pose.floors
             with pytest.raises(CommandRefusedError, match="name a floor"):
                 client.set_pose((0.0, 0.0, 0.0))
             client.set_pose((0.0, 0.0, 0.0), floor="third")
