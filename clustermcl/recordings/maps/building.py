@@ -12,8 +12,9 @@ and ``links`` from one point to another.
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
 import msgspec
@@ -50,6 +51,16 @@ class _Building(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     floors: Annotated[dict[FloorName, _File | _Floor], Meta(min_length=1, max_length=MAX_FLOORS)]
     links: Annotated[tuple[Link, ...], Meta(max_length=MAX_LINKS)] = ()
 
+    def files(self, path: Path) -> dict[str, Path]:
+        return {
+            name: _found(floor if isinstance(floor, str) else floor.map, path)
+            for name, floor in self.floors.items()
+        }
+
+    @property
+    def heights_m(self) -> dict[str, float]:
+        return {n: f.height_m for n, f in self.floors.items() if isinstance(f, _Floor)}
+
 
 class _Level(msgspec.Struct, frozen=True):
     yaml: _File
@@ -77,12 +88,11 @@ class _Levels(msgspec.Struct, frozen=True):
     links: Annotated[tuple[_LevelLink, ...], Meta(max_length=MAX_LINKS)] = ()
 
     def building(self) -> _Building:
-        heights = {
-            name: level.origin[2] if len(level.origin) > 3 else 0.0
+        floors: dict[FloorName, str | _Floor] = {
+            name: _Floor(level.yaml, level.origin[2] if len(level.origin) > 3 else 0.0)
             for name, level in self.maps.items()
         }
-        floors = {name: _Floor(level.yaml, heights[name]) for name, level in self.maps.items()}
-        return _Building(dict(floors), tuple(link.link() for link in self.links))
+        return _Building(floors, tuple(link.link() for link in self.links))
 
 
 def is_building(content: bytes) -> bool:
@@ -102,24 +112,25 @@ def load_building(content: bytes, path: Path, load_map: Callable[[Path], GridMap
         MapFileError: it is not such a file, a map cannot be read, all maps together are too large,
             or a link names an unknown floor, or a position outside of it.
     """
-    if len(content) > MAX_BUILDING_BYTES:
-        raise MapFileError(path, too_long_problem(MAX_BUILDING_BYTES))
-    building = _parsed(content, path)
-    maps: dict[str, GridMap] = {}
-    for name, floor in building.floors.items():
-        file = floor if isinstance(floor, str) else floor.map
+    building, maps = _parsed(content, path), dict[str, GridMap]()
+    for name, file in building.files(path).items():
         try:
-            maps[name] = load_map(_found(file, path))
+            maps[name] = load_map(file)
         except MapFileError as error:
             problem = f"floor {printable(name)!r}: {error.path}: {error.problem}"
             raise MapFileError(path, problem) from error
-        _check_size(maps, path)
+        if problem := _size_problem(maps):
+            raise MapFileError(path, f"floor {printable(name)!r}: {problem}")
     if len(maps) == 1:
-        return next(iter(maps.values()))
-    heights = {n: 0.0 if isinstance(f, str) else f.height_m for n, f in building.floors.items()}
-    atlas = atlas_of(maps, heights, building.links)
+        return maps.popitem()[1]
+    atlas = atlas_of(maps, building.links, building.heights_m)
     for link in building.links:
-        _check_link(link, atlas.floors.floors, path)
+        for name, (x, y) in link.at.items():
+            across, up, _ = atlas.floors.in_atlas(name, (x, y, 0.0))
+            if atlas.floors.floor(name).distance_m(across, up) > 0.0:
+                where = f"{printable(link.name)!r} is outside of floor {printable(name)!r}"
+                problem = f"link {where}: x {x:g} m, y {y:g} m is not on its map"
+                raise MapFileError(path, problem)
     return atlas
 
 
@@ -130,31 +141,39 @@ def floor_files(path: Path) -> dict[str, Path]:
         MapFileError: it is an unusable building.
     """
     content = first_bytes(path, MAX_BUILDING_BYTES + 1, MapFileError) if path.is_file() else b""
-    if not is_building(content):
-        return {}
-    floors = _parsed(content, path).floors
-    names = {name: floor if isinstance(floor, str) else floor.map for name, floor in floors.items()}
-    return {name: _found(file, path) for name, file in names.items()} if len(names) > 1 else {}
+    files = _parsed(content, path).files(path) if is_building(content) else {}
+    return files if len(files) > 1 else {}
 
 
 def atlas_of(
-    maps: dict[str, GridMap], heights_m: dict[str, float], links: tuple[Link, ...] = ()
+    maps: Mapping[str, GridMap],
+    links: tuple[Link, ...] = (),
+    heights_m: Mapping[str, float] = MappingProxyType({}),
 ) -> GridMap:
-    """Return several floors as one map: side by side, in cells of the finest."""
+    """Return several floors as one map: side by side along x, in cells of the finest."""
     cell_m = min(each.cell_m for each in maps.values())
     pieces = {name: _in_own_axes(each, cell_m) for name, each in maps.items()}
-    cells, floors = _laid_out(pieces, heights_m, cell_m)
-    remarks = [f"floor {n}: {remark}" for n, each in maps.items() for remark in each.remarks]
-    remarks += [
-        f"floor {name}: resampled to cells of {cell_m:g} m along its axes"
-        for name, each in maps.items()
-        if pieces[name][0] is not each.cells
-    ]
-    floors_and_links = Floors(floors, links)
-    return GridMap(cells, cell_m, (0.0, 0.0, 0.0), remarks=tuple(remarks), floors=floors_and_links)
+    gap, shapes = math.ceil(GAP_M / cell_m), [cells.shape for cells, _, _ in pieces.values()]
+    size = max(rows for rows, _ in shapes), sum(cols + gap for _, cols in shapes) - gap
+    atlas: Cells = np.full(size, UNKNOWN, np.int8)
+    begin, floors, remarks = 0, list[Floor](), list[str]()
+    for name, (cells, x, y) in pieces.items():
+        rows, cols = cells.shape
+        atlas[:rows, begin : begin + cols] = cells
+        low, high = (begin * cell_m, 0.0), ((begin + cols) * cell_m, rows * cell_m)
+        floors.append(Floor(name, (low[0] - x, -y), low, high, heights_m.get(name, 0.0)))
+        remarks += [f"floor {name}: {remark}" for remark in maps[name].remarks]
+        if cells is not maps[name].cells:
+            remarks.append(f"floor {name}: resampled to cells of {cell_m:g} m along its axes")
+        begin += cols + gap
+    atlas.flags.writeable = False
+    named = Floors(tuple(floors), links)
+    return GridMap(atlas, cell_m, (0.0, 0.0, 0.0), remarks=tuple(remarks), floors=named)
 
 
 def _parsed(content: bytes, path: Path) -> _Building:
+    if len(content) > MAX_BUILDING_BYTES:
+        raise MapFileError(path, too_long_problem(MAX_BUILDING_BYTES))
     values, _ = yaml_of(content, path, MapFileError)
     kind: Any = _Levels if isinstance(values, dict) and "maps" in values else _Building
     try:
@@ -184,16 +203,6 @@ def _with_text_keys(value: Any) -> Any:
     return value
 
 
-def _check_link(link: Link, floors: tuple[Floor, ...], path: Path) -> None:
-    for floor in floors:
-        if floor.name not in link.at:
-            continue
-        x, y = link.at[floor.name]
-        if floor.distance_m(x + floor.shift[0], y + floor.shift[1]) > 0.0:
-            problem = f"link {printable(link.name)!r} is outside of floor {printable(floor.name)!r}"
-            raise MapFileError(path, f"{problem}: x {x:g} m, y {y:g} m is not on its map")
-
-
 def _found(file: str, building: Path) -> Path:
     """Return the path of a map; that of a ROS package is looked for above the building's file."""
     package = _PACKAGE.match(file)
@@ -204,21 +213,16 @@ def _found(file: str, building: Path) -> Path:
     return next((each for each in above if each.is_file()), building.parent / rest)
 
 
-def _check_size(maps: dict[str, GridMap], path: Path) -> None:
-    """Refuse an atlas of too many cells before there is any.
-
-    The last of the maps is the first with which it is too large.
-    """
+def _size_problem(maps: Mapping[str, GridMap]) -> str:
+    """Return why an atlas is too large, before it is made."""
     cell_m = min(each.cell_m for each in maps.values())
-    boxes = [_box(each) for each in maps.values()]
-    width, height = _size_m([(right - left, high - low) for left, low, right, high in boxes])
-    count = width / cell_m * (height / cell_m)
-    if count > MAX_CELLS:
-        finest = min(maps, key=lambda name: maps[name].cell_m)
-        problem = f"floor {printable(list(maps)[-1])!r}: with it, the floors and the ground between"
-        problem += f" them have {count:.3g} cells of {cell_m:g} m (the finest, of floor"
-        problem += f" {printable(finest)!r}); at most {MAX_CELLS} are read"
-        raise MapFileError(path, f"{problem}: use larger cells or fewer floors")
+    boxes = np.array([_box(each) for each in maps.values()])
+    width, height = (boxes[:, 2:] - boxes[:, :2]).T
+    count = (width.sum() + GAP_M * (len(maps) - 1)) / cell_m * (height.max() / cell_m)
+    if count <= MAX_CELLS:
+        return ""
+    problem = f"with it, floors and the ground between them have {count:.3g} cells of {cell_m:g} m"
+    return f"{problem}; at most {MAX_CELLS} are read: use larger cells or fewer floors"
 
 
 def _box(grid_map: GridMap) -> tuple[float, float, float, float]:
@@ -227,20 +231,6 @@ def _box(grid_map: GridMap) -> tuple[float, float, float, float]:
     corners = np.array([(x, y, 0.0) for x in (0.0, width) for y in (0.0, height)])
     x, y, _ = compose(np.array(grid_map.map_from_grid), corners).T
     return float(x.min()), float(y.min()), float(x.max()), float(y.max())
-
-
-def _size_m(sizes: list[tuple[float, float]]) -> tuple[float, float]:
-    """Return width and height of the atlas [m]."""
-    widths, heights = zip(*sizes, strict=True)
-    gaps = GAP_M * (len(sizes) - 1)
-    if _in_a_row(sizes):
-        return sum(widths) + gaps, max(heights)
-    return max(widths), sum(heights) + gaps
-
-
-def _in_a_row(sizes: list[tuple[float, float]]) -> bool:
-    """Return whether floors side by side along x have less ground between them than along y."""
-    return max(height for _, height in sizes) <= max(width for width, _ in sizes)
 
 
 def _in_own_axes(grid_map: GridMap, cell_m: float) -> tuple[Cells, float, float]:
@@ -263,27 +253,3 @@ def _in_own_axes(grid_map: GridMap, cell_m: float) -> tuple[Cells, float, float]
         inside = (col >= 0) & (col < cols) & (at_row >= 0) & (at_row < rows)
         into[inside] = source[at_row[inside], col[inside]]
     return cells, left, low
-
-
-def _laid_out(
-    pieces: dict[str, tuple[Cells, float, float]], heights_m: dict[str, float], cell_m: float
-) -> tuple[Cells, tuple[Floor, ...]]:
-    """Return the cells of the atlas, and the part of each floor."""
-    sizes = [(float(cells.shape[1]), float(cells.shape[0])) for cells, _, _ in pieces.values()]
-    in_a_row, gap = _in_a_row(sizes), math.ceil(GAP_M / cell_m)
-    shapes = [cells.shape for cells, _, _ in pieces.values()]
-    along, across = (1, 0) if in_a_row else (0, 1)
-    size = [0, 0]
-    size[along] = sum(shape[along] for shape in shapes) + gap * (len(shapes) - 1)
-    size[across] = max(shape[across] for shape in shapes)
-    atlas: Cells = np.full(size, UNKNOWN, np.int8)
-    floors, begin = [], 0
-    for name, (cells, x, y) in pieces.items():
-        row, col = (0, begin) if in_a_row else (begin, 0)
-        rows, cols = cells.shape
-        atlas[row : row + rows, col : col + cols] = cells
-        begin += cells.shape[along] + gap
-        low, high = (col * cell_m, row * cell_m), ((col + cols) * cell_m, (row + rows) * cell_m)
-        floors.append(Floor(name, (low[0] - x, low[1] - y), low, high, heights_m[name]))
-    atlas.flags.writeable = False
-    return atlas, tuple(floors)

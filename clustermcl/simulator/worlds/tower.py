@@ -14,7 +14,7 @@ def tower() -> World:
     """Return a building; its robot takes the lift now and then, and begins in the ground floor."""
     floors = {"ground": _ground(), "first": _offices(2), "second": _offices(3)}
     heights_m = {"ground": 0.0, "first": 3.5, "second": 7.0}
-    atlas = atlas_of(floors, heights_m, (LIFT,))
+    atlas = atlas_of(floors, (LIFT,), heights_m)
     return world_from_map(atlas, start=atlas.floors.in_atlas("ground", (-4.0, 0.0, 0.0)))
 
 
