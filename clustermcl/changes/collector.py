@@ -57,23 +57,25 @@ MOST_RECORDS = 50_000
 SIGMA_M, SIGMA_RAD = 0.5, 0.12
 """Poses that are less certain are not used."""
 
+MOST_COUNT = 2**30
+_TIME_S = 2.0**34
+_FIELDS: dict[str, tuple[str, float, float]] = {
+    "cell": ("<i4", 0, MOST_CELLS),
+    "evidence": ("<f4", 0, MOST_SIGHTS),  # scans against what the cell is, less those that agree
+    "count": ("<i4", 0, PLACES),  # of the places of these
+    "first_s": ("<f8", -_TIME_S, _TIME_S),  # of these
+    "last_s": ("<f8", -_TIME_S, _TIME_S),  # last sight of any kind
+    "occupied": ("i1", 0, 1),  # what the cell is by what was seen
+    "changes": ("<i4", 0, MOST_COUNT),
+    "since_s": ("<f8", -_TIME_S, _TIME_S),  # first sight of its last change
+    "sights": ("<i4", 0, MOST_COUNT),  # scans that agreed since
+    "seen_s": ("<f8", -_TIME_S, _TIME_S),  # last of these
+}
+"""Type, least and largest value of each field of a record."""
 RECORD = np.dtype(
-    [
-        ("cell", "<i4"),
-        ("evidence", "<f4"),  # scans that contradict what the cell is, less those that agree
-        ("places", "<i4", (PLACES, 2)),  # where from [cells]
-        ("count", "<i4"),
-        ("first_s", "<f8"),
-        ("last_s", "<f8"),  # last sight of any kind
-        ("occupied", "i1"),  # what the cell is by what was seen
-        ("changes", "<i4"),
-        ("since_s", "<f8"),  # first sight of its last change
-        ("sights", "<i4"),  # scans that agreed since
-        ("seen_s", "<f8"),  # last of these
-    ]
+    [(n, kind) for n, (kind, *_) in _FIELDS.items()] + [("places", "<i4", (PLACES, 2))]
 )
 LAYOUT = str(RECORD.descr)
-MOST_COUNT = 2**30
 
 
 class ChangeCollector:
@@ -87,7 +89,7 @@ class ChangeCollector:
         self._codes = codes_of(coarse(grid_map.cells, every))
         self.seen_min = np.zeros(self._codes.shape, np.int32)
         self._in_cells = to_cells(np.array(grid_map.map_from_grid), self.cell_m)
-        self._out = np.empty((8_192, 2), np.int32)
+        self._out = np.empty((2**16, 2), np.int32)
         self.records = np.empty(0, RECORD)
         """By cell."""
         self._trusted = self._recent = self.records
@@ -258,17 +260,11 @@ class ChangeCollector:
 def _checked(data: bytes, cells: int) -> NDArray[np.void]:
     """Return records of a file; a ValueError says that they are impossible."""
     records = np.frombuffer(data[: MOST_RECORDS * RECORD.itemsize], RECORD)
-    counts = [records[name] for name in ("count", "changes", "sights")]
-    limits = [PLACES, MOST_COUNT, MOST_COUNT]
-    fits = all(((c >= 0) & (c <= most)).all() for c, most in zip(counts, limits, strict=True))
-    times = np.column_stack([records[name] for name in RECORD.names or () if "_s" in name])
-    is_whole = np.isfinite(times).all() and np.isin(records["occupied"], (0, 1)).all()
-    is_weighed = ((records["evidence"] >= 0.0) & (records["evidence"] <= MOST_SIGHTS)).all()
-    at = records["cell"]
-    if not (fits and is_whole and is_weighed and (at >= 0).all() and (at < cells).all()):
-        raise ValueError("a record of a cell is impossible")
-    if (np.diff(at) <= 0).any():
-        raise ValueError("the records of the cells are in no order")
+    for name, (_, least, most) in _FIELDS.items():
+        if not ((records[name] >= least) & (records[name] <= most)).all():
+            raise ValueError(f"{name} of a cell is impossible")
+    if (np.diff(records["cell"], append=cells) <= 0).any():
+        raise ValueError("the cells are in no order, or outside the map")
     return records
 
 

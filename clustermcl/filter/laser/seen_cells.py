@@ -39,7 +39,7 @@ def codes_of(cells: Cells) -> Codes:
 
 
 @kernel
-def seen_cells(  # noqa: PLR0912 - one loop over the beams
+def seen_cells(  # noqa: PLR0912 - loops over beams and cells
     codes: Codes,
     seen: NDArray[np.int32],
     now: int,
@@ -66,7 +66,8 @@ def seen_cells(  # noqa: PLR0912 - one loop over the beams
         hits: (B, 2) ends of the beams that returned, in the robot's frame [m].
         reach: length of beams that is used [cells].
         beyond: `BEYOND_M` [cells].
-        out: (N, 2) cell, as row * cols + col, and whether it is occupied.
+        out: (N, 2) cell, as row * cols + col, and whether it is occupied; no more than N cells that
+            the scan has passed or hit are looked at.
     """
     c, s, x0, y0 = in_cells
     rows, cols = codes.shape
@@ -75,62 +76,47 @@ def seen_cells(  # noqa: PLR0912 - one loop over the beams
     laser_y = pose[1] + sh * laser[0] + ch * laser[1]
     from_col, from_row = c * laser_x - s * laser_y + x0, s * laser_x + c * laser_y + y0
     count = 0
-    for turn in range(3):  # count ends, then passes; decide, and remove the marks
+    for turn in range(2):  # count ends, then passes
         for j in range(len(hits)):
             hit_x = pose[0] + ch * hits[j, 0] - sh * hits[j, 1]
             hit_y = pose[1] + sh * hits[j, 0] + ch * hits[j, 1]
             dx, dy = c * hit_x - s * hit_y + x0 - from_col, s * hit_x + c * hit_y + y0 - from_row
             length = sqrt(dx * dx + dy * dy)
-            if not length > 0.0:
+            steps = 9 if turn == 0 else ceil(min(length - _BEFORE, reach)) - 1
+            if not length > 0.0 or (turn == 0 and length > reach):
                 continue
-            col, row = floor(from_col + dx), floor(from_row + dy)
-            side = 1 if turn != 1 and length <= reach else -1
-            for at_row in range(max(row - side, 0), min(row + side + 1, rows)):
-                for at_col in range(max(col - side, 0), min(col + side + 1, cols)):
-                    code = codes[at_row, at_col]
-                    if turn == 2:
-                        count = _report(codes, seen, now, at_row, at_col, out, count)
-                    elif at_row == row and at_col == col and (code // _HIT) & _MOST < _MOST:
-                        codes[at_row, at_col] = (code | _NEAR) + _HIT
-                    else:
-                        codes[at_row, at_col] = code | _NEAR
-            far = ceil(min(length - _BEFORE, reach)) if turn else 0
-            for k in range(1, far):
-                x, y = from_col + k * dx / length, from_row + k * dy / length
-                if not (0.0 <= x < cols and 0.0 <= y < rows):
+            for k in range(steps):  # the cell of the end and those around, or those on the way
+                along = 1.0 if turn == 0 else (k + 1) / length
+                col, row = floor(from_col + along * dx), floor(from_row + along * dy)
+                if turn == 0:
+                    col, row = col + k % 3 - 1, row + k // 3 - 1
+                if not (0 <= col < cols and 0 <= row < rows):
                     continue
-                col, row = int(x), int(y)
                 code = codes[row, col]
-                if turn == 2:
-                    if code > _UNMARKED:
-                        count = _report(codes, seen, now, row, col, out, count)
-                elif code // _PASSED < _MOST and not (code & WALL and k > length - beyond):
-                    codes[row, col] = code + _PASSED
-    return count
-
-
-@kernel
-def _report(
-    codes: Codes,
-    seen: NDArray[np.int32],
-    now: int,
-    row: int,
-    col: int,
-    out: NDArray[np.int32],
-    count: int,
-) -> int:
-    code = codes[row, col]
-    ends, passes, is_near = (code // _HIT) & _MOST, code // _PASSED, code & _NEAR
-    codes[row, col] = code & _UNMARKED
-    if ends or passes:
-        seen[row, col] = now
-    is_free = passes and (not is_near or (not code & WALL and passes >= 3 and passes > 3 * ends))
-    is_occupied = not is_free and (ends >= passes if ends else is_near and code & WATCHED)
-    if code & WATCHED:
-        is_news = is_free or is_occupied
-    else:
-        is_news = (is_free and code & WALL) or (is_occupied and code & OPEN)
-    if is_news and count < len(out):
-        out[count, 0], out[count, 1] = row * codes.shape[1] + col, 1 if is_occupied else 0
-        count += 1
-    return count
+                if turn == 0:
+                    is_end = k == 4 and (code // _HIT) & _MOST < _MOST
+                    marked = (code | _NEAR) + (_HIT if is_end else 0)
+                elif code // _PASSED == _MOST or (code & WALL and k + 1 > length - beyond):
+                    continue
+                else:
+                    marked = code + _PASSED
+                if code <= _UNMARKED:
+                    if count == len(out):
+                        continue
+                    out[count, 0] = row * cols + col
+                    count += 1
+                codes[row, col] = marked
+    news = 0
+    for i in range(count):
+        row, col = out[i, 0] // cols, out[i, 0] % cols
+        code = codes[row, col]
+        ends, passes, is_near = (code // _HIT) & _MOST, code // _PASSED, code & _NEAR
+        codes[row, col] = code & _UNMARKED
+        if ends or passes:
+            seen[row, col] = now
+        is_free = passes and (not is_near or (not code & WALL and passes > max(2, 3 * ends)))
+        is_occupied = not is_free and (ends >= passes if ends else is_near and code & WATCHED)
+        if (is_free and code & (WALL | WATCHED)) or (is_occupied and code & (OPEN | WATCHED)):
+            out[news, 0], out[news, 1] = out[i, 0], 1 if is_occupied else 0
+            news += 1
+    return news

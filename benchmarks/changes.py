@@ -1,0 +1,183 @@
+"""What `clustermcl changes` finds of what has changed, and how well robots localize in the new map.
+
+python -m benchmarks.changes DATA
+
+DATA/aged are recordings in maps that have aged; the building is known: that of intel is
+DATA/intel, that of the hall is what most of its aged maps agree on. A changed cell counts as seen
+if beams at the true poses, while the robot was localized, ended in it (new) or passed it (gone)
+from three places 0.5 m apart. A cell is found, or false, within one cell (0.1 m).
+
+Constants were chosen on move20, del20 and shift20; the others report.
+"""
+
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from benchmarks.aged_maps import Mask
+from clustermcl.belief.outcome import Outcome
+from clustermcl.changes import collector as collecting
+from clustermcl.changes.collector import ChangeCollector, hits_of
+from clustermcl.changes.new_map import with_changes
+from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
+from clustermcl.evaluation.run import EstimatedStep, Run
+from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from clustermcl.filter.poses import between, compose
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import Scan
+from clustermcl.recordings.maps.grid_map import GridMap, coarse
+from clustermcl.recordings.maps.map_file import load_map
+from clustermcl.recordings.maps.ros_map import save_ros_map
+from clustermcl.runtime.settings import Settings
+
+Robot = RecordedRobot | SimulatedRobot
+PEOPLE, STEPS, SEEDS = 0.15, 160, (1, 2)
+_RIGHT_M = 1.0
+
+
+def main(data: Path) -> None:
+    for name in sorted(each.stem for each in (data / "aged").glob("*.yaml")):
+        recorded = recording(data / "aged" / name)
+        steps = list(run(recorded))
+        old, true = load_map(recorded.map), true_building(data, name)
+        for people in (0.0, PEOPLE):
+            collector = collected(old, steps, people)
+            print(f"{name}, people {people:.0%}: {found(collector, true, steps)}", flush=True)
+        compare(name, recorded, collected(old, steps), true)
+    part1, part2 = (recording(data / "split" / "fr079" / f"part{n}", "map") for n in (1, 2))
+    learned = collected(load_map(part1.map), list(run(part1)))
+    compare("fr079, part 2", part2, learned, load_map(data / "fr079" / "map.yaml"))
+    old, true = (data / "gdc" / f"f2_{year}.yaml" for year in (2016, 2019))
+    learned = collected(load_map(old), list(run(SimulatedRobot(world=str(true), map=old), seed=7)))
+    for seed in SEEDS:
+        robot = SimulatedRobot(world=str(true), map=old)
+        compare(f"gdc, drive {seed}", robot, learned, load_map(true), seed)
+
+
+def recording(stem: Path, map_name: str = "") -> RecordedRobot:
+    grid_map = stem.with_name(f"{map_name}.yaml") if map_name else stem.with_suffix(".yaml")
+    log = stem.with_name(f"{stem.name}.log.gz")
+    return RecordedRobot(recording=log, map=grid_map, reference=stem.with_suffix(".tum"))
+
+
+def run(robot: Robot, seed: int = 1) -> Iterator[EstimatedStep]:
+    case = Case(robot=robot, updates=STEPS)
+    return Run(case=case, seed=seed, settings=Settings()).begun()[1]
+
+
+def collected(
+    grid_map: GridMap, steps: Sequence[EstimatedStep], people: float = 0.0
+) -> ChangeCollector:
+    collector, rng = ChangeCollector(grid_map), np.random.default_rng(1)
+    for scan, outcome, _ in steps:
+        seen = with_people(scan, people, rng)
+        collector.on_step(seen, outcome.state, outcome.hypotheses)
+    return collector
+
+
+def with_people(scan: Scan, share: float, rng: np.random.Generator) -> Scan:
+    """Return a scan of which a share of the beams ends anywhere on its way."""
+    ranges = scan.ranges.array().copy()
+    short = rng.random(len(ranges)) < share
+    ranges[short] *= rng.random(np.count_nonzero(short))
+    return replace(scan, ranges=ArrayBlob.of(ranges, "float32"))
+
+
+@cache
+def true_building(data: Path, name: str) -> GridMap:
+    if "intel" in name:
+        return load_map(data / "intel" / "map.yaml")
+    aged = [load_map(data / "aged" / f"{n}-hall-0.yaml") for n in
+            ("move10", "move20", "del20", "shift20")]  # fmt: skip
+    walls = np.sum([each.cells == OCCUPIED for each in aged], axis=0)
+    free = np.sum([each.cells == FREE for each in aged], axis=0)
+    cells = np.select([walls >= 3, free >= 2, walls >= 2], [OCCUPIED, FREE, OCCUPIED], UNKNOWN)
+    return GridMap(cells.astype(np.int8), aged[0].cell_m, aged[0].map_from_grid)
+
+
+def found(collector: ChangeCollector, true: GridMap, steps: Sequence[EstimatedStep]) -> str:
+    """Return the shares of the changed cells that were found, and of seen cells that are false."""
+    grid_map, cell_m = collector.map, collector.cell_m
+    every = round(cell_m / grid_map.cell_m)
+    old, new = (coarse(each.cells, every) for each in (grid_map, true))
+    records, said = collector.records, np.zeros(old.shape, bool)
+    now = records["occupied"] != (old.flat[records["cell"]] == OCCUPIED)
+    said.flat[records["cell"][now]] = True
+    places = from_places(steps, grid_map, cell_m, old)
+    wall, built = old == OCCUPIED, new == OCCUPIED
+    parts = []
+    for kind, there, all_of, seen in (
+        ("gone", said & wall, wall & ~built, wall & (new == FREE) & ~wide(built)),
+        ("new", said & ~wall, built & ~wall, built & (old == FREE) & ~wide(wall)),
+    ):
+        known = seen & (places[int(kind == "new")] >= collecting.PLACES)
+        hit, false = np.count_nonzero(known & wide(there)), np.count_nonzero(there & ~wide(all_of))
+        parts.append(f"{kind} {hit} of {np.count_nonzero(known)} found, {false} false")
+    return f"{'; '.join(parts)}; of {np.count_nonzero(places.max(axis=0))} cells seen"
+
+
+def wide(mask: Mask) -> Mask:
+    return np.asarray(binary_dilation(mask, np.ones((3, 3))))
+
+
+def from_places(
+    steps: Sequence[EstimatedStep], grid_map: GridMap, cell_m: float, cells: Cells
+) -> NDArray[np.int64]:
+    """Return (2, rows, cols) from how many places beams passed each cell, and ended in it."""
+    counts = np.zeros((2, *cells.shape), np.int64)
+    known: tuple[dict[int, list[NDArray[np.float64]]], ...] = ({}, {})
+    for scan, outcome, truth in steps:
+        if truth is None or outcome.state != "localized" or not is_right(outcome, truth):
+            continue
+        laser = compose(np.array(truth), np.array(scan.robot_from_laser))
+        hits = np.column_stack([hits_of(scan), np.zeros(len(hits_of(scan)))])
+        way = compose(np.array(truth), hits)[:, :2] - laser[:2]
+        length = np.hypot(*way.T)
+        along = np.arange(0.05, collecting.REACH_M, 0.05)
+        beam, at = np.nonzero(along < np.minimum(length - 0.3, collecting.REACH_M)[:, None])
+        passed = way[beam] / length[beam, None] * along[at][:, None]
+        for kind, ends in enumerate((passed, way[length <= collecting.REACH_M])):
+            points = np.column_stack([laser[:2] + ends, np.zeros(len(ends))])
+            in_grid = between(np.array(grid_map.map_from_grid), points)[:, :2]
+            cols, rows = np.floor(in_grid / cell_m).astype(int).T
+            inside = (rows >= 0) & (cols >= 0) & (rows < cells.shape[0]) & (cols < cells.shape[1])
+            for cell in np.unique(rows[inside] * cells.shape[1] + cols[inside]).tolist():
+                seen_from = known[kind].setdefault(cell, [])
+                apart = [np.hypot(*(laser[:2] - one)) >= collecting.PLACE_M for one in seen_from]
+                if len(seen_from) < collecting.PLACES and all(apart):
+                    seen_from.append(laser[:2])
+                    counts[kind].flat[cell] += 1
+    return counts
+
+
+def is_right(outcome: Outcome, truth: PoseTuple) -> bool:
+    best = outcome.hypotheses[0].pose
+    return float(np.hypot(best[0] - truth[0], best[1] - truth[1])) < _RIGHT_M
+
+
+def compare(
+    name: str, robot: Robot, learned: ChangeCollector, true: GridMap, seed: int = 1
+) -> None:
+    """Print on which share of the steps the robot is sure and right in the old, new, true map."""
+    new = with_changes(learned.map, learned.changes("benchmark"))
+    shares = []
+    for grid_map in (learned.map, new, true):
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "map.yaml")
+            save_ros_map(grid_map, file)
+            steps = list(run(replace(robot, map=file), seed))
+        right = [o.state == "localized" and is_right(o, t) for _, o, t in steps if t is not None]
+        shares.append(f"{np.mean(right):.1%}")
+    print(f"{name}: sure and right in the old, new, true map: {', '.join(shares)}", flush=True)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
