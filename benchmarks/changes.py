@@ -26,6 +26,7 @@ from clustermcl.belief.outcome import Outcome
 from clustermcl.changes import collector as collecting
 from clustermcl.changes.collector import ChangeCollector, hits_of
 from clustermcl.changes.new_map import with_changes
+from clustermcl.commands.changes import changes_of_recording
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
 from clustermcl.evaluation.run import EstimatedStep, Run
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
@@ -51,15 +52,18 @@ def main(data: Path) -> None:
         for people in (0.0, PEOPLE):
             collector = collected(old, steps, people)
             print(f"{name}, people {people:.0%}: {found(collector, true, steps)}", flush=True)
-        compare(name, recorded, collected(old, steps), true)
+        learned = changes_of_recording(recorded.recording, old, Settings())
+        compare(name, recorded, with_changes(old, learned), old, true)
     part1, part2 = (recording(data / "split" / "fr079" / f"part{n}", "map") for n in (1, 2))
-    learned = collected(load_map(part1.map), list(run(part1)))
-    compare("fr079, part 2", part2, learned, load_map(data / "fr079" / "map.yaml"))
-    old, true = (data / "gdc" / f"f2_{year}.yaml" for year in (2016, 2019))
-    learned = collected(load_map(old), list(run(SimulatedRobot(world=str(true), map=old), seed=7)))
+    old = load_map(part1.map)
+    learned = changes_of_recording(part1.recording, old, Settings())
+    true = load_map(data / "fr079" / "map.yaml")
+    compare("fr079, part 2", part2, with_changes(old, learned), old, true)
+    file, world = (data / "gdc" / f"f2_{year}.yaml" for year in (2016, 2019))
+    robot, old, true = SimulatedRobot(world=str(world), map=file), load_map(file), load_map(world)
+    learned = collected(old, list(run(robot, seed=7))).changes("benchmark")
     for seed in SEEDS:
-        robot = SimulatedRobot(world=str(true), map=old)
-        compare(f"gdc, drive {seed}", robot, learned, load_map(true), seed)
+        compare(f"gdc, drive {seed}", robot, with_changes(old, learned), old, true, seed)
 
 
 def recording(stem: Path, map_name: str = "") -> RecordedRobot:
@@ -164,12 +168,11 @@ def is_right(outcome: Outcome, truth: PoseTuple) -> bool:
 
 
 def compare(
-    name: str, robot: Robot, learned: ChangeCollector, true: GridMap, seed: int = 1
+    name: str, robot: Robot, new: GridMap, old: GridMap, true: GridMap, seed: int = 1
 ) -> None:
     """Print on which share of the steps the robot is sure and right in the old, new, true map."""
-    new = with_changes(learned.map, learned.changes("benchmark"))
     shares = []
-    for grid_map in (learned.map, new, true):
+    for grid_map in (old, new, true):
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder, "map.yaml")
             save_ros_map(grid_map, file)

@@ -25,6 +25,8 @@ from clustermcl.view.plots import NoMatplotlibError, save
 
 _log = logging.getLogger(__name__)
 
+_TIMES = 2
+
 
 def run_changes(
     settings: Settings,
@@ -87,14 +89,21 @@ def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Chan
 
 
 def changes_of_recording(recording: Path, grid_map: GridMap, settings: Settings) -> Changes:
-    """Localize with a recording, and collect what has changed since its map was made."""
-    collector = ChangeCollector(grid_map)
-    model = sensor_model(grid_map, settings.sensor, kept_folder("maps"))
-    read = opened(str(recording), settings.bridge)
-    scans = steps_of(read, settings.bridge, grid_map.digest, grid_map.floors)
-    for scan, outcome in in_process.outcomes(scans, model, settings):
-        collector.on_step(scan, outcome.state, outcome.hypotheses)
-    return collector.changes("changes")
+    """Localize with a recording, and collect what has changed since its map was made.
+
+    The second time, the robot is localized in the map with what was found the first time, so that
+    more is seen.
+    """
+    read, shown = opened(str(recording), settings.bridge), grid_map
+    for _ in range(_TIMES):
+        collector = ChangeCollector(grid_map)
+        model = sensor_model(shown, settings.sensor, kept_folder("maps"))
+        scans = steps_of(read, settings.bridge, grid_map.digest, grid_map.floors)
+        for scan, outcome in in_process.outcomes(scans, model, settings):
+            collector.on_step(scan, outcome.state, outcome.hypotheses)
+        changes = collector.changes("changes")
+        shown = with_changes(grid_map, changes)
+    return changes
 
 
 def summary(changes: Changes) -> str:

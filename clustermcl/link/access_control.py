@@ -127,7 +127,7 @@ _ROLES = {
         serves=(keys.MAP_READING,),
         asks=(
             *(keys.STATUS, keys.ADVICE, keys.SET_POSE, keys.RELOCALIZE),
-            *(keys.UPDATE, keys.CONFIGURE),
+            *(keys.UPDATE, keys.CONFIGURE, keys.CHANGES),
         ),
     ),
     "viewer": _VIEWER,

@@ -11,6 +11,7 @@ from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import AnyCause, Cause
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import topics
@@ -150,6 +151,9 @@ class BridgeLoop:
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self._port.on_particles(cluster, particles)
+
+    def on_changes(self, changes: Changes) -> None:
+        self._port.on_changes(changes)
 
     def on_advice(self, advice: Advice) -> None:
         self._port.on_advice(advice)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from clustermcl.protocol.answers import Belief, Hypothesis
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.message import Covariance, PoseTuple, ellipse_axes
 from clustermcl.recordings.headers import LAST_NS
 from clustermcl.recordings.rigid import flat
@@ -19,6 +20,8 @@ _PLANAR = (0, 1, 5)
 """x, y and heading among the six rows of a ROS covariance."""
 _OK, _WARNING, _ERROR = 0, 1, 2
 _COUNT = struct.Struct("<I")
+_OF_KIND = (0, 100, 50)
+"""Occupancy of what is gone, new, and moving [%]."""
 _HEALTHY = ("localized", "ambiguous")
 
 
@@ -53,6 +56,23 @@ def pose_stamped(
 ) -> Any:
     given = pose_with_covariance(map_from_robot, covariance)
     return new(types.POSE_STAMPED, header=header(stamp_ns, frame), pose=given)
+
+
+def changes_grid(changes: Changes, frame: str) -> Any:
+    """Return a `nav_msgs/OccupancyGrid`: 0 where the map's obstacle is gone, 100 where one is new,
+    50 where it moves, and -1 elsewhere. Of a building: of its floors side by side."""
+    data = np.full(changes.rows * changes.cols, -1, np.int8)
+    cells = changes.cells.array()
+    data[cells[:, 0]] = np.array(_OF_KIND, np.int8)[cells[:, 1]]
+    info = new(
+        "nav_msgs/msg/MapMetaData",
+        resolution=changes.cell_m,
+        width=changes.cols,
+        height=changes.rows,
+        origin=pose(changes.map_from_grid),
+    )
+    stamped = header(changes.stamp_ns, frame)
+    return new(types.OCCUPANCY_GRID, header=stamped, info=info, data=data)
 
 
 def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: str) -> Any:

@@ -11,6 +11,7 @@ from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, Configure, Freshness, Relocalize, Update
 from clustermcl.protocol.answers import State as Found
 from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles
@@ -21,7 +22,7 @@ from clustermcl.ros2.amcl import Amcl
 from clustermcl.ros2.floor_maps import FloorMaps
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import new, response_of
-from clustermcl.ros2.messages_out import diagnostics
+from clustermcl.ros2.messages_out import changes_grid, diagnostics
 from clustermcl.ros2.outputs import (
     NO_ID,
     AskAdvice,
@@ -196,6 +197,12 @@ class Port:
             self._ros.publish(topics.DIAGNOSTICS, self._diagnostics())
 
     # --- from the engine
+
+    def on_changes(self, changes: Changes) -> None:
+        """Publish what has changed in the building, while the node is active."""
+        if self.state is State.ACTIVE:
+            frame = self._amcl.settings.global_frame
+            self._ros.publish(topics.CHANGES, changes_grid(changes, frame))
 
     def on_belief(self, belief: Belief) -> None:
         self._do(self._amcl.on_belief(belief))

@@ -13,6 +13,7 @@ from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status
 from clustermcl.protocol.causes import AnyCause, Cause
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.protocol.work import Particles, Reported, TrackReport
 from clustermcl.ros2.outputs import Command, Reading
@@ -32,6 +33,8 @@ class Localizing(Protocol):
 
     def on_advice(self, advice: Advice) -> None: ...
 
+    def on_changes(self, changes: Changes) -> None: ...
+
     def on_status(self, status: EngineStatus | None) -> None: ...
 
     def on_refused(self, cause: AnyCause, detail: str) -> None: ...
@@ -43,7 +46,7 @@ class ServiceEngine:
     def __init__(self, node: Node, listener: Localizing) -> None:
         self._node, self._listener = node, listener
         self._map: MapReading | None = None
-        self._next_status_s = 0.0
+        self._next_status_s, self._has_changes = 0.0, False
         self._readings: dict[type[Reading], Publisher] = {
             LaserReading: node.publisher(keys.LASER_READING),
             OdometryReading: node.publisher(keys.ODOMETRY_READING),
@@ -53,6 +56,7 @@ class ServiceEngine:
         node.serve(keys.MAP_READING, self._on_map_query)
         kept = _KEPT_MESSAGES
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind=keys.BELIEF, kept=kept)
+        node.subscribe(keys.CHANGES, Changes, self._on_changes, kind=keys.CHANGES, kept=1)
         reports: type[TrackReport] = Reported  # type: ignore[assignment] # a union
         node.subscribe(keys.ALL_REPORTS, reports, self._on_report, kind=keys.ALL_REPORTS, kept=kept)
 
@@ -68,6 +72,10 @@ class ServiceEngine:
                 lambda _problem: self._listener.on_status(None),
                 timeout_s=_COMMAND_TIMEOUT_S,
             )
+            if not self._has_changes:  # they are published only when they change
+                self._node.ask(
+                    keys.CHANGES, Changes, self._on_changes, timeout_s=_COMMAND_TIMEOUT_S
+                )
         return event
 
     def put(self, reading: Reading) -> None:
@@ -116,6 +124,10 @@ class ServiceEngine:
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
         self._listener.on_belief(belief)
+
+    def _on_changes(self, changes: Changes, _received: Received | None = None) -> None:
+        self._has_changes = True
+        self._listener.on_changes(changes)
 
     def _on_report(self, report: Reported, _received: Received) -> None:
         if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:

@@ -24,6 +24,7 @@ DIAGNOSTICS = Topic("/diagnostics", types.DIAGNOSTIC_ARRAY, Qos())
 HYPOTHESES = Topic("~/hypotheses", types.MARKER_ARRAY, _LAST)
 HYPOTHESIS_DETECTION = Topic("~/hypotheses/detection", types.DETECTION, _LAST)
 ADVICE = Topic("~/advice", types.PATH, _LAST)
+CHANGES = Topic("~/changes", types.OCCUPANCY_GRID, _LAST)
 FLOOR = Topic("~/floor", types.STRING, _LAST)
 STATE = Topic("~/state", types.STRING, _LAST)
 PROBABILITY = Topic("~/probability", types.FLOAT64, _LAST)
@@ -68,5 +69,5 @@ class Topics:
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),
-            *(HYPOTHESES, HYPOTHESIS_DETECTION, ADVICE, STATE, FLOOR, PROBABILITY),
+            *(HYPOTHESES, HYPOTHESIS_DETECTION, ADVICE, CHANGES, STATE, FLOOR, PROBABILITY),
         )

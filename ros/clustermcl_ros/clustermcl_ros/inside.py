@@ -30,7 +30,7 @@ from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.flow_control import FlowControl
 
 _SNAPSHOT_EVERY_STEPS = 10
-_STATUS_EVERY_S, _POLL_S = 1.0, 0.1
+_STATUS_EVERY_S, _CHANGES_EVERY_S, _POLL_S = 1.0, 5.0, 0.1
 _LATE_S = 0.5
 """Readings that have waited for longer make no step: the filter has to catch up [s]."""
 _QUEUED = {LaserReading: 100, OdometryReading: 1000, Observation: 100, MapReading: 1}
@@ -43,6 +43,7 @@ class _Localizer(ClusterMCL):
 
     def __init__(self, grid_map: GridMap, settings: Settings, listener: Localizing) -> None:
         self._listener, self.live = listener, AS_STARTED
+        self._shown = b""
         self._tracker = PoseTracker(
             "inside", settings.coordinator, DeadReckoning(settings.motion, settings.bridge)
         )
@@ -87,6 +88,14 @@ class _Localizer(ClusterMCL):
             case Configure(settings=live):
                 self.live = live
                 self._maker.configure(live)
+
+    def show_changes(self) -> None:
+        """Give the listener what has changed in the building, if that is new."""
+        changes = self.changes()
+        cells = changes.cells.array()[:, :2].tobytes()
+        if cells != self._shown:
+            self._shown = cells
+            self._listener.on_changes(changes)
 
     def status(self) -> EngineStatus:
         found = self._tracker.answer(time.monotonic_ns(), workers=1)
@@ -138,7 +147,7 @@ class InsideEngine:
         if (file := self._settings.bridge.map) and file != "zenoh":
             grid_map = load_map(file)
             self._on_map(grid_map.with_landmarks(landmarks_of_map(file, grid_map.floors)))
-        status_s = 0.0
+        status_s = changes_s = 0.0
         while not stop.is_set():
             if (arrived := self._inbox.get(_POLL_S)) is not None:
                 self._on_event(*arrived)
@@ -146,6 +155,9 @@ class InsideEngine:
                 status_s = now_s + _STATUS_EVERY_S
                 known = None if self._localizer is None else self._localizer.status()
                 self._listener.on_status(known)
+            if self._localizer is not None and now_s >= changes_s:
+                changes_s = now_s + _CHANGES_EVERY_S
+                self._localizer.show_changes()
 
     def _on_event(self, arrived_s: float, event: Reading | Command | None) -> None:
         localizer = self._localizer

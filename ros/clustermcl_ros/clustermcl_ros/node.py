@@ -23,6 +23,7 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import topics
@@ -267,6 +268,9 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         self.later(lambda: self._port.on_particles(cluster, particles))
+
+    def on_changes(self, changes: Changes) -> None:
+        self.later(lambda: self._port.on_changes(changes))
 
     def on_advice(self, advice: Advice) -> None:
         self.later(lambda: self._port.on_advice(advice))

@@ -20,6 +20,7 @@ from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Configure, Relocalize, SetPose, Update
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import AnyCause
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import MapReading, OdometryReading
 from clustermcl.protocol.work import Particles
@@ -44,6 +45,7 @@ class Heard:
         self.beliefs: list[Belief] = []
         self.clusters: list[int] = []
         self.advice: list[Advice] = []
+        self.changes: list[Changes] = []
         self.status: EngineStatus | None = None
         self.refused: list[str] = []
 
@@ -56,6 +58,9 @@ class Heard:
 
     def on_advice(self, advice: Advice) -> None:
         self.advice.append(advice)
+
+    def on_changes(self, changes: Changes) -> None:
+        self.changes.append(changes)
 
     def on_status(self, status: EngineStatus | None) -> None:
         self.status = status

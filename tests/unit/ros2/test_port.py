@@ -2,6 +2,8 @@
 
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Relocalize, SetPose, Update
+from clustermcl.protocol.arrays import ArrayBlob
+from clustermcl.protocol.changes import GONE, MOVED, NEW, Changes
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
@@ -47,6 +49,25 @@ def test_readings_go_to_the_engine_and_its_belief_to_ros() -> None:
     kept.process_ns += 2 * SECOND
     tested.tick()
     assert dict(kept.causes) == {"laser scan without transform: transform does not arrive": 1}
+
+
+def test_changes_of_the_building_are_a_grid_while_the_node_is_active() -> None:
+    tested, kept = active()
+    seen = Changes(
+        sender="b", map_digest="m", stamp_ns=SECOND, cell_m=0.1, rows=2, cols=3,
+        map_from_grid=(1.0, 2.0, 0.0),
+        cells=ArrayBlob.of([[0, GONE, 5, 1], [4, NEW, 5, 1], [5, MOVED, 5, 3]], "int32"),
+        times_s=ArrayBlob.of([[0.0, 1.0]] * 3, "float64"),
+    )  # fmt: skip
+    tested.on_changes(seen)
+    (published,) = kept.on(topics.CHANGES)
+    assert list(published.data) == [0, -1, -1, -1, 100, 50]
+    assert (published.info.width, published.info.height) == (3, 2)
+    assert published.info.origin.position.y == 2.0
+    assert published.header.frame_id == "map"
+    tested.enter(State.INACTIVE)
+    tested.on_changes(seen)
+    assert len(kept.on(topics.CHANGES)) == 1
 
 
 def test_every_service_has_its_response_and_its_effect() -> None:
