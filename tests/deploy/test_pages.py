@@ -121,6 +121,31 @@ def test_every_link_leads_somewhere_in_the_tree(page: Path) -> None:
             assert not anchor or found.suffix != ".md" or anchor in anchors(found), link
 
 
+@pytest.mark.parametrize(
+    ("asked", "answer"),
+    [
+        ("two lidars", "several lasers"),
+        ("lost but is right", "## It says lost but it is right"),
+        ("Raspberry Pi", "**A Raspberry Pi**"),
+        ("slam_toolbox", "map_saver_cli"),
+        ("pose at boot", "**The pose at boot.**"),
+        ("covariance", "| `pose`, `covariance`, `probability` |"),
+        ("Which port", "`tcp/127.0.0.1:7447`"),
+        ("upgrade", "## Upgrades"),
+        ("why did it jump", "## It jumped yesterday"),
+        ("Several floors", "building.yaml"),
+    ],
+)
+def test_what_strangers_ask_is_one_link_from_the_readme(asked: str, answer: str) -> None:
+    (row,) = (
+        line
+        for line in (REPOSITORY / "README.md").read_text().splitlines()
+        if line.startswith("| ") and asked in line.split("|")[1]
+    )
+    targets = [link.partition("#")[0] for link in re.findall(r"\]\(([^)]+)\)", row)]
+    assert any(answer in (REPOSITORY / target).read_text() for target in targets)
+
+
 def test_the_pages_stay_few_and_short() -> None:
     pages = [REPOSITORY / "README.md", *DOCS]
     words = [word for page in pages for word in page.read_text().split()]
