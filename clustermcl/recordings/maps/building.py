@@ -36,7 +36,7 @@ GAP_M = 40.0
 """Distance between floors in the atlas, in unknown ground: indoors, lasers see less far."""
 MAX_BUILDING_BYTES = 64 * 1024
 _SAME_CELL = 1e-6
-_IS_BUILDING = re.compile(rb"^[\s{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
+_IS_BUILDING = re.compile(rb"^[ \t{]*[\"']?(floors|maps)[\"']?\s*:", re.MULTILINE)
 _PACKAGE = re.compile(r"package://[^/]+/|\$\(find [^)]+\)/")
 
 _File: TypeAlias = Annotated[str, Meta(min_length=1)]

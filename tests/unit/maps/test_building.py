@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -152,3 +153,13 @@ def test_an_atlas_that_is_too_large_is_refused_before_it_is_made(tmp_path: Path)
     write_map(GridMap(ROOM, 1e-5, (0.0, 0.0, 0.0)), tmp_path, "third")
     with pytest.raises(MapFileError, match=r"floor 'third': with it.*cells of 1e-05 m"):
         load_map(path)
+
+
+@pytest.mark.parametrize("filler", ["\n", " ", "{", "'", "floors", " \n", "{\n"])
+def test_a_file_of_fillers_is_refused_soon(tmp_path: Path, filler: str) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_text(filler * (65_000 // len(filler)))
+    begin_s = time.process_time()
+    with pytest.raises(MapFileError):
+        load_map(path)
+    assert time.process_time() - begin_s < 5.0  # PyYAML needs 1 s
