@@ -12,7 +12,7 @@ NAME is a role, or ROLE.ROBOT for one robot alone:
   bridge, coordinator    the processes of these names
   worker, worker-X       workers of one machine; the name is their --name
   recorder               'clustermcl record': hears scans, odometry and beliefs
-  ros2                   the bridge to ROS 2
+  ros2                   AMCL's node in ROS 2
   viewer, operator       people: who may look, and who may command as well
 
 Makes NAME.pem, NAME.key (readable by its owner alone) and, for clients, NAME.toml with the

@@ -86,7 +86,6 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "warm-up": running.warm_up,
         "router": running.router,
         "worker": running.worker,
-        "ros2": running.ros2,
     },
 }
 for _group, _commands in COMMANDS.items():

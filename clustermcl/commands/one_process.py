@@ -44,7 +44,6 @@ def check_one_process(settings: Settings) -> None:
         "zenoh.start_router=false": not settings.zenoh.start_router,
         f"worker.count={settings.worker.count}": settings.worker.count > 1,
         "coordinator.standby=true": settings.coordinator.standby,
-        "ros2.enabled=true": settings.ros2.enabled,
     }
     for setting, is_refused in refused.items():
         if is_refused:

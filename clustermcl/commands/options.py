@@ -1,6 +1,6 @@
 """Options and behaviour that several commands share."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from pathlib import Path
@@ -172,19 +172,3 @@ def _may_be_bag(recording: str | Path | None) -> bool:
         return False
     path = Path(recording)
     return not path.exists() or is_bag(path)
-
-
-def settings_with_nav2(
-    nav2_params: Path | None, settings_file: Path | None, assignments: Sequence[str]
-) -> tuple[Settings, list[str]]:
-    """Load settings: assignments override the file, and the file overrides nav2's parameters.
-
-    Also return a line for each nav2 parameter that has another effect here, or none.
-    """
-    if nav2_params is None:
-        return load_settings(settings_file, assignments), []
-    from clustermcl.ros2.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
-
-    values, notes = read_nav2_params(nav2_params)
-    origin = str(nav2_params)
-    return load_settings(settings_file, assignments, beneath=values, beneath_from=origin), notes

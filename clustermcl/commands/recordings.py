@@ -2,13 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from clustermcl.commands import options as common
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
+from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.stop import stop_on_signals
 
 EXIT_DIFFERENT = 1
@@ -246,9 +247,16 @@ def settings(
         settings_as_toml,
     )
 
-    chosen, notes = common.settings_with_nav2(from_nav2, settings_file, assignments or ())
-    for line in notes:
-        typer.echo(f"# {line}")
+    values: dict[str, Any] = {}
+    if from_nav2 is not None:
+        from clustermcl.ros2.nav2_params import read_nav2_params  # noqa: PLC0415 - see the package
+
+        values, notes = read_nav2_params(from_nav2)
+        for line in notes:
+            typer.echo(f"# {line}")
+    chosen = load_settings(
+        settings_file, assignments or (), beneath=values, beneath_from=str(from_nav2)
+    )
     if not show_all:
         count = f"{len(EVERYDAY)} of {len(TABLE)} settings"
         typer.echo(f"# {count}; clustermcl settings --all prints all.\n")

@@ -1,7 +1,6 @@
 """The commands that start processes and run until Ctrl-C."""
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ import typer
 from clustermcl.commands import options as common
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
-from clustermcl.runtime.settings_file import with_setting
+from clustermcl.runtime.settings_file import load_settings, with_setting
 from clustermcl.runtime.supervisor import python_module
 
 
@@ -76,10 +75,6 @@ def demo(
 @common.given_command("robot", "router")
 def up(
     given: common.Given,
-    nav2_params: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
-    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
     one_process: Annotated[
         bool,
@@ -91,13 +86,11 @@ def up(
     """Localize a robot: run all processes on this machine until Ctrl-C."""
     common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
-        common.refuse_without("several processes", None, view=view, nav2_params=nav2_params)
+        common.refuse_without("several processes", None, view=view)
         _become("commands.one_process", given)
     from clustermcl.commands.up import run_up  # noqa: PLC0415 - see the package
 
-    chosen, notes = common.settings_with_nav2(nav2_params, given.file, given.assignments)
-    for line in notes:
-        sys.stderr.write(f"clustermcl: {line}\n")
+    chosen = load_settings(given.file, given.assignments)
     run_up(chosen, view_at=(listen or common.HERE) if view else None, allow_commands=allow_commands)
 
 
@@ -111,12 +104,6 @@ def warm_up(settings: Settings) -> None:
     from clustermcl.commands.warm_up import run_warm_up  # noqa: PLC0415 - see the package
 
     run_warm_up(settings)
-
-
-@common.given_command("robot", "router")
-def ros2(given: common.Given) -> None:
-    """Replace nav2's AMCL over rmw_zenoh, until Ctrl-C."""
-    _become("ros2", given)
 
 
 @common.given_command("router")

@@ -42,9 +42,9 @@ class ProcessEndedError(ClusterMclError):
 class Stack:
     """The processes of one robot: coordinator, workers, a sensor bridge or simulator, and others.
 
-    `bridge.source` selects bridge or simulator, `zenoh.start_router` adds a router, `ros2.enabled`
-    a bridge to ROS; page arguments add a page. The folder is for the processes' settings file, and
-    for their logs, unless these go to standard error.
+    `bridge.source` selects bridge or simulator, `zenoh.start_router` adds a router; page
+    arguments add a page. The folder is for the processes' settings file, and for their logs,
+    unless these go to standard error.
     """
 
     def __init__(
@@ -71,8 +71,6 @@ class Stack:
             others.append(self._child("link.router", name=ROUTER))
         if page_arguments is not None:
             others.append(self._child("view", *page_arguments))
-        if settings.ros2.enabled:
-            others.append(self._child("ros2"))
         self._coordinator = self._child("coordinator")
         self._others = [*others, self._child("worker"), source]
         self.supervisor = Supervisor()

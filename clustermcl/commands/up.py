@@ -102,12 +102,9 @@ def _check(settings: Settings) -> None:
     """Raise an error if a process could not start, before any is started."""
     from clustermcl.link.configuration import as_zenoh, client_configuration  # noqa: PLC0415
     from clustermcl.recordings.recording import open_recording  # noqa: PLC0415 - for the child only
-    from clustermcl.ros2.process import check_ros2  # noqa: PLC0415
     from clustermcl.simulator.worlds.catalogue import simulated_world  # noqa: PLC0415
 
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
-    if settings.ros2.enabled:
-        check_ros2(settings)
     bridge = settings.bridge
     match parsed_source(bridge.source):
         case Simulated() as robot:
@@ -116,7 +113,7 @@ def _check(settings: Settings) -> None:
             _check_map(bridge.map, path)
             open_recording(path, bridge)
         case Live():
-            if not is_published(bridge.map, bridge.source, ros2=settings.ros2.enabled):
+            if not is_published(bridge.map, bridge.source):
                 _check_map(bridge.map)
         case choice:
             assert_never(choice)

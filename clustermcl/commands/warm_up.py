@@ -28,7 +28,7 @@ def run_warm_up(settings: Settings) -> None:
     say(f"all kernels are on disk, after {time.monotonic() - begun_s:.1f} s")
     bridge = settings.bridge
     file = map_file_of(bridge.map, bridge.source)
-    if not file or is_published(file, bridge.source, ros2=settings.ros2.enabled):
+    if not file or is_published(file, bridge.source):
         return
     grid_map, begun_s = load_map_with_obstacles(file), time.monotonic()
     sensor_model(grid_map, settings.sensor, kept_folder("maps", settings.worker.cache_folder))

@@ -31,14 +31,6 @@ _UNFINISHED_LINKS = 1000
 _HANDSHAKE_TIMEOUT, _HANDSHAKE_TIMEOUT_MS = "tls_handshake_timeout_ms", 600_000
 """Zenoh accepts no connection for 0.1 s after a failed or timed-out handshake. With its default
 time-out of 10 s, 120 silent connections would block the listener."""
-GOSSIP = {
-    "enabled": True,
-    "multihop": False,
-    "target": {"router": ["router", "peer"], "peer": ["router"]},
-    "autoconnect": {"router": [], "peer": ["router", "peer"]},
-    "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
-}
-"""As in rmw_zenoh: the router announces peers to each other, which then connect directly."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
 Configuration = dict[str, Any]
@@ -73,20 +65,6 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -
     }
 
 
-def peer_configuration(settings: ZenohSettings) -> Configuration:
-    """Return the configuration of a ROS node on the router's machine, as rmw_zenoh sets it.
-
-    Peers keep their direct links when the router stops.
-    """
-    configuration = client_configuration(settings, None)
-    configuration["connect"]["exit_on_failure"] = True  # else `zenoh.open` returns without a link
-    return configuration | {
-        "mode": "peer",
-        "listen": {"endpoints": ["tcp/localhost:0"]},
-        "scouting": {"multicast": {"enabled": False}, "gossip": GOSSIP},
-    }
-
-
 def router_configuration(settings: ZenohSettings) -> Configuration:
     """Return the configuration of the router; the official ``zenohd`` accepts it too."""
     check_endpoint(settings.router)
@@ -101,8 +79,6 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
     transport["unicast"] = {"accept_pending": _UNFINISHED_LINKS}
-    # Direct links between peers would bypass the access control of a router with TLS.
-    gossip = {"enabled": False} if settings.router.startswith("tls/") else GOSSIP
     return {
         "mode": "router",
         "listen": {"endpoints": [patient(settings.router)]},
@@ -110,7 +86,7 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         "scouting": {
             "delay": 0,
             "multicast": {"enabled": False},
-            "gossip": gossip,
+            "gossip": {"enabled": False},
         },
         "timestamping": {"enabled": True},
         "transport": transport,

@@ -14,7 +14,6 @@ from clustermcl.link.configuration import (
     Configuration,
     as_zenoh,
     client_configuration,
-    peer_configuration,
 )
 from clustermcl.protocol.errors import UnreachableError
 from clustermcl.runtime.settings import RobotSettings, ZenohSettings
@@ -27,7 +26,7 @@ ONE_LINK = "(rx: (worker_threads: 1))"
 """A client has one link; each message would wake a second thread for nothing."""
 
 MANY_LINKS = "(rx: (worker_threads: 16))"
-"""For a router or a peer: more threads than a machine has links.
+"""For a router: more threads than a machine has links.
 
 When a link dies silently (cable, switch, radio), its lease expires and a receiving thread closes
 it; close(2) then blocks up to 10 s for unacknowledged bytes. With Zenoh's default of two threads,
@@ -70,10 +69,8 @@ def open_session(
     robot: RobotSettings | None,
     stop: StopFlag,
     wait_s: float | None,
-    *,
-    peer: bool = False,
 ) -> Iterator[zenoh.Session]:
-    """Open this process's session, as a client of the router unless `peer`.
+    """Open this process's session, as a client of the router.
 
     An open session survives the loss of its router: it reconnects and declares everything again.
     The context manager closes it, because an open session hangs the interpreter at exit. Fork
@@ -82,14 +79,13 @@ def open_session(
     Args:
         robot: its name prefixes all keys; None: no prefix.
         wait_s: time-out for a router [s]; None: no time-out, as for services.
-        peer: connect directly to other peers, as ROS nodes do; `robot` must be None.
 
     Raises:
         UnreachableError: no router answered in `wait_s`.
         SettingsError: the endpoint or the robot's name is invalid.
         StoppedError: `stop` was set before there was a router.
     """
-    configuration = peer_configuration(settings) if peer else client_configuration(settings, robot)
+    configuration = client_configuration(settings, robot)
     with _connect(configuration, settings, stop, wait_s) as session:
         _log.debug("connected to the router at %s", settings.router)
         yield session

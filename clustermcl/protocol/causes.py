@@ -71,7 +71,6 @@ class Cause(StrEnum):
     ORDER_OTHER_MAP = "order for another map", "the bridge gave this worker another map"
     NO_HISTORY = "no scan history", "the bridge did not answer a worker's query for missed scans"
     NOT_ROS = "not a ROS message", "the bytes are not a message of the topic's type"
-    CLOCK_REFUSED = "clock refused", "a time on `/clock` is out of range"
     CLOCK_SET_BACK = "clock set back", "`/clock` or tf went back: a bag or a simulation began again"
     TRANSFORM_REFUSED = "transform refused", "a transform in tf has an impossible number"
     LATE_TRANSFORM = "late transform", "a transform is older than all that tf keeps"

@@ -1,1 +1,1 @@
-"""Stands in for nav2's AMCL on a robot that speaks ROS 2 over rmw_zenoh; without ROS itself."""
+"""Decides what a node in the place of nav2's AMCL does; the node is `ros/clustermcl_ros`."""

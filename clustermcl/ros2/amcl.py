@@ -33,11 +33,11 @@ from clustermcl.ros2.messages_out import (
     pose_stamped,
     transform,
 )
-from clustermcl.ros2.outputs import NO_ID, Output, Publish, Refused
+from clustermcl.ros2.outputs import NO_ID, SENDER, Output, Publish, Refused
 from clustermcl.ros2.particles import ClusterParticles
 from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice, on_floor
 from clustermcl.ros2.tf_queue import TfQueue
-from clustermcl.ros2.topics import Topic, Topics
+from clustermcl.ros2.topics import Topic
 from clustermcl.runtime.ros2_settings import Ros2Settings
 
 
@@ -47,10 +47,9 @@ class Amcl:
     Each `on_...` method takes one message and yields what the process is to do.
     """
 
-    def __init__(self, settings: Ros2Settings) -> None:
-        self.settings = settings
+    def __init__(self, settings: Ros2Settings, name: str = "amcl") -> None:
+        self.settings, self.name = settings, name
         self.is_active = False
-        self.clock_ns: int | None = None
         self.belief: Belief | None = None
         self.last_pose: PoseTuple | None = None
         self._unpublished: Belief | None = None
@@ -60,7 +59,6 @@ class Amcl:
         self._place = MapFromOdom()
         self.choice = PoseChoice(settings.publish)
         self._particles = ClusterParticles()
-        self._topics = Topics(settings)
         self._odometry_ns: int | None = None
         self._published_ns: int | None = None
         self._map_digest = ""
@@ -86,7 +84,7 @@ class Amcl:
         elif self.settings.set_initial_pose:
             yield initial_pose(self.settings)
         elif self._was_reset and self.settings.always_reset_initial_pose:
-            yield Relocalize(sender=self.settings.node_name, command_id=NO_ID)
+            yield Relocalize(sender=SENDER, command_id=NO_ID)
         self._was_reset = False
 
     def resume(self, held: int | None) -> None:
@@ -103,16 +101,6 @@ class Amcl:
         self._map_digest = ""
 
     # --- from ROS
-
-    def on_clock(self, message: Any) -> Iterator[Output]:
-        try:
-            now_ns = time_of(message.clock)
-        except ValueError as problem:
-            yield Refused(Cause.CLOCK_REFUSED, str(problem))
-            return
-        before_ns, self.clock_ns = self.clock_ns, now_ns
-        if before_ns is not None and now_ns < before_ns:
-            yield from self.on_clock_set_back(before_ns - now_ns)
 
     def on_clock_set_back(self, back_ns: int) -> Iterator[Output]:
         """Handle a simulated clock that was set back by this time."""
@@ -171,7 +159,7 @@ class Amcl:
                 yield Refused(Cause.MAP_ODDS, remark)
             occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
             yield MapReading(
-                sender=self.settings.node_name,
+                sender=SENDER,
                 cell_m=grid_map.cell_m,
                 map_from_grid=grid_map.map_from_grid,
                 occupancy=ArrayBlob.of(occupancy, "int8"),
@@ -225,17 +213,17 @@ class Amcl:
         yield Publish(topics.STATE, new(types.STRING, data=belief.state))
         yield Publish(topics.PROBABILITY, new(types.FLOAT64, data=belief.probability))
 
-    def all_places(self) -> Iterator[Output]:
+    def all_places(self, *, with_cloud: bool = True) -> Iterator[Output]:
         """Publish all places of the newest belief, once; this is not urgent."""
         belief, frame = self._unpublished, self.settings.global_frame
         self._unpublished = None
         if belief is None or not self.is_active:
             return
         belief = on_floor(belief, self.choice.floor or belief.floor)
-        places = detection(belief, frame, self.settings.node_name)
+        places = detection(belief, frame, self.name)
         yield Publish(topics.HYPOTHESIS_DETECTION, places)
         yield Publish(topics.HYPOTHESES, markers(belief, frame))
-        if (cloud := self._particles.cloud(belief)) is not None:
+        if with_cloud and (cloud := self._particles.cloud(belief)) is not None:
             yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
 
     def on_advice(self, advice: Advice) -> Iterator[Output]:
@@ -268,8 +256,7 @@ class Amcl:
             self._frames.keep_newest()  # do not interpolate across the jump
             yield Refused(Cause.ODOMETRY_JUMPED, f"to {pose}; map -> odom compensates for it")
         if self.is_active:
-            sender = self.settings.node_name
-            yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
+            yield OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
 
     def on_tick(self, now_ns: int) -> Iterator[Output]:
         """Use what has its transforms now; refuse what has waited for them too long."""
@@ -286,7 +273,7 @@ class Amcl:
                 self._published_ns = reading.stamp_ns
                 until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)
                 names = (self.settings.global_frame, self.settings.odom_frame)
-                yield Publish(self._topics.tf, transform(map_from_odom, until_ns, *names))
+                yield Publish(topics.TF, transform(map_from_odom, until_ns, *names))
 
     def _on_set_back(self, detail: str) -> Iterator[Output]:
         self._waiting.clear()

@@ -14,7 +14,7 @@ from clustermcl.protocol.validity import gaussian_problem
 from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.rigid import rigid_of
 from clustermcl.recordings.transforms import TransformMissingError, TransformTree
-from clustermcl.ros2.outputs import NO_ID
+from clustermcl.ros2.outputs import NO_ID, SENDER
 from clustermcl.runtime.ros2_settings import Ros2Settings
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
@@ -43,7 +43,7 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
             start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
             now = compose(then, between(np.array(start), np.array(end)))
     return SetPose(
-        sender=settings.node_name,
+        sender=SENDER,
         command_id=NO_ID,
         pose=pose_tuple(now),
         covariance=covariance,
@@ -54,7 +54,7 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
 def initial_pose(settings: Ros2Settings) -> SetPose:
     """Return the pose in the settings, with AMCL's standard deviations."""
     return SetPose(
-        sender=settings.node_name,
+        sender=SENDER,
         command_id=NO_ID,
         pose=(settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad),
         position_sigma_m=0.5,

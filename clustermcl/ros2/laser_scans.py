@@ -16,6 +16,7 @@ from clustermcl.protocol.steps import LaserReading
 from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.laser_mount import is_upside_down
 from clustermcl.recordings.transforms import TransformTree
+from clustermcl.ros2.outputs import SENDER
 from clustermcl.runtime.ros2_settings import Ros2Settings
 
 MAX_WAITING = 10
@@ -35,7 +36,7 @@ def laser_reading(scan: Any, frames: TransformTree, settings: Ros2Settings) -> L
     base_from_laser = frames.lookup(settings.base_frame, frame, stamp_ns)
     longest_m = settings.laser_max_range_m
     reading = LaserReading(
-        sender=settings.node_name,
+        sender=SENDER,
         stamp_ns=stamp_ns,
         ranges=ArrayBlob.of(np.asarray(scan.ranges), "float32"),
         angle_min_rad=float(scan.angle_min),

@@ -22,6 +22,8 @@ _OK, _WARNING, _ERROR = 0, 1, 2
 _COUNT = struct.Struct("<I")
 _OF_KIND = (0, 100, 50)
 """Occupancy of what is gone, new, and moving [%]."""
+_CDR = b"\x00\x01\x00\x00"
+"""Header of each message: plain CDR, little-endian."""
 _HEALTHY = ("localized", "ambiguous")
 
 
@@ -134,7 +136,7 @@ def particle_cloud(
     start = struct.pack("<iII", stamp.sec, stamp.nanosec, len(name)) + name
     start += bytes(-len(start) % _COUNT.size) + _COUNT.pack(len(rows))
     aligned = bytes(-len(start) % rows.itemsize) if len(rows) else b""
-    return types.CDR_HEADER + start + aligned + rows.astype("<f8").tobytes()
+    return _CDR + start + aligned + rows.astype("<f8").tobytes()
 
 
 def diagnostics(

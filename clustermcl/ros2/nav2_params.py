@@ -1,6 +1,6 @@
 """Read AMCL's parameters of a `nav2_params.yaml` as settings."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +29,20 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
     Raises:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
-    namespace, found = _of_node(_tree(path), path)
-    values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": _NODE}
+    try:
+        return settings_of(_of_node(_tree(path), path))
+    except ValueError as problem:
+        raise InputFileError(path, str(problem)) from None
+
+
+def settings_of(found: Mapping[str, Any]) -> tuple[dict[str, Value], list[str]]:
+    """Convert parameters to settings; return these, and notes as `read_nav2_params`.
+
+    Raises:
+        ValueError: nav2 does not accept a value.
+    """
+    values: dict[str, Value] = {}
     notes = []
-    if namespace:
-        values["ros2.namespace"] = namespace
-        values |= {"ros2.tf_topic": "tf", "ros2.tf_static_topic": "tf_static"}
-        notes.append(f"{namespace}: tf is {namespace}/tf, as nav2's launch files remap it")
     for written, value in found.items():
         name = ROS1_NAMES.get(written, written)
         if name != written:
@@ -45,20 +52,20 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
             notes.append(f"{written} of ROS 1 is read as {name}")
         parameter = PARAMETERS.get(name)
         if parameter is None:
-            notes.append(f"{name} of nav2 has no effect: AMCL has no such parameter")
+            notes.append(f"{name} has no effect: AMCL has no such parameter")
             continue
         if not parameter.setting:
             if value != parameter.default:
-                notes.append(f"{name} of nav2 has no effect: {parameter.reason}")
+                notes.append(f"{name} has no effect: {parameter.reason}")
             continue
         try:
             setting = parameter.converted(value)
         except ValueError as problem:
-            raise InputFileError(path, f"{name} = {value!r}: {problem}") from None
+            raise ValueError(f"{name} = {value!r}: {problem}") from None
         if setting is not None:
             values[parameter.setting] = setting
         if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
-            notes.append(f"{name} = {value} of nav2 {instead}")
+            notes.append(f"{name} = {value} {instead}")
     return values, notes
 
 
@@ -69,25 +76,17 @@ def _tree(path: Path) -> dict[Any, Any]:
     return tree
 
 
-def _of_node(tree: dict[Any, Any], path: Path) -> tuple[str, dict[str, Any]]:
+def _of_node(tree: dict[Any, Any], path: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    namespaces = set()
+    matched = False
     for where, parameters in _nodes(tree):
-        namespace, _, last = "/".join(("", *where)).replace("//", "/").rpartition("/")
-        if where[-1] in _ANY_NODE or last == _NODE:
+        if where[-1] in _ANY_NODE or where[-1].rpartition("/")[2] == _NODE:
             # rclcpp's parameter_map_from: all that match the node, in the order of the file.
-            found |= dict(_flat(parameters))
-        if last == _NODE:
-            namespaces.add("" if "*" in namespace else namespace)
-    if not namespaces and found:
-        namespaces.add("")
-    if not namespaces:
+            matched, found = True, found | dict(_flat(parameters))
+    if not matched:
         others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
         raise InputFileError(path, f"no parameters of a node {_NODE!r}; it has those of: {others}")
-    if len(namespaces) > 1:
-        nodes = ", ".join(f"{namespace}/{_NODE}" for namespace in sorted(namespaces))
-        raise InputFileError(path, f"several robots: {nodes}; give each robot its own file")
-    return namespaces.pop(), found
+    return found
 
 
 def _nodes(

@@ -1,4 +1,4 @@
-"""The decisions of the bridge, which the process carries out."""
+"""The decisions of AMCL's node, which `Port` passes on."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -8,6 +8,8 @@ from clustermcl.protocol.causes import AnyCause
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
 from clustermcl.ros2.topics import Topic
 
+SENDER = "amcl"
+"""Sender of all messages to the engine."""
 NO_ID = ""
 """Id of a command in an output; the process replaces it."""
 
@@ -21,13 +23,6 @@ class Publish:
 
 
 @dataclass(frozen=True)
-class Bond:
-    """Start or end the heartbeat for nav2's lifecycle manager."""
-
-    alive: bool
-
-
-@dataclass(frozen=True)
 class Refused:
     """Something unusable: counted by its cause, and logged in one line."""
 
@@ -35,11 +30,6 @@ class Refused:
     detail: str
 
 
-@dataclass(frozen=True)
-class AskAdvice:
-    """Query ways that distinguish the places; `Amcl.on_advice` takes the answer."""
-
-
 Command: TypeAlias = SetPose | Relocalize | Update | Configure
 Reading: TypeAlias = LaserReading | OdometryReading | Observation | MapReading
-Output: TypeAlias = Publish | Bond | Refused | AskAdvice | Reading | Command
+Output: TypeAlias = Publish | Refused | Reading | Command

@@ -197,7 +197,6 @@ _ALL = (
     Parameter("transform_tolerance", 1.0, "ros2.transform_tolerance_s"),
     Parameter("update_min_a", 0.2, "bridge.gate_turn_rad"),
     Parameter("update_min_d", 0.25, "bridge.gate_distance_m"),
-    Parameter("use_sim_time", False, "ros2.use_sim_time"),
     Parameter("z_hit", 0.5, "sensor.hit_weight"),
     Parameter("z_max", 0.05, "sensor.max_weight"),
     Parameter("z_rand", 0.5, "sensor.random_weight"),

@@ -25,8 +25,7 @@ from clustermcl.ros2.message_types import new, response_of
 from clustermcl.ros2.messages_out import changes_grid, diagnostics
 from clustermcl.ros2.outputs import (
     NO_ID,
-    AskAdvice,
-    Bond,
+    SENDER,
     Command,
     Output,
     Publish,
@@ -55,6 +54,9 @@ class Ros(Protocol):
 
     def publish(self, topic: Topic, message: Any) -> None: ...
 
+    def is_heard(self, topic: Topic) -> bool:
+        """Return whether the topic has subscribers."""
+
     def bond(self, *, alive: bool) -> None:
         """Start or end the heartbeat for nav2's lifecycle manager."""
 
@@ -76,7 +78,7 @@ class Ros(Protocol):
 
 
 class Engine(Protocol):
-    """What localizes; it calls the `on_...` methods of `Port`."""
+    """What localizes. It calls `Port`, in the executor's thread."""
 
     def put(self, reading: Reading) -> None: ...
 
@@ -99,11 +101,10 @@ class EngineStatus:
 class Port:
     """Takes messages, calls and changes of state from ROS, and beliefs from the engine."""
 
-    def __init__(self, settings: Settings, ros: Ros, engine: Engine) -> None:
-        self._ros, self._engine = ros, engine
-        self._amcl = Amcl(settings.ros2)
+    def __init__(self, settings: Settings, ros: Ros, engine: Engine, name: str = "amcl") -> None:
+        self._ros, self._engine, self._name = ros, engine, name
+        self._amcl = Amcl(settings.ros2, name)
         self._topics = Topics(settings.ros2)
-        self._sender = settings.ros2.node_name
         self.parameters, self._is_new = Parameters(settings), True
         self.state = State.UNCONFIGURED
         self.has_places = False
@@ -125,9 +126,9 @@ class Port:
         match topic:
             case topic if topic in self._topics.scans:
                 self._do(amcl.on_scan(message, now_ns))
-            case self._topics.tf:
+            case topics.TF:
                 self._do(amcl.on_transforms(message, now_ns, fixed=False))
-            case self._topics.tf_static:
+            case topics.TF_STATIC:
                 self._do(amcl.on_transforms(message, now_ns, fixed=True))
             case self._topics.map if self._floors.files:
                 pass  # map_server has the map of one floor, the engine that of the building
@@ -137,8 +138,6 @@ class Port:
                 self._do(amcl.on_observed(message, topic, now_ns))
             case topics.INITIAL_POSE:
                 self._do(amcl.on_initial_pose(message))
-            case topics.CLOCK:
-                self._do(amcl.on_clock(message))
 
     def on_clock_set_back(self, back_ns: int) -> None:
         """Handle a simulated clock that was set back by this time."""
@@ -148,7 +147,7 @@ class Port:
         """Return the response to a call of one of `SERVICES`."""
         match service:
             case "reinitialize_global_localization":
-                self._engine.command(Relocalize(sender=self._sender, command_id=NO_ID))
+                self._engine.command(Relocalize(sender=SENDER, command_id=NO_ID))
             case "request_nomotion_update":
                 self._update()
             case "set_initial_pose":
@@ -163,10 +162,11 @@ class Port:
         """Enter a state of the lifecycle; UNCONFIGURED after another state resets the node."""
         before, self.state = self.state, state
         if state is State.ACTIVE:
-            self._do([*self._amcl.activate(), Bond(alive=True)])
+            self._do(self._amcl.activate())
+            self._ros.bond(alive=True)
         elif before is State.ACTIVE:
             self._amcl.deactivate()
-            self._do([Bond(alive=False)])
+            self._ros.bond(alive=False)
         if state is State.UNCONFIGURED:
             self._reset()
 
@@ -191,7 +191,8 @@ class Port:
         self._do(self._amcl.on_tick(self._ros.monotonic_ns()))
         if self.has_places:
             self.has_places = False
-            self._do(self._amcl.all_places())
+            with_cloud = self._ros.is_heard(topics.PARTICLE_CLOUD)
+            self._do(self._amcl.all_places(with_cloud=with_cloud))
         if (now_ns := self._ros.monotonic_ns()) >= self._diagnostics_ns:
             self._diagnostics_ns = now_ns + _DIAGNOSTICS_EVERY_NS
             self._ros.publish(topics.DIAGNOSTICS, self._diagnostics())
@@ -224,6 +225,9 @@ class Port:
     def on_advice(self, advice: Advice) -> None:
         self._do(self._amcl.on_advice(advice))
 
+    def on_refused(self, cause: AnyCause, detail: str) -> None:
+        self._ros.refuse(cause, detail)
+
     def on_status(self, status: EngineStatus | None) -> None:
         """Take the engine's status, at least once a second; None: it does not answer.
 
@@ -250,23 +254,19 @@ class Port:
                     self._ros.publish(topic, message)
                 case Refused(cause=cause, detail=detail):
                     self._ros.refuse(cause, detail)
-                case Bond(alive=alive):
-                    self._ros.bond(alive=alive)
                 case Observation(landmark="") if self._floors.files:
                     self._engine.put(replace(output, floor=self._amcl.choice.floor))
                 case LaserReading() | OdometryReading() | Observation() | MapReading():
                     self._engine.put(output)
-                case AskAdvice():
-                    self._engine.ask_advice()
                 case _:
                     self._engine.command(output)
 
     def _update(self) -> None:
         """Request a step of the next scan although the robot stands."""
-        self._engine.command(Update(sender=self._sender, command_id=NO_ID))
+        self._engine.command(Update(sender=SENDER, command_id=NO_ID))
 
     def _configure(self) -> None:
-        self._engine.command(Configure(sender=self._sender, settings=self.parameters.live))
+        self._engine.command(Configure(sender=SENDER, settings=self.parameters.live))
 
     def _reset(self) -> None:
         """As in nav2, the last pose becomes the initial pose of the next activation."""
@@ -309,4 +309,4 @@ class Port:
             values |= {"step": status.step, "workers": status.workers}
         values |= self._ros.refused()
         state = status.state if status is not None else "searching"
-        return diagnostics(state, self._freshness, values, self._sender, self._ros.now_ns())
+        return diagnostics(state, self._freshness, values, self._name, self._ros.now_ns())

@@ -3,7 +3,6 @@
 import time
 import uuid
 from functools import partial
-from typing import Protocol
 
 from msgspec.structs import replace
 
@@ -12,39 +11,23 @@ from clustermcl.link.wire import Asked, Publisher, Received
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status
-from clustermcl.protocol.causes import AnyCause, Cause
+from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.steps import LaserReading, MapReading, Observation, OdometryReading
-from clustermcl.protocol.work import Particles, Reported, TrackReport
+from clustermcl.protocol.work import Reported, TrackReport
 from clustermcl.ros2.outputs import Command, Reading
-from clustermcl.ros2.port import EngineStatus
+from clustermcl.ros2.port import EngineStatus, Port
 
 _KEPT_MESSAGES = 64
 _STATUS_EVERY_S = 1.0
 _COMMAND_TIMEOUT_S, _ADVICE_TIMEOUT_S = 5.0, 20.0
 
 
-class Localizing(Protocol):
-    """What an engine calls."""
-
-    def on_belief(self, belief: Belief) -> None: ...
-
-    def on_particles(self, cluster: int, particles: Particles) -> None: ...
-
-    def on_advice(self, advice: Advice) -> None: ...
-
-    def on_changes(self, changes: Changes) -> None: ...
-
-    def on_status(self, status: EngineStatus | None) -> None: ...
-
-    def on_refused(self, cause: AnyCause, detail: str) -> None: ...
-
-
 class ServiceEngine:
-    """Sends readings and commands; calls `listener` in the turns of the node's loop."""
+    """Sends readings and commands; calls `port` in the turns of the node's loop."""
 
-    def __init__(self, node: Node, listener: Localizing) -> None:
-        self._node, self._listener = node, listener
+    def __init__(self, node: Node, port: Port) -> None:
+        self._node, self._port = node, port
         self._map: MapReading | None = None
         self._next_status_s, self._has_changes = 0.0, False
         self._readings: dict[type[Reading], Publisher] = {
@@ -69,7 +52,7 @@ class ServiceEngine:
                 keys.STATUS,
                 Status,
                 self._on_status,
-                lambda _problem: self._listener.on_status(None),
+                lambda _problem: self._port.on_status(None),
                 timeout_s=_COMMAND_TIMEOUT_S,
             )
             if not self._has_changes:  # they are published only when they change
@@ -90,12 +73,10 @@ class ServiceEngine:
 
         def on_done(done: CommandDone) -> None:
             if done.problem:
-                self._listener.on_refused(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}")
+                self._port.on_refused(Cause.COMMAND_REFUSED, f"{command.key}: {done.problem}")
 
         def on_failure(problem: str) -> None:
-            self._listener.on_refused(
-                Cause.COMMAND_LOST, f"{command.key}: {problem or 'no answer'}"
-            )
+            self._port.on_refused(Cause.COMMAND_LOST, f"{command.key}: {problem or 'no answer'}")
 
         self._node.ask(
             command.key,
@@ -108,11 +89,11 @@ class ServiceEngine:
         )
 
     def ask_advice(self) -> None:
-        refuse = partial(self._listener.on_refused, Cause.NO_ADVICE)
+        refuse = partial(self._port.on_refused, Cause.NO_ADVICE)
         self._node.ask(
             keys.ADVICE,
             Advice,
-            self._listener.on_advice,
+            self._port.on_advice,
             lambda problem: refuse(problem or "no answer"),
             timeout_s=_ADVICE_TIMEOUT_S,
         )
@@ -120,18 +101,18 @@ class ServiceEngine:
     def _on_status(self, found: Status) -> None:
         workers, live = len(found.workers), found.settings
         status = EngineStatus(found.state, found.freshness, found.step, workers, live)
-        self._listener.on_status(status)
+        self._port.on_status(status)
 
     def _on_belief(self, belief: Belief, _received: Received) -> None:
-        self._listener.on_belief(belief)
+        self._port.on_belief(belief)
 
     def _on_changes(self, changes: Changes, _received: Received | None = None) -> None:
         self._has_changes = True
-        self._listener.on_changes(changes)
+        self._port.on_changes(changes)
 
     def _on_report(self, report: Reported, _received: Received) -> None:
         if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
-            self._listener.on_particles(report.cluster, report.snapshot)
+            self._port.on_particles(report.cluster, report.snapshot)
 
     def _on_map_query(self, asked: Asked) -> None:
         if self._map is None:

@@ -3,8 +3,20 @@
 from dataclasses import dataclass
 
 from clustermcl.ros2 import message_types as types
-from clustermcl.ros2.wire import Qos
 from clustermcl.runtime.ros2_settings import Ros2Settings
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service of a topic.
+
+    Messages of a `best_effort` topic may be lost. Late subscribers of a `latched` one get the last
+    `depth` messages (`transient local`).
+    """
+
+    depth: int = 10
+    best_effort: bool = False
+    latched: bool = False
 
 
 @dataclass(frozen=True)
@@ -28,13 +40,16 @@ CHANGES = Topic("~/changes", types.OCCUPANCY_GRID, _LAST)
 FLOOR = Topic("~/floor", types.STRING, _LAST)
 STATE = Topic("~/state", types.STRING, _LAST)
 PROBABILITY = Topic("~/probability", types.FLOAT64, _LAST)
-TRANSITION_EVENT = Topic("~/transition_event", types.TRANSITION_EVENT, Qos())
-PARAMETER_EVENTS = Topic("/parameter_events", types.PARAMETER_EVENT, Qos(depth=1000))
-ROSOUT = Topic("/rosout", types.LOG, Qos(depth=1000, latched=True))
 BOND = Topic("bond", types.BOND_STATUS, Qos(depth=5))
 
+TF = Topic("/tf", types.TF_MESSAGE, Qos(depth=100))
+TF_STATIC = Topic("/tf_static", types.TF_MESSAGE, Qos(depth=100, latched=True))
 INITIAL_POSE = Topic("initialpose", types.POSE_STAMPED, Qos())
-CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
+
+SENT = (
+    *(AMCL_POSE, PARTICLE_CLOUD, TF, DIAGNOSTICS, BOND),
+    *(HYPOTHESES, HYPOTHESIS_DETECTION, ADVICE, CHANGES, STATE, FLOOR, PROBABILITY),
+)
 
 
 def _topics(names: str, ros_type: str, qos: Qos) -> tuple[Topic, ...]:
@@ -44,13 +59,10 @@ def _topics(names: str, ros_type: str, qos: Qos) -> tuple[Topic, ...]:
 
 
 class Topics:
-    """The topics whose names are settings."""
+    """Those whose names are settings, and all that are read."""
 
     def __init__(self, settings: Ros2Settings) -> None:
         sensor_data = Qos(depth=5, best_effort=True)
-        self.tf = Topic(settings.tf_topic, types.TF_MESSAGE, Qos(depth=100))
-        tf_qos = Qos(depth=100, latched=True)
-        self.tf_static = Topic(settings.tf_static_topic, types.TF_MESSAGE, tf_qos)
         self.map = Topic(settings.map_topic, types.OCCUPANCY_GRID, _LAST)
         self.scans = _topics(settings.scan_topic, types.LASER_SCAN, sensor_data)
         self.observed = (
@@ -59,15 +71,6 @@ class Topics:
             *_topics(settings.tag_topics, types.APRIL_TAGS, sensor_data),
             *_topics(settings.detection_topics, types.DETECTIONS, sensor_data),
         )
-        self._clock = (CLOCK,) if settings.use_sim_time else ()
 
     def read(self) -> tuple[Topic, ...]:
-        transforms = (self.tf, self.tf_static)
-        return (*self.scans, *transforms, self.map, INITIAL_POSE, *self.observed, *self._clock)
-
-    def sent(self) -> tuple[Topic, ...]:
-        return (
-            *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
-            *(PARAMETER_EVENTS, ROSOUT),
-            *(HYPOTHESES, HYPOTHESIS_DETECTION, ADVICE, CHANGES, STATE, FLOOR, PROBABILITY),
-        )
+        return (*self.scans, TF, TF_STATIC, self.map, INITIAL_POSE, *self.observed)

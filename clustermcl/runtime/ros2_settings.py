@@ -1,36 +1,20 @@
-"""Settings of the process that stands in for AMCL on a ROS 2 robot."""
+"""Settings of the node in the place of AMCL on a ROS 2 robot."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
-from msgspec import Meta
 
 from clustermcl.filter.settings import NotNegative, Positive
 
 Publish: TypeAlias = Literal["held", "best", "localized"]
 """Which of several places is published as the pose; see `clustermcl.ros2.pose_choice`."""
-TypeHashes: TypeAlias = Literal["auto", "rihs01", "humble"]
 
 
 class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Replacement of AMCL on a robot whose ROS 2 uses rmw_zenoh."""
+    """The node in the place of AMCL; its parameters have nav2's names too."""
 
-    enabled: bool = False
-    """`clustermcl up` also starts the bridge to ROS 2."""
-    router: str = ""
-    """Endpoint of the robot's rmw_zenohd; empty: the same as zenoh.router."""
-    domain_id: Annotated[int, Meta(ge=0, le=232)] = 0
-    """ROS_DOMAIN_ID of the robot."""
-    namespace: str = ""
-    """Namespace of the node, such as /robot1; empty: the root."""
-    node_name: str = "amcl"
-    """Name of the node; nav2 expects amcl."""
-    type_hashes: TypeHashes = "auto"
-    """Type hashes of the robot's ROS release; auto: those of the nodes found."""
     autostart: bool = False
     """Become active without nav2's lifecycle manager."""
-    use_sim_time: bool = False
-    """Take the time from /clock."""
     scan_topic: str = "scan"
     """Laser scans; several topics are separated by commas."""
     pose_topics: str = ""
@@ -48,10 +32,6 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """Standard deviation of a detection without covariance, for each metre to it."""
     map_topic: str = "map"
     """The map, latched."""
-    tf_topic: str = "/tf"
-    """Transforms; nav2's launch files remap /tf to tf in the namespace."""
-    tf_static_topic: str = "/tf_static"
-    """Static transforms."""
     global_frame: str = "map"
     """Tf's frame of the map."""
     odom_frame: str = "odom"

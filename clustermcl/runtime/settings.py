@@ -39,7 +39,7 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     router: str = "tcp/127.0.0.1:7447"
     """Endpoint of the router: where it listens and where clients connect."""
     start_router: bool = True
-    """`clustermcl up` starts that router; false: one is running, such as rmw_zenohd."""
+    """`clustermcl up` starts that router; false: one is running."""
     connect_timeout_s: Positive = 2.0
     """Time-out of a command for connecting to the router [s]."""
     query_timeout_s: Positive = 1.0
@@ -56,8 +56,7 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Map, source of readings, and when a scan becomes a step."""
 
     map: str = ""
-    """Map file: map_server YAML, may be .gz or .xz; zenoh, or empty with ros2.enabled: the map that
-    the robot publishes."""
+    """Map file: map_server YAML, may be .gz or .xz; zenoh: the map that the robot publishes."""
     landmarks: str = ""
     """Landmarks file of a map that the robot publishes; that of a map file is in its folder."""
     source: str = "zenoh"

@@ -54,7 +54,7 @@ EVERYDAY = frozenset({
     "coordinator.standby", "coordinator.stale_after_s", "coordinator.state_folder",
     "coordinator.keep_pose_on_new_map", "metrics.port", "metrics.host",
     "recorder.folder", "recorder.max_mb",
-    "ros2.enabled", "ros2.router", "ros2.domain_id", "ros2.publish",
+    "ros2.publish",
 })  # fmt: skip
 """What an operator sets. The others are constants of the filter and of the service."""
 

@@ -27,14 +27,14 @@ class Simulated:
     world: str
 
 
-def is_published(map_file: str, source: str, *, ros2: bool) -> bool:
-    """Return whether the robot publishes the map: `map_file` is ``zenoh``, or empty with ROS."""
-    return source == _LIVE and (map_file == _LIVE or (ros2 and not map_file))
+def is_published(map_file: str, source: str) -> bool:
+    """Return whether the robot publishes the map: `map_file` is ``zenoh``."""
+    return source == map_file == _LIVE
 
 
 NO_MAP = (
     "bridge.map is empty: name the map file by --set bridge.map=FILE; "
-    "with ros2.enabled=true it comes from ROS's topic"
+    "with bridge.map=zenoh the robot publishes it, such as AMCL's node in ROS"
 )
 
 

@@ -94,7 +94,7 @@ def run_bridge(invocation: Invocation) -> None:
     """Run the bridge until the process is stopped."""
     settings = invocation.settings.bridge
     map_file = map_file_of(settings.map, settings.source)
-    if is_published(map_file, settings.source, ros2=invocation.settings.ros2.enabled):
+    if is_published(map_file, settings.source):
         _log.info("waiting for a map on %s/%s", invocation.settings.robot.name, keys.MAP_READING)
         serve_robot(invocation, None, None)
         return

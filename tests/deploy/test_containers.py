@@ -18,7 +18,6 @@ from tests.integration.security.certificates import make_certificates, require_o
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
-ROS2 = DEPLOY / "compose.ros2.yaml"
 
 
 class _Compose(yaml.SafeLoader):
@@ -153,9 +152,7 @@ def compose_command() -> list[str]:
     pytest.skip("docker compose (v2) is not installed")
 
 
-@pytest.mark.parametrize(
-    "files", [[PLAIN], [PLAIN, SECURE], [PLAIN, ROS2]], ids=["plain", "secure", "ros2"]
-)
+@pytest.mark.parametrize("files", [[PLAIN], [PLAIN, SECURE]], ids=["plain", "secure"])
 def test_compose_itself_reads_the_files(files: list[Path]) -> None:
     words = [word for file in files for word in ("--file", str(file))]
     ran = subprocess.run(

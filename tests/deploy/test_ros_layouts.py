@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from clustermcl.ros2.parameter_table import PARAMETERS
-from clustermcl.ros2.topics import Topics
+from clustermcl.ros2.topics import SENT, Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.version import VERSION
 
@@ -31,7 +31,7 @@ SHOWS = {
     "rviz_default_plugins/SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
 }
 NODE = Topics(Ros2Settings())
-OURS = {f"/{topic.name}".replace("/~/", "/amcl/"): topic for topic in (*NODE.read(), *NODE.sent())}
+OURS = {f"/{topic.name}".replace("/~/", "/amcl/"): topic for topic in (*NODE.read(), *SENT)}
 
 
 def test_rviz_subscribes_to_what_the_bridge_and_the_robot_publish() -> None:

@@ -6,14 +6,16 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import NoReturn
+from typing import NoReturn, cast
 
 import rclpy
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.ros2 import message_types
 from clustermcl.ros2.bond import RestartFile
 from clustermcl.ros2.lifecycle import State
@@ -23,7 +25,7 @@ from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.threads import run_in_threads
 from clustermcl_ros import messages
 from clustermcl_ros.inside import InsideEngine
-from clustermcl_ros.node import AmclNode
+from clustermcl_ros.node import AmclNode, Relay
 from clustermcl_ros.service import SystemEngine, system_engine
 
 _TICK_S = 0.1
@@ -41,26 +43,30 @@ def main(argv: Sequence[str] | None = None) -> NoReturn:
 def _run(of_ros: list[str], invocation: Invocation) -> None:
     message_types.use(messages.new)
     with ExitStack() as resources:
-        rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
-        resources.callback(rclpy.try_shutdown)
-        node = AmclNode(invocation.settings)
+        try:
+            rclpy.init(args=of_ros, signal_handler_options=SignalHandlerOptions.NO)
+            resources.callback(rclpy.try_shutdown)
+            node = AmclNode(invocation.settings)
+        except (rclpy_implementation.RCLError, NameValidationException) as error:
+            raise ClusterMclError(str(error)) from None
         resources.callback(node.end)
         _log_by(node)
+        relay = cast(Port, Relay(node))
         engine: InsideEngine | SystemEngine
         if node.engine == "inside":
-            engine = InsideEngine(node.settings, node)
+            engine = InsideEngine(node.settings, relay)
         else:
-            engine = resources.enter_context(system_engine(invocation.process, node.settings, node))
-        port = node.begin(engine)
+            engine = resources.enter_context(system_engine(node.settings, relay))
+        node.begin(engine)
         middleware = rclpy.get_rmw_implementation_identifier()
         _log.info("%s is running over %s, engine %s", node.full_name, middleware, node.engine)
         domain = node.context.get_domain_id()
         file = RestartFile(node.settings.coordinator.state_folder, f"{domain}{node.full_name}")
         resources.callback(file.remove)
-        run_in_threads([partial(_spin, node, port, file), engine.run], invocation.stop)
+        run_in_threads([partial(_spin, node, file), engine.run], invocation.stop)
 
 
-def _spin(node: AmclNode, port: Port, file: RestartFile, stop: StopFlag) -> None:
+def _spin(node: AmclNode, file: RestartFile, stop: StopFlag) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     before = file.read()
@@ -77,7 +83,7 @@ def _spin(node: AmclNode, port: Port, file: RestartFile, stop: StopFlag) -> None
             node.refuse(Cause.NOT_ROS, str(error))
         if (now_s := time.monotonic()) >= tick_s:
             tick_s = now_s + _TICK_S
-            port.tick()
+            node.port.tick()
             file.keep(node.kept_state, now_s)
 
 

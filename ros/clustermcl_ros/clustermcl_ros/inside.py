@@ -23,8 +23,7 @@ from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmark
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.map_message import from_reading
 from clustermcl.ros2.outputs import Command, Reading
-from clustermcl.ros2.port import EngineStatus
-from clustermcl.ros2.service_engine import Localizing
+from clustermcl.ros2.port import EngineStatus, Port
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.sensor_bridge.flow_control import FlowControl
@@ -37,12 +36,12 @@ _QUEUED = {LaserReading: 100, OdometryReading: 1000, Observation: 100, MapReadin
 
 
 class _Localizer(ClusterMCL):
-    """The library's localizer, which takes messages and calls an engine's listener."""
+    """The library's localizer, which takes messages and calls a port."""
 
     _SNAPSHOT_EVERY_STEPS = _SNAPSHOT_EVERY_STEPS
 
-    def __init__(self, grid_map: GridMap, settings: Settings, listener: Localizing) -> None:
-        self._listener, self.live = listener, AS_STARTED
+    def __init__(self, grid_map: GridMap, settings: Settings, port: Port) -> None:
+        self._port, self.live = port, AS_STARTED
         self._shown = b""
         self._tracker = PoseTracker(
             "inside", settings.coordinator, DeadReckoning(settings.motion, settings.bridge)
@@ -82,7 +81,7 @@ class _Localizer(ClusterMCL):
                 try:
                     self._carry_out(replace(command, command_id=uuid.uuid4().hex))
                 except CommandRefusedError as error:
-                    self._listener.on_refused(Cause.COMMAND_REFUSED, str(error))
+                    self._port.on_refused(Cause.COMMAND_REFUSED, str(error))
             case Update():
                 self._maker.gate.open_next()
             case Configure(settings=live):
@@ -95,7 +94,7 @@ class _Localizer(ClusterMCL):
         cells = changes.cells.array()[:, :2].tobytes()
         if cells != self._shown:
             self._shown = cells
-            self._listener.on_changes(changes)
+            self._port.on_changes(changes)
 
     def status(self) -> EngineStatus:
         found = self._tracker.answer(time.monotonic_ns(), workers=1)
@@ -108,8 +107,8 @@ class _Localizer(ClusterMCL):
         self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
         for report in self._filter.reports:
             if isinstance(report, TrackReport) and report.snapshot and report.cluster is not None:
-                self._listener.on_particles(report.cluster, report.snapshot)
-        self._listener.on_belief(belief)
+                self._port.on_particles(report.cluster, report.snapshot)
+        self._port.on_belief(belief)
         return belief
 
     def _count_refused(self, stamp_ns: int) -> None:
@@ -117,15 +116,15 @@ class _Localizer(ClusterMCL):
         if dropped != self._refused:
             for cause in (dropped - self._refused).elements():
                 detail = dropped.details.get(cause, f"stamp {stamp_ns} ns")
-                self._listener.on_refused(cause, detail)
+                self._port.on_refused(cause, detail)
             self._refused = Counter(dropped)
 
 
 class InsideEngine:
     """Runs the filter in the thread that calls `run`; other methods may be called in any thread."""
 
-    def __init__(self, settings: Settings, listener: Localizing) -> None:
-        self._settings, self._listener = settings, listener
+    def __init__(self, settings: Settings, port: Port) -> None:
+        self._settings, self._port = settings, port
         self._localizer: _Localizer | None = None
         self._waiting: list[Command] = []
         """Commands from before the map."""
@@ -154,7 +153,7 @@ class InsideEngine:
             if (now_s := time.monotonic()) >= status_s:
                 status_s = now_s + _STATUS_EVERY_S
                 known = None if self._localizer is None else self._localizer.status()
-                self._listener.on_status(known)
+                self._port.on_status(known)
             if self._localizer is not None and now_s >= changes_s:
                 changes_s = now_s + _CHANGES_EVERY_S
                 self._localizer.show_changes()
@@ -168,7 +167,7 @@ class InsideEngine:
                     grid_map = grid_map.with_landmarks(load_landmarks(file))
                 self._on_map(grid_map)
             case LaserReading() | OdometryReading() | Observation() if localizer is None:
-                self._listener.on_refused(Cause.BEFORE_MAP, f"stamp {event.stamp_ns} ns")
+                self._port.on_refused(Cause.BEFORE_MAP, f"stamp {event.stamp_ns} ns")
             case LaserReading() | OdometryReading():
                 assert localizer is not None
                 is_late = time.monotonic() - arrived_s > _LATE_S
@@ -177,9 +176,9 @@ class InsideEngine:
                 assert localizer is not None
                 localizer.on_observation(event)
             case None if localizer is not None:
-                self._listener.on_advice(localizer.advice())
+                self._port.on_advice(localizer.advice())
             case None:
-                self._listener.on_refused(Cause.NO_ADVICE, "no map has arrived yet")
+                self._port.on_refused(Cause.NO_ADVICE, "no map has arrived yet")
             case _ if localizer is None:
                 self._waiting.append(event)
             case _:
@@ -190,9 +189,9 @@ class InsideEngine:
             if self._localizer is not None:
                 self._localizer.on_map(grid_map)
                 return
-            self._localizer = _Localizer(grid_map, self._settings, self._listener)
+            self._localizer = _Localizer(grid_map, self._settings, self._port)
         except ValueError as error:
-            self._listener.on_refused(Cause.MAP_REFUSED, str(error))
+            self._port.on_refused(Cause.MAP_REFUSED, str(error))
             return
         for command in self._waiting:
             self._localizer.on_command(command)

@@ -20,19 +20,15 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
 
-from clustermcl.protocol.advice import Advice
-from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import AnyCause
-from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.protocol.work import Particles
 from clustermcl.ros2 import topics
 from clustermcl.ros2.bond import BondThread, BridgeState
 from clustermcl.ros2.lifecycle import State
-from clustermcl.ros2.parameter_table import INSTEAD, PARAMETERS, ROS1_NAMES, Parameter, Value
-from clustermcl.ros2.port import SERVICES, Engine, EngineStatus, Port
-from clustermcl.ros2.topics import Topic, Topics
-from clustermcl.ros2.wire import Qos
+from clustermcl.ros2.nav2_params import settings_of
+from clustermcl.ros2.parameter_table import PARAMETERS, Value
+from clustermcl.ros2.port import SERVICES, Engine, Port
+from clustermcl.ros2.topics import Qos, Topic, Topics
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
@@ -53,11 +49,11 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
     def __init__(self, settings: Settings) -> None:
         super().__init__("amcl", automatically_declare_parameters_from_overrides=True)
         self.full_name = self.get_fully_qualified_name()
-        self.settings = with_setting(settings, "ros2.node_name", self.get_name(), "ROS")
+        self.settings = settings
         self.engine = "inside"
         self._declare_parameters()
         self._names = Topics(self.settings.ros2)
-        self._publishers_of = {topic: self._publisher(topic) for topic in self._names.sent()}
+        self._publishers_of = {topic: self._publisher(topic) for topic in topics.SENT}
         self._sent: deque[tuple[int, int, float, float]] = deque(maxlen=_SENT_TRANSFORMS)
         """Stamps and positions of our own transforms, which ROS delivers to this node too."""
         self._bond = BondThread(self._publishers_of[topics.BOND].publish, self.get_name())
@@ -67,9 +63,9 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         self._calls: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._called = self.create_guard_condition(self._run_calls)
 
-    def begin(self, engine: Engine) -> Port:
-        """Begin to receive; `engine` calls the `on_...` methods of this node from any thread."""
-        self._port = Port(self.settings, self, engine)
+    def begin(self, engine: Engine) -> None:
+        """Begin to receive; `engine` has a `Relay` to the port."""
+        self.port = Port(self.settings, self, engine, self.full_name.strip("/"))
         for topic in self._names.read():
             kind = class_of(topic.ros_type)
             self.create_subscription(kind, topic.name, self._receive(topic), _qos(topic.qos))
@@ -82,10 +78,9 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         self._jumps = self.get_clock().create_jump_callback(
             backward,
             post_callback=lambda jump: self.later(
-                lambda: self._port.on_clock_set_back(-jump.delta.nanoseconds)
+                lambda: self.port.on_clock_set_back(-jump.delta.nanoseconds)
             ),
         )
-        return self._port
 
     def end(self) -> None:
         self._bond.end()
@@ -103,54 +98,38 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
     # --- parameters
 
     def _declare_parameters(self) -> None:
-        """Declare nav2's parameters and `engine`; use their values, and those of our settings."""
-        self._rename_ros1()
-        given = dict(self.get_parameters_by_prefix(""))
-        for name, parameter in PARAMETERS.items():
-            self._declare(name, parameter)
-        if ENGINE not in given:
-            self.declare_parameter(ENGINE, self.engine)
-        self.engine = self.get_parameter(ENGINE).value
+        """Take the given parameters: `engine`, nav2's, and our settings by their names."""
+        given = {name: one.value for name, one in self.get_parameters_by_prefix("").items()}
+        for name in (*_OF_RCLPY, *(name for name in given if name.startswith("qos_overrides."))):
+            given.pop(name, None)
+        self.engine = given.pop(ENGINE, None) or self.declare_parameter(ENGINE, "inside").value
         if self.engine not in ("inside", "service"):
             raise SettingsError(f"{ENGINE} = {self.engine!r}: expected inside or service")
-        for name in given.keys() - PARAMETERS.keys() - ROS1_NAMES.keys() - {ENGINE, *_OF_RCLPY}:
-            if name in TABLE:
-                self.settings = with_setting(self.settings, name, given[name].value, name)
-            elif not name.startswith("qos_overrides."):
-                self.get_logger().warning(f"{name} has no effect: AMCL has no such parameter")
-
-    def _rename_ros1(self) -> None:
-        for old, name in ROS1_NAMES.items():
-            if self.has_parameter(old) and not self.has_parameter(name):
-                self.get_logger().warning(f"{old} of ROS 1 is read as {name}")
-                self.declare_parameter(name, self.get_parameter(old).value, _DYNAMIC)
-
-    def _declare(self, name: str, parameter: Parameter) -> None:
-        about = ParameterDescriptor(description=parameter.description, dynamic_typing=True)
-        if not self.has_parameter(name):
-            self.declare_parameter(name, parameter.value(self.settings), about)
-            return
-        self.set_descriptor(name, about)
-        value = self.get_parameter(name).value
+        ours = {name: given.pop(name) for name in given.keys() & TABLE.keys()}
         try:
-            setting = parameter.converted(value)
+            values, notes = settings_of(given)
         except ValueError as problem:
-            raise SettingsError(f"{name} = {value!r}: {problem}") from None
-        if type(value) is int and isinstance(parameter.default, float):
-            self.set_parameters([RosParameter(name, value=float(value))])
-        if parameter.setting and setting is not None:
-            self.settings = with_setting(self.settings, parameter.setting, setting, name)
-        elif not parameter.setting and value != parameter.default:
-            self.get_logger().warning(f"{name} has no effect: {parameter.reason}")
-        if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
-            self.get_logger().warning(f"{name} = {value} {instead}")
+            raise SettingsError(str(problem)) from None
+        for name, value in (values | ours).items():
+            self.settings = with_setting(self.settings, name, value, "ROS parameter")
+        for line in notes:
+            self.get_logger().warning(line)
+        for name, parameter in PARAMETERS.items():
+            about = ParameterDescriptor(description=parameter.description, dynamic_typing=True)
+            value = parameter.value(self.settings)
+            if not self.has_parameter(name):
+                self.declare_parameter(name, value, about)
+            else:
+                self.set_descriptor(name, about)
+                if parameter.setting:  # such as 2.0 for 2
+                    self.set_parameters([RosParameter(name, value=value)])
 
     def _on_set(self, wanted: list[RosParameter]) -> SetParametersResult:
         values = {one.name: one.value for one in wanted if one.name not in _OF_RCLPY}
         if fixed := values.keys() - PARAMETERS.keys():
             reason = f"{', '.join(fixed)}: read only at the start"
         else:
-            reason = "" if self._showing or not values else self._port.set_parameters(values)
+            reason = "" if self._showing or not values else self.port.set_parameters(values)
         return SetParametersResult(successful=not reason, reason=reason)
 
     def show_parameters(self, values: Mapping[str, Value]) -> None:
@@ -194,31 +173,31 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
 
     @property
     def kept_state(self) -> BridgeState:
-        bond, held = self._bond.instance_id, self._port.held
-        return BridgeState(state=self._port.state, bond=bond, held=held)
+        bond, held = self._bond.instance_id, self.port.held
+        return BridgeState(state=self.port.state, bond=bond, held=held)
 
     def _enter(self, state: State) -> TransitionCallbackReturn:
         if state is State.ACTIVE and (before := self._resumed):
             self._bond.begin(before.bond)
-            self._port.resume(before.held if self.engine == "service" else None)
+            self.port.resume(before.held if self.engine == "service" else None)
         else:
-            self._port.enter(state)
+            self.port.enter(state)
         return _DONE
 
     # --- from ROS to the port
 
     def _receive(self, topic: Topic) -> Callable[[Any], None]:
-        if topic != self._names.tf:
-            return lambda message: self._port.on_message(topic, message)
+        if topic != topics.TF:
+            return lambda message: self.port.on_message(topic, message)
 
         def on_transforms(message: Any) -> None:
             if len(message.transforms) != 1 or _mark(message) not in self._sent:
-                self._port.on_message(topic, message)
+                self.port.on_message(topic, message)
 
         return on_transforms
 
     def _serve(self, name: str) -> Callable[[Any, Any], Any]:
-        return lambda request, _response: self._port.call(name, request)
+        return lambda request, _response: self.port.call(name, request)
 
     # --- from the port to ROS
 
@@ -226,9 +205,12 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         return self.create_publisher(class_of(topic.ros_type), topic.name, _qos(topic.qos))
 
     def publish(self, topic: Topic, message: Any) -> None:
-        if topic == self._names.tf:
+        if topic == topics.TF:
             self._sent.append(_mark(message))
         self._publishers_of[topic].publish(message)
+
+    def is_heard(self, topic: Topic) -> bool:
+        return bool(self._publishers_of[topic].get_subscription_count())
 
     def bond(self, *, alive: bool) -> None:
         if alive:
@@ -244,7 +226,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
         def on_done(future: Any) -> None:
             result = future.result()
             failed = result is None or result.result != kind.Response.RESULT_SUCCESS
-            self._port.on_map_loaded("map_server refuses it" if failed else "")
+            self.port.on_map_loaded("map_server refuses it" if failed else "")
 
         asked = self._load_map.call_async(kind.Request(map_url=file))
         asked.add_done_callback(lambda future: self.later(lambda: on_done(future)))
@@ -261,28 +243,18 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
     def monotonic_ns(self) -> int:
         return time.monotonic_ns()
 
-    # --- from the engine, in any thread
 
-    def on_belief(self, belief: Belief) -> None:
-        self.later(lambda: self._port.on_belief(belief))
+class Relay:
+    """Stands for the port in other threads: the executor's thread makes the calls."""
 
-    def on_particles(self, cluster: int, particles: Particles) -> None:
-        self.later(lambda: self._port.on_particles(cluster, particles))
+    def __init__(self, node: AmclNode) -> None:
+        self._node = node
 
-    def on_changes(self, changes: Changes) -> None:
-        self.later(lambda: self._port.on_changes(changes))
+    def __getattr__(self, method: str) -> Callable[..., None]:
+        def call(*arguments: Any) -> None:
+            self._node.later(lambda: getattr(self._node.port, method)(*arguments))
 
-    def on_advice(self, advice: Advice) -> None:
-        self.later(lambda: self._port.on_advice(advice))
-
-    def on_status(self, status: EngineStatus | None) -> None:
-        self.later(lambda: self._port.on_status(status))
-
-    def on_refused(self, cause: AnyCause, detail: str) -> None:
-        self.later(lambda: self.refuse(cause, detail))
-
-
-_DYNAMIC = ParameterDescriptor(dynamic_typing=True)
+        return call
 
 
 def _mark(message: Any) -> tuple[int, int, float, float]:

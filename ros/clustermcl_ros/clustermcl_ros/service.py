@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
 from clustermcl.link.node import Node
 from clustermcl.protocol import keys
-from clustermcl.ros2.service_engine import Localizing, ServiceEngine
+from clustermcl.ros2.port import Port
+from clustermcl.ros2.service_engine import ServiceEngine
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
 
@@ -22,8 +23,8 @@ _log = logging.getLogger(__name__)
 class SystemEngine(ServiceEngine):
     """A `ServiceEngine` with a loop, which also restarts the processes of a stack."""
 
-    def __init__(self, node: Node, listener: Localizing, stack: Stack | None) -> None:
-        super().__init__(node, listener)
+    def __init__(self, node: Node, port: Port, stack: Stack | None) -> None:
+        super().__init__(node, port)
         self._stack = stack
 
     def run(self, stop: StopFlag) -> None:
@@ -52,7 +53,7 @@ def _restart_ended(stack: Stack) -> None:
 
 
 @contextmanager
-def system_engine(process: str, settings: Settings, listener: Localizing) -> Iterator[SystemEngine]:
+def system_engine(settings: Settings, port: Port) -> Iterator[SystemEngine]:
     """Return an engine that stands before the system at the setting `zenoh.router`.
 
     With that setting unchanged, it starts a system whose router listens at a Unix socket in a
@@ -66,5 +67,5 @@ def system_engine(process: str, settings: Settings, listener: Localizing) -> Ite
             bridge = replace(settings.bridge, map=settings.bridge.map or "zenoh")
             settings = replace(settings, zenoh=zenoh, bridge=bridge)
             stack = resources.enter_context(closing(Stack(settings, folder, logs_in_folder=False)))
-        node = Node(process, "ros2", settings, StopFlag(), peers=keys.COORDINATOR_ALIVE)
-        yield SystemEngine(node, listener, stack)
+        node = Node("amcl", "ros2", settings, StopFlag(), peers=keys.COORDINATOR_ALIVE)
+        yield SystemEngine(node, port, stack)

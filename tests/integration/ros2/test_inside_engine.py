@@ -73,13 +73,14 @@ class Counting(InsideEngine):
     """Counts what was given, and what of it is done."""
 
     given = done = 0
+    clock: Callable[[float], float] = staticmethod(lambda arrived_s: arrived_s)
 
     def put(self, reading: Reading) -> None:
         self.given += 1
         super().put(reading)
 
     def _on_event(self, arrived_s: float, event: Any) -> None:
-        super()._on_event(arrived_s, event)
+        super()._on_event(self.clock(arrived_s), event)
         self.done += isinstance(event, Reading)
 
     @property
@@ -191,6 +192,19 @@ def test_a_standing_robot_is_searched_for_and_else_makes_steps_only_on_request(
     assert len(heard.beliefs) == count
     driven.engine.command(Update(sender="amcl", command_id=""))
     stand_until(lambda: len(heard.beliefs) == count + 1)
+
+
+def test_an_engine_that_is_late_skips_scans_until_it_has_caught_up(driven: Driven) -> None:
+    heard, engine = driven.heard, driven.engine
+    engine.put(map_reading(WORLD.map))
+    driven.drive_until(lambda: heard.beliefs and heard.beliefs[-1].hypotheses)
+    count, late = len(heard.beliefs), True
+    engine.clock = lambda arrived_s: arrived_s - 1.0 if late else arrived_s
+    driven.drive(30)
+    assert len(heard.beliefs) == count
+    late = False
+    driven.drive_until(lambda: len(heard.beliefs) == count + 1)
+    assert heard.beliefs[-1].step == heard.beliefs[-2].step + 1
 
 
 def test_a_new_map_is_searched_and_a_map_without_obstacles_is_refused(driven: Driven) -> None:

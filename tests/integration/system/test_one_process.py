@@ -74,7 +74,7 @@ def test_one_process_answers_ends_by_ctrl_c_and_continues_after_a_kill(
 
 @pytest.mark.parametrize(
     "refused",
-    ["worker.count=2", "zenoh.start_router=false", "coordinator.standby=true", "ros2.enabled=true"],
+    ["worker.count=2", "zenoh.start_router=false", "coordinator.standby=true"],
 )
 def test_settings_that_need_several_processes_are_refused(words: list[str], refused: str) -> None:
     ended = ran(*words, "--set", refused)

@@ -48,7 +48,8 @@ def test_every_client_command_has_options_for_robot_and_router(
         given.extend(assignments)
         raise SettingsError(key="x", problem="far enough")
 
-    monkeypatch.setattr("clustermcl.commands.options.load_settings", loaded)
+    for module in ("options", "running"):
+        monkeypatch.setattr(f"clustermcl.commands.{module}.load_settings", loaded)
     words, variables = [name, *ARGUMENTS.get(name, [])], {}
     robot = {"options": ["--robot", "r1", "--router", "tcp/x:1"], "environment": []}[way]
     if way == "environment":
@@ -89,7 +90,7 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["settings", "--set", "cluster.particles=many"], "cluster.particles = 'many'"),
         (["warm-up", "--set", "bridge.map=missing.yaml"], "missing.yaml: no such file"),
         (["warm-up", "--set", "sensor.hit_sigma_m=-1"], "sensor.hit_sigma_m = -1"),
-        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: no such file"),
+        (["settings", "--from-nav2", "missing.yaml"], "missing.yaml: no such file"),
         (["pose", "--robot", "a b"], "--robot: robot.name = 'a b': expected letters"),
         (["pose", "--robot", "r1", "--set", "robot.name=a b"], "--set: robot.name = 'a b'"),
         (["evaluate", "sim:cross", "--seeds", "2", "--tum", "a.tum"], "leave out --seeds"),

@@ -17,6 +17,7 @@ class Kept:
 
     def __init__(self) -> None:
         self.published: list[tuple[Topic, Any]] = []
+        self.heard: set[Topic] = set()
         self.bonds: list[bool] = []
         self.shown: dict[str, Value] = {}
         self.causes: Counter[str] = Counter()
@@ -31,6 +32,9 @@ class Kept:
 
     def publish(self, topic: Topic, message: Any) -> None:
         self.published.append((topic, message))
+
+    def is_heard(self, topic: Topic) -> bool:
+        return topic in self.heard
 
     def bond(self, *, alive: bool) -> None:
         self.bonds.append(alive)

@@ -9,11 +9,11 @@ from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.steps import Observation
 from clustermcl.recordings.rigid import Rigid, flat
 from clustermcl.ros2 import message_types as types
-from clustermcl.ros2.message_types import new
 from clustermcl.ros2.messages_out import header, transform
 from clustermcl.ros2.observing import MAX_WAITING, Datum
 from clustermcl.ros2.outputs import Output, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
+from tests.ros_messages import new
 from tests.unit.ros2.test_amcl import SECOND, Robot, causes, link, observe
 
 OPTICAL = Rigid(0.2, 0.0, 0.5, -0.5, 0.5, -0.5, 0.5)

@@ -12,7 +12,6 @@ from clustermcl.ros2.nav2_params import read_nav2_params
 from clustermcl.ros2.parameter_table import LIVE, PARAMETERS
 from clustermcl.ros2.parameters import Parameters
 from clustermcl.ros2.port import EngineStatus
-from clustermcl.ros2.robot_session import node_name
 from clustermcl.ros2.topics import Topics
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
@@ -91,7 +90,6 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
     assert settings.sensor.max_range_m == Settings().sensor.max_range_m
     assert settings.bridge.gate_distance_m == 0.3
     assert settings.ros2 == Ros2Settings(
-        enabled=True,
         base_frame="base_link",
         transform_tolerance_s=2.0,
         initial_x_m=7.0,
@@ -100,10 +98,10 @@ def test_a_stock_nav2_file_is_read_unchanged(tmp_path: Path) -> None:
         laser_max_range_m=-1.0,  # the laser's own
     )
     assert notes == [  # and nothing of what is as nav2 has it by itself
-        "laser_model_type = likelihood_field_prob of nav2 is replaced by our likelihood_field, "
+        "laser_model_type = likelihood_field_prob is replaced by our likelihood_field, "
         "which multiplies the beams' likelihoods too; no beam is skipped: sensor.occlusion_weight",
-        f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
-        "invented of nav2 has no effect: AMCL has no such parameter",
+        f"pf_err has no effect: {PARAMETERS['pf_err'].reason}",
+        "invented has no effect: AMCL has no such parameter",
     ]
 
 
@@ -123,26 +121,6 @@ def test_a_node_is_found_in_any_namespace_and_the_last_value_counts(
     tmp_path: Path, text: str
 ) -> None:
     assert read_nav2_params(write(tmp_path, text))[0]["sensor.max_beams"] == 90
-
-
-@pytest.mark.parametrize(
-    ("text", "namespace"),
-    [
-        ("robot1:\n  amcl:\n    ros__parameters: {}\n", "/robot1"),
-        ("/fleet/robot1/amcl:\n  ros__parameters: {}\n", "/fleet/robot1"),
-        ("/amcl:\n  ros__parameters: {}\n", ""),
-        ("/**/amcl:\n  ros__parameters: {}\n", ""),
-    ],
-)
-def test_a_namespace_in_the_file_applies_to_the_node_and_its_tf_topics(
-    tmp_path: Path, text: str, namespace: str
-) -> None:
-    values, notes = read_nav2_params(write(tmp_path, text))
-    ros2 = load_settings(None, [], beneath=values).ros2
-    assert ros2.namespace == namespace
-    assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
-    assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
-    assert bool(notes) == bool(namespace)
 
 
 @pytest.mark.parametrize(
@@ -180,16 +158,13 @@ def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -
         text = f"amcl:\n  ros__parameters: {{scan_topic: {value}}}\n"
         ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text))[0]).ros2
         assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear"]
-        assert node_name(ros2).name == "amcl"
-    with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS expects letters"):
-        node_name(Ros2Settings(scan_topic="scan,"))
     with pytest.raises(InputFileError, match=r"scan_topic = \[1\]: nav2 expects a string"):
         read_nav2_params(write(tmp_path, "amcl:\n  ros__parameters: {scan_topic: [1]}\n"))
 
 
 def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
-    text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
-    assert read_nav2_params(write(tmp_path, text))[0]["ros2.use_sim_time"] is True
+    text = "/**:\n  ros__parameters: {tf_broadcast: false}\namcl:\n  ros__parameters: {}\n"
+    assert read_nav2_params(write(tmp_path, text))[0] == {"ros2.tf_broadcast": False}
 
 
 @pytest.mark.parametrize(
@@ -224,10 +199,6 @@ def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
             "<robot_namespace>: w",
         ),
         ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch files can replace"),
-        (
-            "a/amcl:\n  ros__parameters: {}\nb/amcl:\n  ros__parameters: {}\n",
-            "several robots: /a/amcl, /b/amcl",
-        ),
     ],
 )
 def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem: str) -> None:

@@ -7,14 +7,13 @@ from clustermcl.protocol.changes import GONE, MOVED, NEW, Changes
 from clustermcl.protocol.live_settings import LiveSettings
 from clustermcl.protocol.steps import LaserReading, MapReading, OdometryReading
 from clustermcl.recordings.rigid import flat
-from clustermcl.ros2 import message_types as types
 from clustermcl.ros2 import topics
 from clustermcl.ros2.lifecycle import State
-from clustermcl.ros2.message_types import new, request_of
 from clustermcl.ros2.messages_out import pose_stamped, transform
 from clustermcl.ros2.port import SERVICES, EngineStatus, Port
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
+from tests.ros_messages import new
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 from tests.unit.ros2.ports import Kept, port
 from tests.unit.ros2.test_amcl import SECOND, grid, link, scan
@@ -27,7 +26,7 @@ def active(settings: Settings | None = None) -> tuple[Port, Kept]:
     tested.enter(State.INACTIVE)
     tested.enter(State.ACTIVE)
     mount = link("base_footprint", "laser", flat((0.2, 0.1, 0.3)))
-    tested.on_message(topics.Topics(Ros2Settings()).tf_static, mount)
+    tested.on_message(topics.TF_STATIC, mount)
     return tested, kept
 
 
@@ -35,7 +34,7 @@ def test_readings_go_to_the_engine_and_its_belief_to_ros() -> None:
     tested, kept = active()
     names = topics.Topics(Ros2Settings())
     tested.on_message(names.map, grid())
-    tested.on_message(names.tf, transform((0.0, 0.0, 0.0), SECOND, "odom", "base_footprint"))
+    tested.on_message(topics.TF, transform((0.0, 0.0, 0.0), SECOND, "odom", "base_footprint"))
     tested.on_message(names.scans[0], scan(SECOND))
     assert [type(one) for one in kept.readings] == [MapReading, OdometryReading, LaserReading]
     tested.on_belief(belief(SECOND, *PLACES, state="localized"))
@@ -45,7 +44,7 @@ def test_readings_go_to_the_engine_and_its_belief_to_ros() -> None:
     tested.tick()
     assert len(kept.on(topics.HYPOTHESES)) == 1
     tested.on_message(names.scans[0], scan(SECOND + 1))
-    assert not kept.on(names.tf)  # it waits for odometry of its time
+    assert not kept.on(topics.TF)  # it waits for odometry of its time
     kept.process_ns += 2 * SECOND
     tested.tick()
     assert dict(kept.causes) == {"laser scan without transform: transform does not arrive": 1}
@@ -72,10 +71,8 @@ def test_changes_of_the_building_are_a_grid_while_the_node_is_active() -> None:
 
 def test_every_service_has_its_response_and_its_effect() -> None:
     tested, kept = active()
-    request = new(
-        request_of(types.SET_INITIAL_POSE),
-        pose=pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map"),
-    )
+    given = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map")
+    request = new("nav2_msgs/srv/SetInitialPose_Request", pose=given)
     for service in SERVICES:
         tested.call(service, request)
     assert [type(one) for one in kept.commands] == [Relocalize, Update, SetPose]

@@ -73,8 +73,9 @@ def test_a_lock_has_all_that_is_needed_in_the_tested_versions(name: str, extras:
 
 
 @pytest.mark.parametrize("release", ["jazzy", "kilted"])
-def test_the_ros_lock_has_what_a_bridge_needs(release: str) -> None:
-    assert {"ros-rclpy", "mcap-ros2-support"} <= pinned(LOCKS[f"requirements-ros-{release}"]).keys()
+def test_the_ros_lock_has_what_the_node_needs(release: str) -> None:
+    needed = {"ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-std-srvs"}
+    assert needed <= pinned(LOCKS[f"requirements-ros-{release}"]).keys()
 
 
 def test_the_runtime_lock_pins_the_tested_files_and_no_development_tools() -> None:
