@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.cases import CELL_M, CENTRE, cells
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.filter.grid import Grid
-from clustermcl.filter.laser.evidence_model import contenders, tempered
+from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
@@ -45,10 +45,9 @@ def steps(
     while True:
         scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)
         reports = [job.advance(scan) for job in jobs]
-        evidence = np.array([report.log_weight_sum - np.log(particles) for report in reports])
-        contends = contenders(log_belief)
-        log_ratios = tempered(evidence, contends, 0.2, settings.belief.evidence_noise)
-        log_belief = belief.mixed(belief.updated(log_belief, log_ratios), 0.0001)
+        beams = np.full(len(reports[0].fits), settings.belief.piece_evidence / 10)
+        evidence = np.array([fit_and_through(report.fits)[0] @ beams for report in reports])
+        log_belief = belief.updated(log_belief, evidence)
         yield log_belief
         step += 1
 

@@ -50,7 +50,7 @@ from clustermcl.sensor_bridge.step_maker import StepMaker
 
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
-_STATE_VERSION = 4
+_STATE_VERSION = 5
 _FULL_TURN = Named("heading beyond a full turn")
 _FARTHEST_M = 100.0
 """Walls are nearer, or inside of the map."""

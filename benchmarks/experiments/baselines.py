@@ -75,11 +75,10 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
             max_clusters=CLUSTERS,
             particles=0,
             least_probability=0.0,
-            transition_probability=0.0,
-            kidnapping_probability=0.0,
+            piece_evidence=0.0,
             view_distance_m=0.0,
-            evidence_noise=0.0,
             evidence_residual=math.inf,
+            kidnapping_probability=0.0,
         ),
     )
 

@@ -11,25 +11,24 @@ from numpy.typing import NDArray
 from clustermcl.belief import log_probabilities as belief
 from clustermcl.belief.cluster_set import ClusterSet, log_of
 from clustermcl.belief.ledger import Ledger
+from clustermcl.filter.laser.beam_fits import fit_and_through
 from clustermcl.filter.laser.evidence_model import (
-    contenders,
-    evidence_weight,
-    residual,
     scan_exponent,
     short_beam_gain,
-    tempered,
     through_beam_loss,
-)
-from clustermcl.filter.laser.off_map import (
-    BeamClasses,
-    log_odds_by_decoy,
-    log_odds_of_here,
-    probability_right,
 )
 from clustermcl.protocol.work import TrackReport
 
 PERHAPS_LIFTED = 0.2
 """Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
+OPEN = 0.02
+"""A decoy is tracked while the robot is off the map with a higher probability than this."""
+NO_PLACE = 0.2
+"""Least share of what is new of a scan that a right place explains, without beams through walls."""
+SHORT_LEARNED = 0.5
+"""Weight of a new view in the share of short beams."""
+MISSED = 0.25
+"""A beam that fits less is short or through a wall."""
 
 
 def weigh(
@@ -38,14 +37,14 @@ def weigh(
     log_likelihood_elsewhere: float = math.nan,
     *,
     observed_elsewhere: float = 0.0,
+    beams: NDArray[np.float64] | None = None,
     new_view: float = 1.0,
     news: float = 1.0,
     decoy: TrackReport | None = None,
-    awaits_decoy: bool = False,
     is_evidence: bool = True,
     ledger: Ledger | None = None,
 ) -> float:
-    """Apply kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
+    """Apply kidnapping and one Bayes update (eq. 12-17).
 
     There are two updates in turn: which cluster is right, and whether any is. A scan that fits
     no cluster is weak evidence for the first question, and strong for the second.
@@ -57,11 +56,11 @@ def weigh(
             NaN: unknown.
         observed_elsewhere: log average likelihood ratio of the step's observations over the
             whole map.
+        beams: (B,) what is new of the beams (`Pieces`); None: unknown, so the scan does not count.
         new_view: share of the scan that no earlier scan has shown (`ViewMemory`).
         news: share of the scan that is new evidence of the robot being at any cluster
             (`new_share`).
         decoy: report of a job that tracks the mirrored scans; None: there is none.
-        awaits_decoy: the first decoy is being searched for; classes do not count until then.
         is_evidence: the scan is evidence; that of a closed cabin only moves the clusters.
         ledger: it records which part of the update changes which log odds.
 
@@ -76,7 +75,7 @@ def weigh(
     if not any(ordered):
         return 0.0  # nothing but evidence moves probabilities
     ledger = ledger or Ledger(held)
-    update = _Update(held, ordered, news, new_view, ledger)
+    update = _Update(held, ordered, news, new_view, beams, ledger)
     update.take_poses()
     if not is_evidence:
         return 0.0
@@ -88,27 +87,22 @@ def weigh(
     cut_short, through = update.explained(among)
     log_scan += cut_short
     update.follow_fit(log_scan - through, float(among.max()) + log_here)
-    odds = by_classes = update.log_odds_of_here(among)
-    if decoy is not None:
-        odds = update.compared_with_decoy(odds, among, decoy)
-    elif awaits_decoy:
-        odds = 0.0
+    odds = update.log_odds_of_here(among, decoy)
+    misses = update.missed(among)
     if held.given is not None:
-        held.given = held.given.after(odds, new_view)
+        held.given = held.given.after(-misses, new_view)
     if held.on_map:
         odds = max(odds, 0.0)
     if not math.isnan(elsewhere):
         fits_better = elsewhere - log_scan
         # People stand before the laser: where what is left of the beams fits, nothing is odd.
-        log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
+        log_there += news * (min(fits_better, 0.0) if misses < 0.0 else fits_better)
         log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
     if held.may_be_lifted:
         log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
     here = np.append(among + log_here, (log_there, log_off))
     ledger.note_update("scan over the whole map", among, log_here, log_there, log_off)
-    ledger.note_update("classes of beams", among, log_here + by_classes, log_there, log_off)
-    if odds != by_classes:
-        ledger.note_update("decoy", among, log_here + odds, log_there, log_off)
+    ledger.note_update("beams through walls", among, log_here + odds, log_there, log_off)
     weighed = here + np.append(np.full(len(among), odds), (0.0, 0.0))
     seen = update.observed(observed_elsewhere)
     held.set_log_probabilities(belief.normalised_logs(weighed + seen))
@@ -127,6 +121,7 @@ class _Update:
         reports: of each cluster; None: it has not reported.
         news: see `weigh`.
         new_view: see `weigh`.
+        beams: see `weigh`.
         ledger: see `weigh`.
     """
 
@@ -136,22 +131,32 @@ class _Update:
         reports: Sequence[TrackReport | None],
         news: float,
         new_view: float,
+        beams: NDArray[np.float64] | None,
         ledger: Ledger,
     ) -> None:
         self._held, self._reports, self._ledger = held, reports, ledger
         self._news, self._new_view = news, new_view
+        self._beams = np.zeros(0) if beams is None else beams * held.rules.piece_evidence
         self._evidence = np.array(
             [r.log_weight_sum - math.log(r.particles) if r else math.nan for r in reports]
         )
 
     @cached_property
-    def _classes(self) -> dict[int, BeamClasses]:
-        """The beam classes of the reports that have them, by the index of the cluster."""
-        return {
-            index: BeamClasses(*report.beam_classes)
-            for index, report in enumerate(self._reports)
-            if report and any(report.beam_classes)
-        }
+    def _explained(self) -> dict[int, tuple[float, float, float]]:
+        """What each place explains of the new beams; see `_explains`."""
+        found = {i: self._explains(r) for i, r in enumerate(self._reports) if r}
+        return {index: each for index, each in found.items() if each}
+
+    def _explains(self, report: TrackReport) -> tuple[float, float, float] | None:
+        """Return the evidence of the new beams at a place: all, but for, and only through walls.
+
+        None: its beams are not those of the step.
+        """
+        if len(report.fits) != len(self._beams):
+            return None
+        fits, through = fit_and_through(report.fits)
+        clear = np.where(through, 0.0, fits)
+        return tuple((np.array([fits, clear, through]) @ self._beams).tolist())
 
     def take_poses(self) -> None:
         """Take the poses of the reports; a report confirms a given pose."""
@@ -172,16 +177,14 @@ class _Update:
         reported = ~np.isnan(evidence)
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
-        contends = contenders(np.where(reported, among, -np.inf))
-        share = self._evidence_weight(contends)
-        log_ratios = tempered(evidence, contends, share, rules.evidence_noise)
+        if rules.piece_evidence > 0.0:
+            evidence = np.array([self._explained.get(i, (math.nan,))[0] for i in range(len(among))])
         self._ledger.note_facts(
-            fit=evidence - np.nanmax(evidence[contends]),
-            counted=log_ratios,
-            new_view=self._new_view,
+            fit=self._evidence - np.nanmax(self._evidence),
+            counted=evidence - np.fmax.reduce(evidence),
+            new_pieces=float(self._beams.sum()) / (rules.piece_evidence or 1.0),
         )
-        among = belief.updated(among, log_ratios)
-        return belief.mixed(among, rules.transition_probability * self._news), log_scan
+        return belief.updated(among, evidence), log_scan
 
     def observed(self, elsewhere: float) -> NDArray[np.float64]:
         """Return (K + 2,) log evidence of the step's observations; off the map, all are outliers.
@@ -192,33 +195,31 @@ class _Update:
         each = [report.log_observed if report else best for report in self._reports]
         return np.array([*each, elsewhere, 0.0])
 
-    def log_odds_of_here(self, among: NDArray[np.float64]) -> float:
-        """Return by how much beam classes raise the log odds of the clusters; update `quality`."""
-        held, seen = self._held, self._classes
-        if 0.0 in (held.rules.kidnapping_probability, held.rules.off_map_probability) or not seen:
-            return 0.0
-        probable = np.exp(belief.normalised_logs(among[list(seen)]))
-        odds, held.quality = log_odds_of_here(
-            held.quality, probable, list(seen.values()), self._new_view
-        )
-        return odds
+    def log_odds_of_here(self, among: NDArray[np.float64], decoy: TrackReport | None) -> float:
+        """Return by how much the scan raises the log odds of the clusters against all else.
 
-    def compared_with_decoy(
-        self, odds: float, among: NDArray[np.float64], decoy: TrackReport
-    ) -> float:
-        """Return the evidence for the clusters, given the report of a decoy."""
-        held, best = self._held, self._reports[int(np.argmax(among))]
-        difference = (
-            best.log_likelihood_per_beam - decoy.log_likelihood_per_beam if best else math.nan
-        )
-        if math.isnan(difference) or not any(decoy.beam_classes):
-            return odds
-        classes = [BeamClasses(*decoy.beam_classes)]
-        of_decoy, _ = log_odds_of_here(held.quality, np.ones(1), classes, self._new_view)
-        log_here = math.log1p(-min(held.outside_clusters, 1.0 - 1e-12))
-        by_fit, held.quality = log_odds_by_decoy(held.quality, difference, log_here, self._new_view)
-        # Classes count only where they differ from the decoy's.
-        return min(max(odds - of_decoy, min(odds, 0.0)), max(odds, 0.0)) + by_fit
+        Elsewhere and off the map explain as much of it as the decoy, and at least `NO_PLACE`. While
+        there is no decoy and the robot may be off the map, they explain as much as the clusters.
+        """
+        rules, explained = self._held.rules, self._explained
+        if 0.0 in (rules.kidnapping_probability, rules.off_map_probability) or not explained:
+            return 0.0
+        clear = np.array([each for _, each, _ in explained.values()])
+        here = float(np.logaddexp.reduce(belief.normalised_logs(among[list(explained)]) + clear))
+        other = NO_PLACE * float(self._beams.sum())
+        if decoy is not None and (image := self._explains(decoy)) is not None:
+            other = max(other, image[1])
+        elif self._held.off_map > OPEN:
+            other = max(other, here)
+        return here - other
+
+    def missed(self, among: NDArray[np.float64]) -> float:
+        """Return by how much more beams are through walls than explained, at the clusters."""
+        found = self._explained
+        if not found:
+            return 0.0
+        share = np.exp(belief.normalised_logs(among[list(found)]))
+        return float(share @ [through - clear for _, clear, through in found.values()])
 
     def follow_fit(self, log_scan: float, log_best: float) -> None:
         """Learn how well scans fit while the robot is localized."""
@@ -242,13 +243,13 @@ class _Update:
         held = self._held
         if held.rules.off_map_probability == 0.0:
             return 0.0, 0.0
-        counts = np.array([r.beam_classes if r else (0, 0, 0, 0) for r in self._reports])
-        exponents = [scan_exponent(beams, held.sensor) for beams in counts.sum(axis=1).tolist()]
-        _, _, through, other = (np.exp(among) * exponents @ counts).tolist()
-        return (
-            other * short_beam_gain(held.quality.short, held.sensor),
-            through * through_beam_loss(held.sensor),
-        )
+        counts = np.array([_counts(r) if r else (0, 0, 0) for r in self._reports])
+        exponents = [scan_exponent(beams, held.sensor) for beams in counts[:, 0].tolist()]
+        beams, short, through = (np.exp(among) * exponents @ counts).tolist()
+        gain = short * short_beam_gain(held.short, held.sensor)
+        if beams > 0.0:
+            held.short += SHORT_LEARNED * self._new_view * (short / beams - held.short)
+        return gain, through * through_beam_loss(held.sensor)
 
     def kidnapped(self) -> tuple[float, float, float]:
         """Return log probabilities of all clusters together, of elsewhere, and of off the map.
@@ -269,32 +270,9 @@ class _Update:
         log_off = np.logaddexp(held.log_off_map + log_of(1.0 - back), lifted + log_of(off))
         return log_here + math.log1p(-hazard), float(log_there), float(log_off)
 
-    def _evidence_weight(self, contends: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return (K,) weights of the evidence between each cluster and the contenders.
 
-        A weight follows from the best fit among the cluster and the contenders, because an
-        improbable cluster may explain the scan best.
-        """
-        held, new_view = self._held, self._new_view
-        fit = self._fit_without_short_beams()
-        fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
-        residuals = [residual(best, held.sensor) for best in fit.tolist()]
-        if held.rules.off_map_probability > 0.0:
-            # Errors of a crude map favour a wrong place as often as the true one.
-            new_view /= 1.0 + held.quality.crude
-        return np.array([evidence_weight(new_view, each, held.rules) for each in residuals])
-
-    def _fit_without_short_beams(self) -> NDArray[np.float64]:
-        """Return (K,) fits of the best particles without loss for the usual short beams [nat/beam].
-
-        NaN: there is no report.
-        """
-        held, classes = self._held, self._classes
-        fit = np.array([r.log_likelihood_per_beam if r else math.nan for r in self._reports])
-        if held.rules.off_map_probability == 0.0 or not classes:
-            return fit
-        seen = list(classes.values())
-        short = np.array([min(each.other / sum(each), held.quality.short) for each in seen])
-        right = probability_right(held.quality, seen)
-        fit[list(classes)] += short * right * through_beam_loss(held.sensor)
-        return fit
+def _counts(report: TrackReport) -> tuple[int, int, int]:
+    """Return the numbers of beams, of those that end before any obstacle, and through walls."""
+    fits, through = fit_and_through(report.fits)
+    short = np.count_nonzero((fits < MISSED) & ~through)
+    return len(fits), int(short), int(np.count_nonzero(through))

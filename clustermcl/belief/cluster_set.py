@@ -16,7 +16,6 @@ from clustermcl.belief.overlaps import merge_overlapping
 from clustermcl.belief.part import FEW, Count, LogProbability, Part
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.laser.evidence_model import UsualFit
-from clustermcl.filter.laser.off_map import MapQuality
 from clustermcl.filter.motion.noise import composed_covariance, motion_covariance
 from clustermcl.filter.poses import compose
 from clustermcl.filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -93,8 +92,8 @@ class ClusterSet(Part):
     clusters: Annotated[dict[Number, Cluster], FEW] = {}
     """By number, in the order in which they are summed."""
     next_cluster: Count = 0
-    quality: MapQuality = MapQuality()
-    """Quality of the map, learned during the run."""
+    short: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
+    """Share of the beams that end before any obstacle, learned during the run."""
     fit: UsualFit = UsualFit()
     """How well scans fit where the robot is."""
     given: Given | None = None

@@ -11,9 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from clustermcl.belief.admission import admission, first_places, log_weight_of_held
-from clustermcl.belief.bayes_update import PERHAPS_LIFTED, weigh
+from clustermcl.belief.bayes_update import OPEN, PERHAPS_LIFTED, weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet
 from clustermcl.belief.given_places import PriorPose, candidate, with_prior_pose
 from clustermcl.belief.ledger import Ledger
@@ -26,6 +27,7 @@ from clustermcl.filter.arrays import Pose
 from clustermcl.filter.cluster.cluster_filter import new_share
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.evidence_model import UsualFit
+from clustermcl.filter.laser.pieces import Pieces
 from clustermcl.filter.random_streams import Purpose
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.answers import Hypothesis, State
@@ -53,8 +55,6 @@ NEARLY = 0.8
 """A cluster keeps its number of particles while its share is at least this much of it."""
 ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
-OPEN = 0.1
-"""A decoy is tracked while the robot is off the map with a higher probability than this."""
 LIFTED = 16.0
 """A given place fails if the fit falls by so much at once: where a building has changed, it falls
 from scan to scan [nat]."""
@@ -76,6 +76,7 @@ class Ensemble(Part, kw_only=True):
     prior_pose: PriorPose | None = None
     """A pose from an earlier run; it is used until the first search has ended."""
     seen: ViewMemory = ViewMemory()
+    pieces: Pieces = Pieces()
     found: bool = False
     """Whether a place was found since the last search that began without any."""
     founding_search: Count = 1
@@ -169,10 +170,10 @@ class Ensemble(Part, kw_only=True):
             tracks,
             elsewhere.log_likelihood if elsewhere else math.nan,
             observed_elsewhere=elsewhere.log_observed if elsewhere else 0.0,
+            beams=self._new_of_beams(elsewhere, in_cabin=in_cabin),
             new_view=new_view,
             news=news,
             decoy=self.decoy.best_of(tracks),
-            awaits_decoy=self.decoy.is_awaited,
             is_evidence=not in_cabin,
             ledger=ledger,
         )
@@ -270,6 +271,17 @@ class Ensemble(Part, kw_only=True):
         rules = self.settings
         new_view, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
         return new_view
+
+    def _new_of_beams(
+        self, elsewhere: ElsewhereReport | None, *, in_cabin: bool
+    ) -> NDArray[np.float64] | None:
+        """Return what is new of each beam; None: unknown."""
+        if in_cabin:
+            self.pieces = Pieces()  # another floor has others
+        if in_cabin or elsewhere is None or elsewhere.seen is None:
+            return None
+        weights, self.pieces = self.pieces.after(elsewhere.seen.array())
+        return weights
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
         """Split clusters whose particles form several parts; these share its probability."""

@@ -55,25 +55,3 @@ def updated(
     posterior = log_prior.copy()
     posterior[reported] = normalised_logs(fresh) + log_mass
     return normalised_logs(posterior)
-
-
-def mixed(log_belief: NDArray[np.float64], transition_probability: float) -> LogProbabilities:
-    """Spread a share rho of the belief over all clusters: B <- (1 - rho) B + rho / K.
-
-    Eq. 14 has no such share. It limits how far Monte Carlo errors of the average likelihoods can
-    separate places that look alike.
-
-    Args:
-        log_belief: (K,) log probabilities of the clusters; their sum, at most one, is kept.
-        transition_probability: rho, from 0 to 1.
-
-    Returns:
-        (K,) belief with the same sum.
-    """
-    if transition_probability == 0.0 or len(log_belief) == 0:
-        return log_belief
-    log_mass = np.logaddexp.reduce(log_belief)
-    uniform = math.log(transition_probability / len(log_belief)) + log_mass
-    kept = math.log1p(-transition_probability) if transition_probability < 1.0 else -math.inf
-    spread: LogProbabilities = normalised_logs(np.logaddexp(log_belief + kept, uniform)) + log_mass
-    return spread

@@ -198,11 +198,6 @@ class Decoy(Part):
     places: Annotated[tuple[Cluster, ...], FEW] = ()
 
     @property
-    def is_awaited(self) -> bool:
-        """Whether the first search for the decoy is running."""
-        return self.search.runs and not self.places
-
-    @property
     def track_ids(self) -> tuple[str, ...]:
         return tuple(place.job_id for place in self.places)
 

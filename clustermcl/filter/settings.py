@@ -165,12 +165,12 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     each."""
     least_probability: Share = 0.0001
     """Places below this probability do not enter, clusters below it are dropped; 0: none."""
-    transition_probability: Share = 0.0001
-    """Share of the belief spread over all clusters at each step."""
     view_distance_m: NotNegative = 0.8
     """Distance after which a scan is a new view of the building; 0: always [m]."""
     view_turn_rad: Positive = 1.6
     """Turn after which it is [rad]."""
+    piece_evidence: NotNegative = 0.7
+    """Evidence of a piece of wall that fits, against one that does not; 0: whole scans [nat]."""
     evidence_noise: NotNegative = 0.3
     """Monte Carlo error of the difference in evidence between places [nat]."""
     evidence_residual: Positive = 0.25

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from clustermcl.filter.arrays import Pose
+from clustermcl.filter.arrays import Points, Pose
 from clustermcl.filter.cluster import cluster_filter
 from clustermcl.filter.cluster.cluster_filter import ParticleSet
-from clustermcl.filter.laser.beam_classes import beam_classes
+from clustermcl.filter.laser.beam_fits import beam_fits
 from clustermcl.filter.laser.evidence_model import scan_exponent
 from clustermcl.filter.laser.sensor_model import Beams, SensorModel
 from clustermcl.filter.log_weights import log_sum, multiplied
@@ -152,7 +152,7 @@ class Tracking(RunningJob):
         log_observed = self._observe(scan)
         mean, covariance = self._particle_set.gaussian()
         best = result.best
-        classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
+        fits = b"" if best is None else beam_fits(best, beams, model, mirrored=self._mirrored)
         return work.TrackReport(
             **self._head(scan.step),
             log_weight_sum=result.log_weight_sum,
@@ -161,7 +161,7 @@ class Tracking(RunningJob):
             effective_sample_size=self._particle_set.effective_sample_size,
             pose=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
-            beam_classes=classes or (0, 0, 0, 0),
+            fits=fits,
             log_observed=log_observed,
             snapshot=self._snapshot(scan),
             parts=self._parts(scan, rng),
@@ -285,6 +285,7 @@ class Elsewhere(RunningJob):
             **self._head(scan.step),
             log_likelihood=log_likelihood,
             log_observed=log_observed,
+            seen=ArrayBlob.of(_seen(np.array(scan.odom_from_robot), beams), "float64"),
             places=found,
         )
 
@@ -319,6 +320,15 @@ class Elsewhere(RunningJob):
 
     def handed_on(self) -> work.Assignment:
         return replace(self.assignment, job=work.ElsewhereJob(first_step=self.step + 1))
+
+
+def _seen(odom_from_robot: Pose, beams: Beams) -> Points:
+    """Return (1 + B, 2) the robot's position and the ends of its beams, in odometry [m]."""
+    x, y, heading = odom_from_robot
+    c, s = math.cos(heading), math.sin(heading)
+    hits = beams.hits_in_robot[beams.returned]
+    turned = np.column_stack((c * hits[:, 0] - s * hits[:, 1], s * hits[:, 0] + c * hits[:, 1]))
+    return np.asarray(np.concatenate((np.zeros((1, 2)), turned)) + np.array([x, y]))
 
 
 def _found(scan: Scan, found: Sequence[places.FoundPlace], of_all: float = 1.0) -> FoundPlaces:

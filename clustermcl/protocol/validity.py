@@ -11,9 +11,10 @@ import numpy as np
 
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import key_of
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.found_places import FoundPlaces, found_places_problem
+from clustermcl.protocol.found_places import found_places_problem
 from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.protocol.reading_checks import observation_problem, pose_problem, scan_problem
@@ -56,8 +57,9 @@ def _problems(message: object) -> Iterator[str | None]:
         case SearchReport(places=places):
             yield _fit_problem(message)
             yield found_places_problem(places)
-        case ElsewhereReport(places=FoundPlaces() as places):
-            yield found_places_problem(places)
+        case ElsewhereReport(seen=seen, places=places):
+            yield None if seen is None else _seen_problem(seen)
+            yield None if places is None else found_places_problem(places)
         case ReportBatch(reports=reports):
             yield from map(problem_of, reports)
         case SetPose(pose=pose, covariance=tuple() as covariance):
@@ -71,6 +73,17 @@ def _problems(message: object) -> Iterator[str | None]:
 def _fit_problem(report: TrackReport | SearchReport) -> str | None:
     infinite = math.isinf(report.log_likelihood_per_beam)  # NaN: the scan had no beam to score
     return "log_likelihood_per_beam is infinite" if infinite else None
+
+
+def _seen_problem(seen: ArrayBlob) -> str | None:
+    """Return why the ends of a scan's beams are invalid, or None."""
+    try:
+        ends = seen.array()
+    except MalformedMessageError as error:
+        return error.problem
+    if ends.ndim != 2 or ends.shape[1] != 2 or not len(ends):
+        return f"no ends of beams: {ends.shape}"
+    return None if np.isfinite(ends).all() else "the end of a beam is not finite"
 
 
 def assignment_problem(given: Assignment) -> str | None:

@@ -166,7 +166,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """Particles drawn from the place."""
 
 
-class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
+class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/2"):
     """The result of one cluster for one scan.
 
     Published by a worker on ``worker/{name}/report`` for every step and job, in order; read by the
@@ -185,8 +185,8 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: NotNegative
     pose: PoseTuple
     covariance: Covariance
-    beam_classes: tuple[Number, Number, Number, Number] = (0, 0, 0, 0)
-    """Numbers of beams of the best particle that end on, near or behind an obstacle, and others."""
+    fits: Annotated[bytes, Meta(max_length=65_536)] = b""
+    """How well each beam fits at the best particle; see `clustermcl.filter.laser.beam_fits`."""
     log_observed: Finite = 0.0
     """Log of the average likelihood ratio of the step's observations, after the scan."""
     snapshot: Particles | None = None
@@ -230,6 +230,8 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     log_observed: Finite = 0.0
     """Log of the average likelihood ratio of the step's observations over the free space, or more
     where places that they allow also fit the scan."""
+    seen: ArrayBlob | None = None
+    """(1 + B, 2) position of the robot, and the ends of the beams, in odometry [m]."""
     places: FoundPlaces | None = None
     """Places that the observations allow, with their shares of elsewhere; None: no observation."""
 

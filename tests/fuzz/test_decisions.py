@@ -196,9 +196,8 @@ LOGS = st.floats(-50.0, 50.0) | st.floats(allow_nan=False, allow_infinity=False)
 
 BELIEF = {
     "kidnapping_probability": 0.01,
-    "transition_probability": 1e-4,
-    "evidence_residual": 0.25,
-    "evidence_noise": 0.3,
+    "piece_evidence": 0.7,
+    "off_map_probability": 0.05,
     "view_distance_m": 0.8,
     "least_probability": 1e-4,
 }

@@ -1,10 +1,7 @@
-"""The weight of a scan's evidence between places (docs/evidence.md).
+"""How much a scan counts: its exponent, its part in a search, and the usual fit (docs/evidence.md).
 
-The map differs from the building, so the average likelihood of a cluster's particles has errors.
-These errors stay the same for about a metre of driving, so scans within a metre repeat them. Where
-no place explains the scan, because of people or moved furniture, all places have large errors. So
-a difference between places counts more the newer the view is, and less the worse the best place
-fits.
+Beams of a scan are not independent, and errors of the map stay the same for about a metre of
+driving. Where no pose explains the scan, because of people or moved furniture, all fit badly.
 """
 
 import math
@@ -12,15 +9,10 @@ import sys
 from typing import Annotated
 
 import msgspec
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.settings import BeliefSettings, SensorSettings
-
-CONTENDED = 0.99
-"""The most probable hypotheses with this share of the belief are the contenders."""
 
 SHORT_M = 2.0
 """Short beams are uniformly distributed over this length [m]."""
@@ -43,54 +35,6 @@ def scan_exponent(beams: int, settings: SensorSettings) -> float:
     if not 0 < beams < settings.max_beams or exponent >= 1.0:
         return exponent
     return min(exponent * settings.max_beams / beams, 1.0)
-
-
-def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which hypotheses are contenders: the most probable with `CONTENDED` of the belief.
-
-    Of equally probable hypotheses, either all are contenders or none is.
-
-    Args:
-        log_belief: (K,) natural logarithms of probabilities, at least one of them finite.
-
-    Returns:
-        (K,) true for a contender; never all false.
-    """
-    probability = np.exp(log_belief - np.max(log_belief))
-    ordered = np.sort(probability)
-    up_to = np.cumsum(ordered)
-    no_more_probable = up_to[np.searchsorted(ordered, probability, side="right") - 1]
-    return np.asarray(no_more_probable > (1.0 - CONTENDED) * up_to[-1])
-
-
-def tempered(
-    log_evidence: NDArray[np.float64],
-    contends: NDArray[np.bool_],
-    share: NDArray[np.float64] | float,
-    noise: float,
-) -> NDArray[np.float64]:
-    """Return the weighted gain of each hypothesis on the best-fitting contender.
-
-    A difference d counts as d |d| / (|d| + noise), so differences within the Monte Carlo error of
-    the averages hardly count, and places that look alike keep their odds. Far from zero the
-    function is linear. So the reference has to be a contender: relative to an improbable
-    hypothesis that fits far better, noise between two probable ones would count in full.
-
-    Args:
-        log_evidence: (K,) log of the average likelihood; NaN, for a missing report, stays NaN.
-        contends: (K,) whether it may be the reference; at least one of these has a report.
-        share: weight of a difference, one for all or (K,). With a share of one and no noise this
-            is the paper's update.
-        noise: Monte Carlo error of a difference [nat].
-
-    Returns:
-        (K,) logarithms: at most zero for contenders.
-    """
-    gained = log_evidence - np.nanmax(log_evidence[contends])
-    if noise > 0.0:
-        size = np.abs(gained)
-        gained = gained * size / (size + noise)
-    return np.asarray(share * gained)
 
 
 def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> float:

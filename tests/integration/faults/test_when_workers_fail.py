@@ -110,9 +110,8 @@ def assert_another_worker_advises(tested: System) -> None:
 
 
 def test_without_workers_status_and_pose_report_this_until_a_worker_appears() -> None:
-    belief = replace(IMPATIENT.belief, transition_probability=0.0)  # evidence alone counts
     coordinator = CoordinatorSettings(stale_after_s=5.0)
-    with system(replace(IMPATIENT, belief=belief, coordinator=coordinator)) as tested:
+    with system(replace(IMPATIENT, coordinator=coordinator)) as tested:
         tested.wait_until_it_tracks()
         clusters = tested.clusters()
         tested.hurt(WORKERS, signal.SIGSTOP)  # their parent, so that it starts no others

@@ -64,12 +64,11 @@ def resumed(ensemble: Ensemble) -> Ensemble:
 
 
 def literal_bayes(**more: object) -> BeliefSettings:
-    """The paper's update: untempered evidence, no forgetting, no hypothesis for elsewhere."""
+    """The paper's update: evidence of whole scans, no forgetting, no hypothesis for elsewhere."""
     rules: dict[str, object] = {
-        "transition_probability": 0.0,
+        "piece_evidence": 0.0,
         "view_distance_m": 0.0,
         "evidence_residual": 1e9,
-        "evidence_noise": 0.0,
         "kidnapping_probability": 0.0,
         "off_map_probability": 0.0,
         "least_probability": 0.0,
@@ -181,7 +180,9 @@ def tracked(
     epoch: int = 0,
     fit: float = -1.0,
     snapshot: Particles | None = None,
+    fits: Sequence[float] = (),
 ) -> TrackReport:
+    """`fits`: of each beam, from 0 to 1; -1: it went through a wall."""
     return TrackReport(
         sender="w",
         job_id=job_id,
@@ -194,10 +195,19 @@ def tracked(
         pose=mean,
         covariance=NO_SPREAD,
         snapshot=snapshot,
+        fits=bytes(1 if fit < 0.0 else round(127 * fit) << 1 for fit in fits),
     )
 
 
-def elsewhere(step: int, log_likelihood: float, *, epoch: int = 0) -> ElsewhereReport:
+def elsewhere(
+    step: int, log_likelihood: float, *, epoch: int = 0, ends: Sequence[tuple[float, float]] = ()
+) -> ElsewhereReport:
+    """`ends` of the beams, of a robot at the origin of odometry."""
     return ElsewhereReport(
-        sender="w", job_id="e0", epoch=epoch, step=step, log_likelihood=log_likelihood
+        sender="w",
+        job_id="e0",
+        epoch=epoch,
+        step=step,
+        log_likelihood=log_likelihood,
+        seen=ArrayBlob.of([(0.0, 0.0), *ends], "float64"),
     )

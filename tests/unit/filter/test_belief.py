@@ -38,16 +38,6 @@ def test_what_says_the_same_of_all_places_changes_nothing(value: float) -> None:
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, value)), prior)
 
 
-@given(ANY_LOGS, st.floats(0.001, 0.999))
-def test_the_transition_keeps_a_share_and_spreads_the_rest(
-    log_values: NDArray[np.float64], transition_probability: float
-) -> None:
-    before = belief.normalised_logs(log_values)
-    after = np.exp(belief.mixed(before, transition_probability))
-    expected = (1 - transition_probability) * np.exp(before) + transition_probability / K
-    np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-12)
-
-
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         belief.normalised_logs(np.full(3, -np.inf))

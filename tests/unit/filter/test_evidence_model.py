@@ -4,88 +4,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 
 from clustermcl.filter.laser.evidence_model import (
     UsualFit,
-    contenders,
     evidence_weight,
     residual,
     short_beam_gain,
-    tempered,
     way,
 )
 from clustermcl.filter.poses import between
 from clustermcl.filter.settings import BeliefSettings, SensorSettings
 
 RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_residual=0.5)
-EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
-ALL = np.ones(5, np.bool_)
-
-
-def test_differences_to_the_best_are_scaled_and_clusters_without_report_stay() -> None:
-    evidence = np.array([-11.0, np.nan, -10.0, -14.0])
-    np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
-    np.testing.assert_array_equal(tempered(evidence, ALL[:4], 1.0, 0.0), evidence + 10.0)
-    np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
-
-
-def test_differences_within_monte_carlo_error_count_almost_nothing() -> None:
-    evidence = -np.array([0.0, 0.003, 0.3, 3.0, 300.0])
-    expected = [0.0, 0.003 * 0.003 / 0.303, 0.15, 9.0 / 3.3, 300.0 * 300.0 / 300.3]
-    np.testing.assert_allclose(tempered(evidence, ALL, 0.5, 0.3), -0.5 * np.array(expected))
-
-
-@given(EVIDENCE, st.floats(0.0, 1.0), st.floats(0.0, 2.0))
-def test_a_better_fit_never_weighs_less_and_no_fit_weighs_more_than_its_difference(
-    evidence: NDArray[np.float64], share: float, noise: float
-) -> None:
-    reported = tempered(evidence, ALL, share, noise)
-    assert np.all(np.diff(reported[np.argsort(evidence)]) >= 0.0)
-    assert reported.max() == 0.0
-    lost = evidence.max() - evidence
-    assert np.all(-reported <= lost * (1.0 + 1e-12))
-
-
-def test_an_improbable_hypothesis_gains_as_much_as_a_probable_one_would_lose_to_it() -> None:
-    evidence, contends = np.array([0.0, -0.3, 5.0]), np.array([True, True, False])
-    expected = [0.0, -0.3 * 0.3 / 0.6, 5.0 * 5.0 / 5.3]
-    np.testing.assert_allclose(tempered(evidence, contends, 1.0, 0.3), expected)
-
-
-@given(EVIDENCE, st.floats(0.0, 2.0), st.floats(-1e6, 1e6))
-def test_the_gain_of_contenders_does_not_depend_on_other_places(
-    evidence: NDArray[np.float64], noise: float, other: float
-) -> None:
-    contends = np.array([True, True, True, True, False])
-    one = tempered(evidence, contends, 0.5, noise)
-    evidence[-1] = other
-    np.testing.assert_array_equal(tempered(evidence, contends, 0.5, noise)[:-1], one[:-1])
-
-
-@pytest.mark.parametrize(
-    ("probabilities", "expected"),
-    [
-        ([1.0], [True]),
-        ([0.5, 0.5], [True, True]),
-        ([0.6, 0.389, 0.011], [True, True, True]),
-        ([0.6, 0.391, 0.009], [True, True, False]),
-        ([0.6, 0.389, 0.0055, 0.0055], [True, True, True, True]),
-        ([0.992, 0.004, 0.004], [True, False, False]),
-        ([0.009, 0.1, 0.891], [False, True, True]),
-        ([0.005] * 200, [True] * 200),
-        ([0.0, 1.0], [False, True]),
-    ],
-)
-def test_contenders_are_the_most_probable_with_99_percent_of_the_belief(
-    probabilities: list[float], expected: list[bool]
-) -> None:
-    """Whatever the sum of all is: of hypotheses without a report nothing is known."""
-    with np.errstate(divide="ignore"):
-        logs = np.log(probabilities)
-    for shift in (0.0, -1000.0):
-        assert contenders(logs + shift).tolist() == expected
 
 
 def test_evidence_weighs_less_the_worse_the_best_place_fits() -> None:

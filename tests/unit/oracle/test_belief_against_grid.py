@@ -23,8 +23,6 @@ from tests.unit.oracle.tiny_world import (
 )
 
 MOVED_M, TURNED_RAD = math.hypot(DRIVE[0], DRIVE[1]), float(DRIVE[2])
-TEMPERED: dict[str, object] = {"evidence_noise": 0.3, "view_distance_m": 0.4, "view_turn_rad": 0.2}
-EXACTLY = {"noise": 0.3, "share": 1.0 - math.exp(-MOVED_M / 0.4 - TURNED_RAD / 0.2)}
 STEPS, SEEDS = 6, range(16)
 GRID_ERROR = 0.02
 """Of a log ratio over all steps: a place and its mirror image differ by 0.016, finer grids less."""
@@ -74,9 +72,6 @@ def exact_log_odds(
     logs: Array,
     evidence_of: Array,
     *,
-    rho: float = 0.0,
-    share: float = 1.0,
-    noise: float = 0.0,
     hazard: float = 0.0,
     missing: dict[int, int] | None = None,
 ) -> Array:
@@ -86,9 +81,6 @@ def exact_log_odds(
         logs: (K,) probabilities before the first step, as logarithms; with a hazard the last one
             is elsewhere.
         evidence_of: (K, steps) of the grid.
-        rho: share that is spread evenly over the places after each step.
-        share: of a difference between places that counts.
-        noise: differences within it count next to nothing [nat].
         hazard: that the robot is lifted elsewhere before a step.
         missing: by step from 1, the place without a report.
     """
@@ -102,11 +94,8 @@ def exact_log_odds(
             reported[missing[step + 1]] = False
         gain, mass = evidence_of[: len(here)][reported, step], here[reported].sum()
         scan = (here[reported] * np.exp(gain)).sum() / mass
-        lost = gain.max() - gain
-        lost = share * (lost if noise == 0.0 else lost * lost / (lost + noise))
-        fresh = here[reported] * np.exp(-lost)
+        fresh = here[reported] * np.exp(gain - gain.max())
         here[reported] = mass * fresh / fresh.sum()
-        here = (1.0 - rho) * here + rho * here.sum() / len(here)
         if hazard > 0.0:
             there *= np.exp(evidence_of[-1, step]) / scan
     others = [*here[1:], there] if hazard > 0.0 else here[1:]
@@ -117,8 +106,6 @@ def assert_agrees(
     shares: dict[str, float],
     *,
     missing: dict[int, int] | None = None,
-    reported: dict[str, object] | None = None,
-    exactly: dict[str, float] | None = None,
 ) -> None:
     """Compare the log odds after all steps from these probabilities; elsewhere comes last."""
     hazard = 0.02 if "elsewhere" in shares else 0.0
@@ -127,26 +114,14 @@ def assert_agrees(
         np.stack([evidence("plain", place) for place in shares]),
         hazard=hazard,
         missing=missing,
-        **(exactly or {}),  # type: ignore[arg-type] # keywords of the test
     )
     tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
     lost = {step: f"c{cluster}" for step, cluster in (missing or {}).items()}
-    rules = {"kidnapping_probability": hazard, **(reported or {})}
-    found = log_odds("plain", tracked, missing=lost, **rules)
+    found = log_odds("plain", tracked, missing=lost, kidnapping_probability=hazard)
     for expected, odds in zip(exact, zip(*found, strict=True), strict=True):
         assert_is_mean_of(expected, odds, GRID_ERROR)
 
 
-@pytest.mark.parametrize(
-    ("reported", "exactly"),
-    [
-        ({}, {}),
-        ({"transition_probability": 0.1}, {"rho": 0.1}),
-        (TEMPERED, EXACTLY),
-        ({"transition_probability": 0.05, **TEMPERED}, {"rho": 0.05, **EXACTLY}),
-    ],
-    ids=["plain Bayes", "rho", "evidence model", "rho and evidence model"],
-)
 @pytest.mark.parametrize(
     "shares",
     [
@@ -157,9 +132,9 @@ def assert_agrees(
     ids=["a better place", "elsewhere", "the true place is not tracked"],
 )
 def test_probabilities_agree_with_the_exact_filter(
-    shares: dict[str, float], reported: dict[str, object], exactly: dict[str, float]
+    shares: dict[str, float],
 ) -> None:
-    assert_agrees(shares, reported=reported, exactly=exactly)
+    assert_agrees(shares)
 
 
 def test_two_places_that_look_alike_stay_alike() -> None:

@@ -3,14 +3,14 @@ import re
 from pathlib import Path
 
 import hypothesis
+import numpy as np
 import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import LEAST_LOG, Candidate, ClusterSet
-from clustermcl.filter.laser.evidence_model import residual, through_beam_loss
-from clustermcl.filter.laser.off_map import MapQuality
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.protocol.job_events import Ended
 from clustermcl.protocol.message import PoseTuple
@@ -45,7 +45,7 @@ def probabilities(made: ClusterSet) -> list[float]:
 
 def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> None:
     page = Path("docs/evidence.md").read_text()
-    named = re.search(r"With (`view_distance_m[^()]*) \(all of `belief`\) the update is", page)
+    named = re.search(r"With (`piece_evidence[^()]*) \(all of `belief`\) the update is", page)
     assert named
     settings = Settings()
     for name, value in re.findall(r"`(\w+) = (\S+)`", named[1]):
@@ -74,20 +74,18 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 
 
 def test_the_belief_of_a_standing_robot_does_not_change() -> None:
-    made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
+    made = first(0.6, 0.3, piece_evidence=0.7)
     for _ in range(1000):
-        weigh(made, reports_of(0.9, 0.1), 5.0, new_view=0.0, news=0.0)
+        weigh(made, reports_of(0.9, 0.1), 5.0, beams=np.zeros(0), new_view=0.0, news=0.0)
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
-def test_kidnapping_and_transition_probabilities_scale_with_the_new_share_of_a_view() -> None:
-    made = first(0.6, 0.4, transition_probability=0.1)
+def test_the_probability_of_a_kidnapping_scales_with_the_new_share_of_a_view() -> None:
+    made = first(0.6, 0.4)
     half = 0.5
     weigh(made, reports_of(0.1, 0.1), math.log(0.1), news=half)
     there = 1.0 - 0.005
-    assert probabilities(made) == pytest.approx(
-        [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
-    )
+    assert probabilities(made) == pytest.approx([there * 0.6, there * 0.4, 0.005])
 
 
 def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
@@ -98,7 +96,7 @@ def test_elsewhere_keeps_its_probability_if_it_is_not_weighed() -> None:
 
 def test_a_report_of_an_ended_cluster_is_ignored() -> None:
     """Its worker may not have received the order yet, or there was no coordinator to send it."""
-    both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
+    both, one = (first(0.6, 0.3) for _ in range(2))
     reports = reports_of(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
     assert weigh(both, reports, -3.0) == weigh(one, reports_of(0.2, 0.1, fit=-1.0), -3.0)
@@ -118,45 +116,54 @@ def test_elsewhere_is_impossible_if_the_robot_is_never_kidnapped() -> None:
     assert probabilities(made) == [1.0, 0.0]
 
 
-def test_evidence_between_places_is_tempered_and_evidence_against_elsewhere_is_not() -> None:
-    """Where half of the scan is a new view, and where the best one's residual halves it again."""
-    best = math.log(0.5)
-    made = first(
-        0.5, 0.3, kidnapping_probability=1e-9,
-        evidence_residual=residual(best, SensorSettings()),
-    )  # fmt: skip
-    log_scan = weigh(made, reports_of(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
-    scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
-    here, there = 0.8 * scan, 0.2 * 0.05
-    assert log_scan == pytest.approx(math.log(here + there), abs=1e-4)
-    assert made.elsewhere == pytest.approx(there / (here + there), abs=1e-4)
+FITS = {"c0": (1.0, 0.5, 0.0, -1.0), "c1": (0.5, 0.5, 1.0, 0.0)}
+NEW = np.array([0.5, 0.25, 0.0, 0.25])
+"""What is new of four beams."""
+
+
+def with_fits(
+    fits: dict[str, tuple[float, ...]], likelihood: float = 1.0
+) -> dict[str, TrackReport]:
+    return {
+        job: tracked(job, 1, likelihood, PLACES[i], fits=each)
+        for i, (job, each) in enumerate(fits.items())
+    }
+
+
+def test_a_place_gains_by_the_new_beams_that_fit_there() -> None:
+    """Not by those that have counted, and beams through walls are only misses."""
+    made = first(0.6, 0.4, piece_evidence=2.0)
+    weigh(made, with_fits(FITS), beams=NEW)
     one, other, _ = probabilities(made)
-    assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
+    gained = 2.0 * (0.5 * 1.0 + 0.25 * 0.5 - 0.5 * 0.5 - 0.25 * 0.5)
+    assert math.log(one / other) == pytest.approx(math.log(1.5) + gained, abs=0.01)
 
 
-NATS = st.floats(-30.0, 30.0)
-FITS = st.floats(-3.0, 1.0) | st.just(math.nan)
+@pytest.mark.parametrize("beams", [None, np.full(3, 0.5)])
+def test_a_scan_whose_beams_are_unknown_separates_no_places(
+    beams: NDArray[np.float64] | None,
+) -> None:
+    """The report of elsewhere was lost, or is of another scan."""
+    made = first(0.6, 0.4, piece_evidence=2.0, kidnapping_probability=1e-9)
+    weigh(made, with_fits(FITS), -1.0, beams=beams)
+    assert probabilities(made) == pytest.approx([0.6, 0.4, 0.0], abs=1e-6)
 
 
-@hypothesis.given(
-    st.floats(0.2, 0.8), NATS, NATS, NATS, st.floats(0.0, 0.009), FITS, FITS, FITS
-)  # fmt: skip
-def test_an_improbable_third_place_does_not_change_the_ratio_of_two_places(
-    share: float, a: float, b: float, c: float, third: float, fit_a: float, fit_b: float,
-    fit_c: float,
-) -> None:  # fmt: skip
+def test_a_place_with_other_beams_keeps_its_probability() -> None:
+    made = first(0.6, 0.4, piece_evidence=2.0, kidnapping_probability=1e-9)
+    weigh(made, with_fits({**FITS, "c1": (1.0,)}), beams=NEW)
+    assert probabilities(made) == pytest.approx([0.6, 0.4, 0.0], abs=1e-6)
+
+
+def test_an_improbable_place_does_not_change_the_ratio_of_two_places() -> None:
     """However well the third one fits."""
-    rules = {"evidence_noise": 0.3, "evidence_residual": 0.25}
-    likelihoods = [math.exp(nat) for nat in (a, b, c)]
-    reports = reports_of(*likelihoods)
-    for (job, report), fit in zip(reports.items(), (fit_a, fit_b, fit_c), strict=True):
-        reports[job] = replace(report, log_likelihood_per_beam=fit)
-    two = first(share, 1.0 - share, **rules)
-    three = first(share * (1.0 - third), (1.0 - share) * (1.0 - third), third, **rules)
-    for made in (two, three):
-        weigh(made, reports, new_view=0.4)
-    with_third, alone = ([c.log_probability for c in made.all()] for made in (three, two))
-    assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
+    fits = {**FITS, "c2": (1.0,) * 4}
+    ratios = []
+    for shares in ((0.6, 0.4), (0.594, 0.396, 0.01)):
+        made = first(*shares, piece_evidence=2.0)
+        weigh(made, with_fits(fits), beams=NEW)
+        ratios.append(made.all()[0].log_probability - made.all()[1].log_probability)
+    assert ratios[0] == pytest.approx(ratios[1], abs=1e-9)
 
 
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
@@ -167,52 +174,27 @@ def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     )
 
 
-@pytest.mark.parametrize(("usual", "is_alarmed"), [((60, 0, 0, 0), True), ((30, 0, 0, 30), False)])
+@pytest.mark.parametrize(("usual", "is_alarmed"), [(0, True), (30, False)])
 def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
-    usual: tuple[int, int, int, int], *, is_alarmed: bool
+    usual: int, *, is_alarmed: bool
 ) -> None:
     """A kidnapped robot and one in a crowd see the same: short beams, and a few through walls."""
-    made = first(1.0, kidnapping_probability=0.001, off_map_probability=0.05)
-    for beams, likelihood, elsewhere in ((usual, 1.0, -17.0),) * 40 + (
-        ((3, 0, 4, 53), math.exp(-26.0), -17.0),
-    ) * 2:
-        report = replace(reports_of(likelihood)["c0"], beam_classes=beams)
-        weigh(made, {"c0": report}, elsewhere, new_view=0.25, news=0.9)
+    made = first(1.0, kidnapping_probability=0.001, off_map_probability=0.05, piece_evidence=0.7)
+    at_people = [0.0] * usual + [1.0] * (60 - usual)
+    lifted = [1.0] * 6 + [-1.0] * 4 + [0.0] * 50
+    for fits, likelihood in [(at_people, 1.0)] * 40 + [(lifted, math.exp(-26.0))] * 2:
+        report = tracked("c0", 1, likelihood, NORTH, fits=fits)
+        weigh(made, {"c0": report}, -17.0, beams=np.zeros(60), new_view=0.25, news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
 
 
 def test_beams_through_obstacles_make_a_scan_fit_worse() -> None:
-    fits = []
-    for beams in ((60, 0, 0, 0), (50, 0, 10, 0)):
+    usual = []
+    for fits in ([1.0] * 60, [1.0] * 50 + [-1.0] * 10):
         made = first(1.0, off_map_probability=0.05)
-        weigh(made, {"c0": replace(reports_of(1.0)["c0"], beam_classes=beams)}, -17.0)
-        fits.append(made.fit.mean)
-    assert fits == [0.0, pytest.approx(-5.48, abs=0.01)]
-
-
-def test_half_of_the_evidence_between_places_counts_in_a_crude_map() -> None:
-    clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
-    clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)
-    for made in (clear, crude):
-        weigh(made, reports_of(math.exp(2.0), 1.0))
-    odds = [math.log(a.probability / b.probability) for a, b in (clear.all(), crude.all())]
-    assert odds == pytest.approx([2.0, 1.0], abs=0.001)
-
-
-def test_places_can_be_distinguished_among_people_by_the_other_beams() -> None:
-    """Three of ten beams end at people, at the true place as at another."""
-    made = first(
-        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_residual=0.25
-    )
-    hit = through_beam_loss(SensorSettings())
-    fits = (0.69 - 0.3 * hit, 0.2 - 0.3 * hit)
-    for _ in range(20):
-        reports = reports_of(math.exp(1.0), 1.0)
-        for (job, report), fit in zip(reports.items(), fits, strict=True):
-            beams = (42, 0, 0, 18) if job == "c0" else (24, 8, 10, 18)
-            reports[job] = replace(report, beam_classes=beams, log_likelihood_per_beam=fit)
-        weigh(made, reports, -17.0, new_view=0.5)
-    assert made.all()[0].probability > 0.95
+        weigh(made, {"c0": tracked("c0", 1, 1.0, NORTH, fits=fits)}, -17.0)
+        usual.append(made.fit.mean)
+    assert usual == [0.0, pytest.approx(-5.48, abs=0.01)]
 
 
 def test_candidates_take_the_evidence_they_explain_from_elsewhere() -> None:
@@ -296,9 +278,6 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         0.3,
         kidnapping_probability=hazard,
         least_probability=0.05,
-        transition_probability=0.01,
-        evidence_residual=0.3,
-        evidence_noise=0.2,
     )
     for step, (deed, values, value) in enumerate(deeds):
         clusters = made.by_probability()

@@ -1,7 +1,7 @@
 import math
 
+import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from clustermcl.belief.bayes_update import weigh
 from clustermcl.belief.cluster_set import Candidate, Cluster, ClusterSet, Given
@@ -43,9 +43,7 @@ def test_a_decoy_is_searched_for_and_tracked_with_mirrored_scans(decoy: Decoy) -
     begin, _ = decoy.follow(3, [], is_open=True)
     (search,) = begin.values()
     assert (search.mirrored, search.first_step) == (True, 4)
-    assert decoy.is_awaited
     found(decoy, 4)
-    assert not decoy.is_awaited
     assert decoy.track_ids == ("d0", "d1", "d2")
     assert DECOYS == 3
 
@@ -91,35 +89,46 @@ def clusters(off_map: float) -> ClusterSet:
     return made
 
 
-def weighed(off_map: float, fit: float, decoy_fit: float, *, decoy_is_right: bool) -> float:
-    """P(off the map) after some views of a place whose beams are all classed as at a right one."""
+BEAMS = np.full(40, 0.1)
+"""What is new of each beam in a view."""
+
+
+def weighed(off_map: float, share: float, of_decoy: float | None) -> float:
+    """P(off the map) after some views of which a place and a decoy explain these shares."""
     made = clusters(off_map)
-    right, wrong = (50, 0, 1, 9), (10, 8, 32, 10)
     for step in range(8):
-        here = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fit=fit), beam_classes=right)
-        image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fit=decoy_fit)
-        image = replace(image, beam_classes=right if decoy_is_right else wrong)
-        weigh(made, {"c0": here}, new_view=0.3, decoy=image)
+        here = {"c0": tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fits=explaining(share))}
+        image = None
+        if of_decoy is not None:
+            image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fits=explaining(of_decoy))
+        weigh(made, here, beams=BEAMS, decoy=image)
         assert made.outside_clusters + sum(c.probability for c in made.all()) == pytest.approx(1.0)
     return made.off_map
 
 
+def explaining(share: float) -> list[float]:
+    """Fits of beams of which a share ends on walls, and the others beyond."""
+    on_walls = round(share * len(BEAMS))
+    return [1.0] * on_walls + [-1.0] * (len(BEAMS) - on_walls)
+
+
 def test_a_place_that_a_decoy_equals_is_not_confirmed_by_its_beams() -> None:
-    assert weighed(0.3, 0.6, 0.6, decoy_is_right=False) < 0.05
-    assert 0.1 < weighed(0.3, 0.6, 0.6, decoy_is_right=True) < 0.5
+    assert weighed(0.3, 0.8, 0.5) < 0.02
+    assert weighed(0.3, 0.8, 0.8) == pytest.approx(0.3, abs=0.02)
 
 
 def test_a_decoy_that_fits_better_loses_the_robot() -> None:
-    assert weighed(0.3, -0.1, 0.6, decoy_is_right=True) > 0.9
-    assert weighed(0.3, 0.6, -0.1, decoy_is_right=True) < 0.1
+    assert weighed(0.1, 0.6, 0.9) > 0.9
 
 
-def test_beam_classes_do_not_count_before_the_decoy_is_found() -> None:
-    made = clusters(0.3)
-    for beams in ((58, 0, 1, 1), (10, 8, 32, 10)):
-        report = replace(tracked("c0", 1, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
-        weigh(made, {"c0": report}, new_view=0.3, news=0.0, awaits_decoy=True)
-        assert made.off_map == pytest.approx(0.3)
+def test_a_place_that_explains_next_to_nothing_is_none() -> None:
+    assert weighed(0.1, 0.05, None) > 0.5
+    assert weighed(0.1, 0.05, 0.0) > 0.5
+
+
+def test_a_place_is_confirmed_without_a_decoy_only_if_the_robot_is_surely_on_the_map() -> None:
+    assert weighed(0.3, 0.9, None) == pytest.approx(0.3, abs=0.02)
+    assert weighed(0.015, 0.9, None) < 0.001
 
 
 def candidates(weight: float) -> list[Candidate]:
@@ -154,7 +163,7 @@ def test_walls_that_have_moved_do_not_lead_a_robot_off_the_map_whose_given_place
     made = clusters(0.001)
     made.given, made.on_map = (Given(), True) if is_given else (None, False)
     for step in range(40):
-        beams = (58, 0, 1, 1) if step < 5 else (5, 15, 35, 5)
-        report = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
-        weigh(made, {"c0": report}, new_view=1.0, news=0.0)
+        fits = explaining(0.9 if step < 5 else 0.05)
+        report = tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fits=fits)
+        weigh(made, {"c0": report}, beams=BEAMS, new_view=1.0, news=0.0)
     assert made.outside_clusters < 0.01 if is_given else made.outside_clusters > 0.99

@@ -217,14 +217,19 @@ def test_beams_through_walls_make_a_given_pose_doubtful_until_a_search_has_ended
     better: bool,
 ) -> None:
     """The state stays `localized` until then: a changed building looks the same."""
-    made = bootstrapped({NORTH: 1.0}, off_map_probability=0.05, least_probability=1e-4)
+    made = bootstrapped(
+        {NORTH: 1.0}, off_map_probability=0.05, least_probability=1e-4, piece_evidence=0.7
+    )
     made.set_pose(place(0.95, EAST, 0))
-    through = replace(tracked("c1", 1, 1.0, EAST), beam_classes=(5, 15, 35, 5))
+    ends = [(1.0 + i, 9.0) for i in range(20)]
+    through = tracked("c1", 1, 1.0, EAST, fits=[-1.0] * len(ends))
     step = 0
     while made.clusters.given is not None:
         step += 1
         assert step < 20
-        outcome = made.advance(step, [replace(through, step=step), elsewhere(step, -2.0)])
+        outcome = made.advance(
+            step, [replace(through, step=step), elsewhere(step, -2.0, ends=ends)]
+        )
     assert outcome.elsewhere_probability == pytest.approx(0.1)
     assert outcome.searching
     found = searched("s1.0", step + 1, {SOUTH: 1.0}, log_evidence=5.0 if better else -5.0)

@@ -6,17 +6,15 @@ from msgspec.structs import replace
 
 from clustermcl.belief.ensemble import Ensemble
 from clustermcl.belief.search_pool import KEPT_STEPS, SearchPool
-from clustermcl.filter.cluster.view_memory import ViewMemory
-from clustermcl.filter.laser.evidence_model import residual
-from clustermcl.filter.settings import SearchSettings, SensorSettings
+from clustermcl.filter.laser.pieces import Pieces
+from clustermcl.filter.settings import SearchSettings
 from tests.unit.coordinator.belief.test_ensemble import (
-    EAST,
     NORTH,
     SOUTH,
     bootstrapped,
     probabilities,
 )
-from tests.unit.coordinator.reports import found_places, resumed, searched, tracked
+from tests.unit.coordinator.reports import elsewhere, found_places, resumed, searched, tracked
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -28,20 +26,6 @@ def test_the_number_of_particles_is_no_evidence() -> None:
     )
     outcome = made.advance(1, [tracked("c0", 1, 0.1, NORTH), many])
     assert probabilities(outcome) == pytest.approx({0: 0.5, 1: 0.5})
-
-
-def test_the_settings_of_the_belief_reach_its_update() -> None:
-    reports = [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 0.1, SOUTH)]
-    first = {NORTH: 0.6, SOUTH: 0.4}
-    leaking = bootstrapped(first, transition_probability=0.2).advance(1, reports)
-    assert probabilities(leaking)[0] == pytest.approx(0.8 * 1.8 / 2.2 + 0.1)
-    same = {NORTH: 0.5, SOUTH: 0.5}
-    bad = residual(-1.0, SensorSettings())
-    half = bootstrapped(same, evidence_residual=bad).advance(1, reports)
-    assert probabilities(half)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
-    moved = np.array([math.log(2.0), 0.0, 0.0])
-    again = bootstrapped(same, view_distance_m=1.0).advance(1, reports, moved)
-    assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5), rel=0.01)
 
 
 def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
@@ -135,66 +119,42 @@ def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
 
 
 TURN = np.array([0.0, 0.0, 2.0 * math.pi / 31.0])
+AROUND = np.linspace(0.0, 2.0 * math.pi, 31, endpoint=False)
 
 
 def turned(made: Ensemble, first_step: int, turns: int) -> dict[int, float]:
     """After a robot at one of two places has turned on the spot: each scan favours c1."""
     for step in range(first_step, first_step + 31 * turns):
-        reports = [tracked("c0", step, 0.25, NORTH), tracked("c1", step, 0.5, SOUTH)]
+        heading = AROUND[step % 31] + np.array([-0.2, 0.0, 0.2])
+        ends = np.column_stack((3.0 * np.cos(heading), 3.0 * np.sin(heading))).tolist()
+        reports = [
+            tracked("c0", step, 1.0, NORTH, fits=[0.8] * 3),
+            tracked("c1", step, 1.0, SOUTH, fits=[1.0] * 3),
+            elsewhere(step, -40.0, ends=ends),
+        ]
         outcome = made.advance(step, reports, TURN)
     return probabilities(outcome)
 
 
 def two_places() -> Ensemble:
-    return bootstrapped({NORTH: 0.5, SOUTH: 0.5}, view_distance_m=0.8, search_every_steps=10_000)
+    return bootstrapped(
+        {NORTH: 0.5, SOUTH: 0.5}, piece_evidence=0.7, kidnapping_probability=1e-9,
+        search_every_steps=10_000,
+    )  # fmt: skip
 
 
-def test_a_view_counts_once_however_often_the_robot_turns() -> None:
+def test_a_piece_of_wall_counts_once_however_often_the_robot_turns() -> None:
     made = two_places()
     once = turned(made, 1, 1)
     assert 0.03 < once[0] < 0.3
-    assert turned(made, 32, 14)[0] == pytest.approx(once[0], rel=0.2)
+    odds = turned(made, 32, 14)[0]
+    assert math.log(odds) > 2.0 * math.log(once[0])
 
 
-def test_seen_views_are_transferred_with_the_belief() -> None:
+def test_seen_pieces_are_transferred_with_the_belief() -> None:
     made = two_places()
     turned(made, 1, 1)
     other = resumed(made)
     assert turned(other, 32, 1) == turned(made, 32, 1)
-    other.seen = ViewMemory()
+    other.pieces = Pieces()
     assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
-
-
-def with_a_third_place(seen_steps: int) -> tuple[Ensemble, int]:
-    """Two places and one that a search has found after these steps on the spot; and the step."""
-    made = bootstrapped(
-        {NORTH: 0.5, SOUTH: 0.5}, view_distance_m=0.8, search_every_steps=seen_steps,
-        candidate_probability=0.5,
-    )  # fmt: skip
-    turned(made, 1, seen_steps // 31)
-    step = seen_steps + 1
-    found = [searched(f"s1.{shard}", step, {EAST: 1.0}) for shard in range(2)]
-    assert len(made.advance(step, found, TURN).hypotheses) == 3
-    return made, step
-
-
-def test_a_new_place_has_no_seen_views() -> None:
-    """Further scans separate it from others, even after the robot has turned there."""
-    made, step = with_a_third_place(31)
-    reported = []
-    for later in (step + 1, step + 2):
-        reports = [tracked("c1", later, 0.25, SOUTH), tracked("c2", later, 0.5, EAST)]
-        reported.append(probabilities(made.advance(later, reports, TURN))[2])
-    assert reported[1] > reported[0] > 1 / 3
-
-
-def test_the_scan_by_which_a_place_was_found_is_not_used_twice() -> None:
-    """Where candidates came step after step, each scan counted in full."""
-    made, step = with_a_third_place(31)
-    before = made.clusters
-    north, south = (before.clusters[number].log_probability for number in (0, 1))
-    reports = [tracked("c0", step + 1, 0.25, NORTH), tracked("c1", step + 1, 0.5, SOUTH)]
-    after = probabilities(made.advance(step + 1, reports, TURN))
-    gained = math.log(after[1] / after[0]) - (south - north)
-    view = 1.0 - math.exp(-TURN[2] / two_places().settings.belief.view_turn_rad)
-    assert gained == pytest.approx(view * math.log(2.0), rel=0.02)

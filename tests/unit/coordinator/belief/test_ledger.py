@@ -97,7 +97,7 @@ def test_facts_belong_to_their_clusters(run: list[Outcome]) -> None:
         fits = outcome.why.facts["fit"]
         assert len(fits) == len(outcome.hypotheses)
         assert max(fits) >= 0.0
-    assert set(outcome.why.facts) == {"fit", "counted", "new view"}
+    assert set(outcome.why.facts) == {"fit", "counted", "new pieces"}
 
 
 def test_an_unknown_cause_is_no_cause() -> None:

@@ -1,0 +1,83 @@
+"""How well each beam of a scan fits the map at one pose: a byte for each beam."""
+
+from math import cos, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from clustermcl.filter.arrays import Points, Pose
+from clustermcl.filter.kernels.compiled import ToCells, kernel, plain, read_only
+from clustermcl.filter.laser.pyramid import Level
+from clustermcl.filter.laser.ray_casting import JumpField, cast_ray, flat
+from clustermcl.filter.laser.sensor_model import Beams, SensorModel
+
+THROUGH_M = 0.45
+"""A beam went through a wall if it ends this far behind the first obstacle on its way [m]."""
+
+
+def beam_fits(map_from_robot: Pose, beams: Beams, model: SensorModel, *, mirrored: bool) -> bytes:
+    """Return the fit of each beam that returned, at a (3,) pose.
+
+    Seven bits of a byte are the beam's log-likelihood in the field, from that of an end far from
+    all obstacles (0) to that of one on an obstacle (127); the lowest is 1 for a beam through a
+    wall. The beams of mirrored scans are in the order of those that they mirror.
+    """
+    grid, level = model.grid, model.pyramid.levels[-1]
+    parts = []
+    for laser in beams.lasers:
+        fits = np.zeros(np.count_nonzero(laser.ranges < laser.max_range_m), np.uint8)
+        _fit(
+            plain(map_from_robot),
+            plain(laser.robot_from_laser),
+            plain(laser.own_hits_in_robot[laser.ranges < laser.max_range_m]),
+            read_only(level),
+            read_only(model.jumps),
+            grid.in_cells,
+            THROUGH_M / grid.cell_m,
+            fits,
+        )
+        parts.append(fits[::-1] if mirrored else fits)
+    return np.concatenate(parts).tobytes()
+
+
+def fit_and_through(fits: bytes) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return (B,) fits of beams, from 0 to 1, and whether each went through a wall."""
+    codes = np.frombuffer(fits, np.uint8)
+    return (codes >> 1) / 127.0, (codes & 1).astype(bool)
+
+
+@kernel
+def _fit(
+    pose: Pose,
+    laser: Pose,
+    hits: Points,
+    level: Level,
+    jumps: JumpField,
+    in_cells: ToCells,
+    behind: float,
+    fits: NDArray[np.uint8],
+) -> None:
+    (c, s, x0, y0), ahead = in_cells, flat(jumps)
+    rows, cols = jumps.shape[1], jumps.shape[2]
+    side = level.shape[0]
+    ch, sh = cos(pose[2]), sin(pose[2])
+    laser_x = pose[0] + ch * laser[0] - sh * laser[1]
+    laser_y = pose[1] + sh * laser[0] + ch * laser[1]
+    from_col, from_row = c * laser_x - s * laser_y + x0, s * laser_x + c * laser_y + y0
+    for j in range(len(hits)):
+        hit_x = pose[0] + ch * hits[j, 0] - sh * hits[j, 1]
+        hit_y = pose[1] + sh * hits[j, 0] + ch * hits[j, 1]
+        to_col, to_row = c * hit_x - s * hit_y + x0, s * hit_x + c * hit_y + y0
+        code = 0
+        if 0.0 <= to_col < cols and 0.0 <= to_row < rows:
+            # The finest level has the field at the centres of leaves: see `Pyramid`.
+            row, col = int(to_row) - side // 2 + side, int(to_col) - side // 2 + side
+            code = int(level[row % side, col % side, row // side, col // side])
+        dx, dy = to_col - from_col, to_row - from_row
+        length = sqrt(dx * dx + dy * dy)
+        through = 0
+        if length > behind and cast_ray(ahead, from_col, from_row, dx, dy, 1.0) < (
+            1.0 - behind / length
+        ):
+            through = 1
+        fits[j] = (code & 0xFE) | through

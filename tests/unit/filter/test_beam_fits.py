@@ -1,0 +1,90 @@
+import math
+
+import numpy as np
+import pytest
+
+from clustermcl.filter.arrays import OCCUPIED, Cells
+from clustermcl.filter.grid import Grid
+from clustermcl.filter.laser.beam_fits import beam_fits, fit_and_through
+from clustermcl.filter.laser.likelihood_field import LikelihoodField
+from clustermcl.filter.laser.sensor_model import Beams
+from clustermcl.filter.laser.sensor_models import computed_model
+from clustermcl.filter.settings import SensorSettings
+
+CELL_M = 0.05
+MIDDLE = np.array([5.0, 5.0, 0.0])
+"""Of a room of 10 m; the wall ahead begins 4.95 m away."""
+AHEAD_M = 4.975
+
+
+def room() -> Cells:
+    cells = np.zeros((200, 200), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return cells
+
+
+def grid(cells: Cells) -> Grid:
+    return Grid(cells, CELL_M, np.zeros(3))
+
+
+def seen(cells: Cells, *ranges: float) -> tuple[list[float], list[bool]]:
+    beams = Beams(np.array(ranges), np.zeros(len(ranges)), np.zeros(3), 30.0)
+    model = computed_model(grid(cells), SensorSettings())
+    fits, through = fit_and_through(beam_fits(MIDDLE, beams, model, mirrored=False))
+    return fits.tolist(), through.tolist()
+
+
+@pytest.mark.parametrize(
+    ("range_m", "fits", "through"),
+    [
+        (AHEAD_M, (1.0, 1.0), False),
+        (AHEAD_M - 0.1, (0.94, 0.98), False),
+        (AHEAD_M - 0.3, (0.5, 0.7), False),
+        (AHEAD_M - 1.0, (0.0, 0.0), False),
+        (AHEAD_M + 0.2, (0.0, 0.0), False),
+        (AHEAD_M + 1.0, (0.0, 0.0), True),
+    ],
+)
+def test_a_beam_fits_by_the_distance_of_its_end_from_an_obstacle(
+    range_m: float, fits: tuple[float, float], through: bool
+) -> None:
+    """Beyond the wall is the end of the map."""
+    found, passed = seen(room(), range_m)
+    assert fits[0] <= found[0] <= fits[1]
+    assert passed == [through]
+
+
+def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -> None:
+    cells = room()
+    cells[:, 150] = OCCUPIED
+    assert seen(cells, AHEAD_M, 2.525) == ([1.0, 1.0], [True, False])
+
+
+@pytest.mark.parametrize("cell_m", [0.05, 0.1, 0.25])
+def test_the_fit_is_the_log_likelihood_in_the_field(cell_m: float) -> None:
+    cells, rng = np.zeros((60, 80), np.int8), np.random.default_rng(1)
+    cells[tuple(rng.integers(0, (60, 80), (40, 2)).T)] = OCCUPIED
+    ground = Grid(cells, cell_m, np.array([2.0, -1.0, 0.0]))
+    model = computed_model(ground, SensorSettings())
+    field = LikelihoodField.build(ground, SensorSettings())
+    pose = np.array([2.0 + 40 * cell_m, -1.0 + 30 * cell_m, 0.0])
+    angles, ranges = rng.uniform(-np.pi, np.pi, 500), rng.uniform(0.1, 40 * cell_m, 500)
+    fits, _ = fit_and_through(
+        beam_fits(pose, Beams(ranges, angles, np.zeros(3), 30.0), model, mirrored=False)
+    )
+    col, row = 40 + ranges * np.cos(angles) / cell_m, 30 + ranges * np.sin(angles) / cell_m
+    inside = (row >= 0) & (row < 60) & (col >= 0) & (col < 80)
+    codes = field.codes[row[inside].astype(int) + 1, col[inside].astype(int) + 1]
+    np.testing.assert_allclose(fits[inside], codes / 65_535, atol=0.01)
+    assert not fits[~inside].any()
+
+
+def test_beams_without_return_have_no_fit_and_all_lasers_count() -> None:
+    back = Beams(np.array([4.6, 1.0]), np.zeros(2), np.array([-0.4, 0.0, math.pi]), 30.0)
+    both = Beams(np.array([AHEAD_M, 30.0]), np.zeros(2), np.zeros(3), 30.0, others=(back,))
+    model = computed_model(grid(room()), SensorSettings())
+    fits = beam_fits(MIDDLE, both, model, mirrored=False)
+    found, _ = fit_and_through(fits)
+    assert found.tolist() == [1.0, 1.0, 0.0]
+    mirrored = beam_fits(MIDDLE, both, model, mirrored=True)
+    assert (mirrored[0], mirrored[1], mirrored[2]) == (fits[0], fits[2], fits[1])
