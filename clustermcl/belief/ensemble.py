@@ -164,6 +164,8 @@ class Ensemble(Part, kw_only=True):
         if before_from_after is not None and observed is None and not is_given:
             news = new_share(before_from_after, self.settings.cluster)
         in_cabin = scan is not None and is_in_cabin(scan, self.clusters)
+        if in_cabin:
+            self.seen = ViewMemory()  # behind its doors, no floor was seen yet
         ledger = Ledger(self.clusters)
         log_likelihood = weigh(
             self.clusters,

@@ -34,6 +34,7 @@ from clustermcl.coordinator.instructions import (
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
 from clustermcl.protocol.codec import decode, encode
+from clustermcl.protocol.floors import Floor, Floors
 from clustermcl.protocol.job_events import Began, Ended, JobEvents, Remark
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import OdometryReading
@@ -312,6 +313,27 @@ def test_places_are_kept_in_a_new_map_if_so_configured_and_moved_by_odometry() -
     assert story.probabilities == pytest.approx([0.5, 0.5])
     causes = [e.event.cause for e in story.coordinator.events().events]
     assert (causes.count("new map"), causes.count("prior pose")) == (2, 2)
+
+
+@pytest.mark.parametrize(("renamed", "kept"), [("down", True), ("cellar", False)])
+def test_places_keep_their_floor_in_a_new_map(renamed: str, kept: bool) -> None:
+    """The floors lie elsewhere in the new atlas; if they have other names, it is searched again."""
+    up, down = (
+        Floor("up", (0, 0), (-50, 0), (50, 50)),
+        Floor("down", (0, -40), (-50, -50), (50, -1)),
+    )
+    moved = Floor(renamed, (300, -40), (250, -50), (350, -1))
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    story.scan(5, floors=Floors((up, down)))
+    for job_id, place in (("c0", NORTH), ("c1", SOUTH)):
+        story.report(tracked(job_id, 5, 0.1, place), at_s=5.1)
+    for step in (6, 7, 8):
+        story.scan(step, digest="new map", floors=Floors((up, moved)))
+    assert story.status(8.0).clusters == (2 if kept else 0)
+    if kept:
+        found = story.coordinator.hypotheses(8 * SECOND).hypotheses
+        at = {place.floor: place.pose for place in found}
+        assert at == {"up": pytest.approx(NORTH), "down": pytest.approx((SOUTH[0], 35.0, SOUTH[2]))}
 
 
 def test_a_step_that_no_worker_weighed_makes_the_pose_dead_reckoning() -> None:
