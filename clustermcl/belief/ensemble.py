@@ -21,6 +21,11 @@ from clustermcl.belief.ledger import Ledger
 from clustermcl.belief.links import is_in_cabin, ride
 from clustermcl.belief.outcome import Outcome, hypothesis_of
 from clustermcl.belief.part import Count, Part
+from clustermcl.belief.particle_shares import (
+    SHARE_AFTER_STEPS,
+    particles_of,
+    review_particles,
+)
 from clustermcl.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
 from clustermcl.belief.search_pool import Pool, pool_of
 from clustermcl.filter.arrays import Pose
@@ -45,14 +50,6 @@ from clustermcl.protocol.work import (
     TrackReport,
 )
 
-SHARE_EVERY_STEPS = 20
-"""Steps from one review of the clusters' numbers of particles to the next."""
-SHARE_AFTER_STEPS = 10
-"""Steps from a review until its numbers hold. No step is created while four are undecided, so all
-workers receive the order before, and resample at the same step. Snapshots, at least as frequent,
-let a job that moves to another worker start after the review before."""
-NEARLY = 0.8
-"""A cluster keeps its number of particles while its share is at least this much of it."""
 ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
 LIFTED = 16.0
@@ -200,8 +197,7 @@ class Ensemble(Part, kw_only=True):
         self._split(tracks.values(), step)
         self.events += self.clusters.drop_improbable()
         ledger.note("places merged, split or dropped")
-        if step % SHARE_EVERY_STEPS == 0:
-            self._share_particles(step)
+        review_particles(self.clusters, self.settings, step)
         if self.search.runs:
             self._follow_search(step, reports)
             ledger.note("found by the search")
@@ -449,40 +445,12 @@ class Ensemble(Part, kw_only=True):
     ) -> None:
         """Begin the jobs of new clusters, each with the sample of its place."""
         for place, cluster in zip(places, clusters, strict=True):
-            particles = self._particles(cluster)
+            particles = particles_of(cluster, self.clusters, self.settings)
             self.clusters.set_particles(cluster.cluster, particles)
             self.begin[cluster.job_id] = TrackJob(
                 cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
             )
         self.events += events
-
-    # --- the number of particles
-
-    def _particles(self, cluster: Cluster) -> int:
-        """Return the number of particles of a cluster: the maximum, a half of it, a quarter ...
-
-        The number follows from its probability among the clusters. It stays if it is nearly right,
-        because each change is an order to a worker.
-        """
-        shared, rules = self.settings.belief.particles, self.settings.cluster
-        if shared == 0:
-            return rules.particles
-        log_all = np.logaddexp.reduce([one.log_probability for one in self.clusters.all()])
-        share = shared * math.exp(cluster.log_probability - log_all)
-        wanted = min(max(share, rules.min_particles), rules.particles)
-        present = cluster.particles or 0
-        if NEARLY * present <= wanted < 2 * present:
-            return present
-        return max(
-            round(rules.particles * 0.5 ** math.ceil(math.log2(rules.particles / wanted))), 1
-        )
-
-    def _share_particles(self, step: int) -> None:
-        """Change the number of particles of clusters whose probability has changed."""
-        for cluster in self.clusters.all():
-            particles = self._particles(cluster)
-            if particles != cluster.particles:
-                self.clusters.set_particles(cluster.cluster, particles, step + SHARE_AFTER_STEPS)
 
     # --- outcome
 
