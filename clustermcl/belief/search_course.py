@@ -188,7 +188,7 @@ class SearchCourse(Part):
 
 
 class Decoy(Part):
-    """Searches for a mirrored robot and tracks it (docs/unknown.md).
+    """Searches for a mirrored robot and tracks it (docs/belief.md).
 
     A mirrored robot is not on the map, so its fit is the fit of a wrong place. The ensemble needs
     it only while it is uncertain whether the robot is on the map.

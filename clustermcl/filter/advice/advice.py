@@ -341,7 +341,7 @@ def _spots(
 
 
 def _new_view(gate: float, distance: float) -> float:
-    """Return the share of a new view that each metre or radian shows (docs/evidence.md)."""
+    """Return the share of a new view that each metre or radian shows (docs/belief.md)."""
     if distance <= 0.0 or gate <= 0.0:
         return 1.0 / max(gate, 0.05)
     return -math.expm1(-gate / distance) / gate

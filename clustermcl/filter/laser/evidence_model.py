@@ -1,4 +1,4 @@
-"""How much a scan counts: its exponent, its part in a search, and the usual fit (docs/evidence.md).
+"""How much a scan counts: its exponent, its part in a search, and the usual fit (docs/belief.md).
 
 Beams of a scan are not independent, and errors of the map stay the same for about a metre of
 driving. Where no pose explains the scan, because of people or moved furniture, all fit badly.

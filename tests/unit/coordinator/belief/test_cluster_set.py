@@ -44,7 +44,7 @@ def probabilities(made: ClusterSet) -> list[float]:
 
 
 def test_with_the_settings_that_the_page_names_the_update_is_the_papers() -> None:
-    page = Path("docs/evidence.md").read_text()
+    page = Path("docs/belief.md").read_text()
     named = re.search(r"With (`piece_evidence[^()]*) \(all of `belief`\) the update is", page)
     assert named
     settings = Settings()
