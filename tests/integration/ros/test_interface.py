@@ -69,6 +69,7 @@ def endpoints(robot: Robot, *, reads: bool) -> dict[str, tuple[str, str]]:
     found = {}
     for topic, [ros_type] in named:
         qualities = [one.qos_profile for one in about(topic) if one.node_name == "amcl"]
+        assert len(qualities) == 1, topic
         found[topic] = (ros_type, quality(qualities[0]))
     return found
 
