@@ -203,9 +203,13 @@ class ChangeCollector:
 
     def _update(self, seen: NDArray[np.int32], place: Pose, stamp_s: float) -> None:
         """Weigh what one laser has seen of cells, each at most once."""
+        if len(self.records) + len(seen) > MOST_RECORDS:
+            self.records = self.records[self.records["changes"] > 0]
+            self._watch()
         seen = seen[np.argsort(seen[:, 0])]
+        is_new = (self._codes.reshape(-1)[seen[:, 0]] & WATCHED) == 0
+        seen = seen[~is_new | (np.cumsum(is_new) + len(self.records) <= MOST_RECORDS)]
         records = self._with(seen[:, 0], stamp_s)
-        seen = seen[np.isin(seen[:, 0], records["cell"])]  # all, unless there are too many
         at = np.searchsorted(records["cell"], seen[:, 0])
         of = records[at]
         against = of["occupied"] != seen[:, 1]
@@ -234,22 +238,25 @@ class ChangeCollector:
         of[turned] = one
         records[at] = of
         idle = at[(of["evidence"] <= 0.0) & (of["changes"] == 0)]
-        self._codes.reshape(-1)[records["cell"][idle]] &= np.uint16(~WATCHED & 0xFFFF)
-        self.records = np.delete(records, idle)
+        if len(idle):
+            self._codes.reshape(-1)[records["cell"][idle]] &= np.uint16(~WATCHED & 0xFFFF)
+            records = np.delete(records, idle)
+        self.records = records
 
     def _with(self, cells: NDArray[np.int32], stamp_s: float) -> NDArray[np.void]:
-        """Return a copy of the records, with these cells as far as there is room."""
+        """Return a copy of the records, with these cells."""
         records, codes = self.records, self._codes.reshape(-1)
-        if len(records) + len(cells) > MOST_RECORDS:
-            self.records = records = records[records["changes"] > 0]
-            self._watch()
-        new = np.setdiff1d(cells, records["cell"], assume_unique=True)
-        new = new[: max(MOST_RECORDS - len(records), 0)]
-        made = np.zeros(len(new), RECORD)
-        made["cell"], made["first_s"], made["last_s"] = new, stamp_s, stamp_s
-        made["occupied"] = codes[new] & WALL > 0
+        new = cells[(codes[cells] & WATCHED) == 0]
+        made = np.zeros(len(records) + len(new), RECORD)
+        is_made = np.zeros(len(made), bool)
+        is_made[np.searchsorted(records["cell"], new) + np.arange(len(new))] = True
+        made[~is_made] = records
+        first = made[is_made]
+        first["cell"], first["first_s"], first["last_s"] = new, stamp_s, stamp_s
+        first["occupied"] = codes[new] & WALL > 0
+        made[is_made] = first
         codes[new] |= np.uint16(WATCHED)
-        return np.insert(records, np.searchsorted(records["cell"], new), made)
+        return made
 
     def _watch(self) -> None:
         """Watch the cells of the records, and no others."""

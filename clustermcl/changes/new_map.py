@@ -8,6 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.filter.laser.seen_cells import widened
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.changes import NEW, Changes
 from clustermcl.protocol.errors import ClusterMclError
@@ -15,6 +16,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 
 _BEHIND = 2
 """Walls this near to one that is gone are unknown where no beam was [cells]."""
+_AS_MAPPED = -2
 
 
 class OtherMapError(ClusterMclError):
@@ -32,10 +34,11 @@ def joined(of_robots: Sequence[Changes]) -> Changes:
         OtherMapError: the robots have different maps.
     """
     first = of_robots[0]
+    grid = first.map_digest, first.rows, first.cols
     last_s = np.full(first.rows * first.cols, -np.inf)
     last_of = np.zeros(last_s.shape, np.int64)
     for number, each in enumerate(of_robots):
-        if each.map_digest != first.map_digest:
+        if (each.map_digest, each.rows, each.cols) != grid:
             raise OtherMapError(expected=first.map_digest, found=each.map_digest)
         minute = each.seen_min().ravel()
         seen_s = np.where(minute > 0, 60.0 * (minute - 1), -np.inf)
@@ -67,24 +70,16 @@ def with_changes(grid_map: GridMap, changes: Changes) -> GridMap:
     Raises:
         OtherMapError: the changes are of another map.
     """
-    if changes.map_digest != grid_map.digest:
+    every = max(round(changes.cell_m / grid_map.cell_m), 1)
+    row, col = (np.arange(side) // every for side in grid_map.cells.shape)
+    of_map = grid_map.digest, row[-1] + 1, col[-1] + 1
+    if (changes.map_digest, changes.rows, changes.cols) != of_map:
         raise OtherMapError(expected=grid_map.digest, found=changes.map_digest)
-    every = round(changes.cell_m / grid_map.cell_m)
     cells, kinds = changes.cells.array()[:, 0], changes.cells.array()[:, 1]
-    marked = np.full((changes.rows, changes.cols), -1, np.int8)
-    marked.flat[cells] = kinds
-    now = np.full(marked.shape, OCCUPIED, np.int8)
-    now[(marked >= 0) & (marked != NEW)] = FREE
-    gone = np.pad((marked >= 0) & (marked != NEW), _BEHIND)
-    shifts = np.ndindex(2 * _BEHIND + 1, 2 * _BEHIND + 1)
-    rows, cols = marked.shape
-    beside = np.logical_or.reduce([gone[i : i + rows, j : j + cols] for i, j in shifts])
-    hidden = (marked < 0) & beside & (changes.seen_min() == 0)
-    now[hidden] = UNKNOWN
-    whole = np.ones((every, every), np.int8)
-    height, width = grid_map.cells.shape
-    fine = np.kron(now, whole)[:height, :width]
-    is_changed = np.kron(((marked >= 0) | hidden).astype(np.int8), whole)[:height, :width] > 0
-    is_changed &= (fine != UNKNOWN) | (grid_map.cells == OCCUPIED)
-    made = np.where(is_changed, fine, grid_map.cells)
-    return dataclasses.replace(grid_map, cells=made)
+    now = np.full((changes.rows, changes.cols), _AS_MAPPED, np.int8)
+    now.flat[cells] = np.where(kinds == NEW, OCCUPIED, FREE)
+    is_unseen = (now == _AS_MAPPED) & (changes.seen_min() == 0)
+    now[is_unseen & widened(now == FREE, _BEHIND)] = UNKNOWN
+    fine = now[np.ix_(row, col)]
+    is_kept = (fine == _AS_MAPPED) | ((fine == UNKNOWN) & (grid_map.cells != OCCUPIED))
+    return dataclasses.replace(grid_map, cells=np.where(is_kept, grid_map.cells, fine))

@@ -30,12 +30,16 @@ _BEFORE = 1.5
 
 def codes_of(cells: Cells) -> Codes:
     """Return the codes of a map's coarse cells."""
-    wall = cells == OCCUPIED
-    wide, (rows, cols) = np.pad(wall, WALL_MARGIN), cells.shape
-    shifts = np.ndindex(2 * WALL_MARGIN + 1, 2 * WALL_MARGIN + 1)
-    near = np.logical_or.reduce([wide[i : i + rows, j : j + cols] for i, j in shifts])
-    free = cells == FREE
-    return np.asarray(WALL * wall + GROUND * free + OPEN * (free & ~near), np.uint16)
+    wall, free = cells == OCCUPIED, cells == FREE
+    is_open = free & ~widened(wall, WALL_MARGIN)
+    return np.asarray(WALL * wall + GROUND * free + OPEN * is_open, np.uint16)
+
+
+def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Return the cells that are at most `by` rows and columns away from one of a mask."""
+    wide, (rows, cols) = np.pad(mask, by), mask.shape
+    shifts = np.ndindex(2 * by + 1, 2 * by + 1)
+    return np.asarray(np.any([wide[i : i + rows, j : j + cols] for i, j in shifts], axis=0))
 
 
 @kernel

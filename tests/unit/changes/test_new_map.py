@@ -55,6 +55,9 @@ def test_what_no_beam_has_reached_behind_a_wall_that_is_gone_is_unknown(changes:
 def test_changes_of_another_map_are_refused(changes: Changes) -> None:
     with pytest.raises(OtherMapError, match="do not belong to map"):
         with_changes(TRUE, changes)
+    for forged in ({"cell_m": 1e-9}, {"cell_m": 0.2}, {"rows": changes.rows + 1}):
+        with pytest.raises(OtherMapError):
+            with_changes(OLD, replace(changes, **forged))
 
 
 def test_a_map_is_read_as_it_was_written(tmp_path: Path, changes: Changes) -> None:
