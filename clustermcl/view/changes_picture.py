@@ -20,7 +20,8 @@ def drawn_changes(grid_map: GridMap, changes: Changes, title: str) -> Any:
     draw_map(axes, grid_map)
     draw_changes(axes, changes)
     axes.set_title(title)
-    figure.legend(loc="outside lower center", ncols=3)
+    if axes.get_legend_handles_labels()[0]:  # there are changes
+        figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 

@@ -20,7 +20,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.settings import Settings
-from tests.unit.changes.drives import CHAIR, OLD, SHELF, TRUE, Drive, path, scan_at
+from tests.unit.changes.drives import CHAIR, OLD, PILLARS, SHELF, TRUE, Drive, path, room, scan_at
 
 
 @pytest.fixture(scope="module")
@@ -109,11 +109,12 @@ def test_times_that_do_not_fill_the_grid_are_refused(changes: Changes, data: byt
 
 
 def test_the_command_writes_the_new_map_of_a_recording(tmp_path: Path) -> None:
+    mapped, true = room(SHELF, *PILLARS), room(CHAIR, *PILLARS)
     old, log = tmp_path / "old.yaml", tmp_path / "robot.log"
-    save_ros_map(OLD, old)
+    save_ros_map(mapped, old)
     lines = []
     for step, pose in enumerate(path(0, 80)):
-        ranges = scan_at(TRUE, pose, step, "").ranges.array()
+        ranges = scan_at(true, pose, step, "").ranges.array()
         at, beams = " ".join(map(str, pose)), " ".join(f"{each:.3f}" for each in ranges)
         laser = f"ROBOTLASER1 0 {-np.pi} {2 * np.pi} {np.pi / 180} 12.0 0.01 0 360"
         lines.append(f"{laser} {beams} 0 {at} {at} 0 0 0 0 0 {step}.0 test {step}.0")
@@ -123,7 +124,9 @@ def test_the_command_writes_the_new_map_of_a_recording(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert 0.1 < json.loads(result.stdout)["gone_m2"] < 0.4
     new = load_map(tmp_path / "new.yaml")
-    assert np.count_nonzero(new.cells != TRUE.cells) < np.count_nonzero(OLD.cells != TRUE.cells) / 2
+    assert (
+        np.count_nonzero(new.cells != true.cells) < np.count_nonzero(mapped.cells != true.cells) / 2
+    )
     assert load_map(tmp_path / "new.old.yaml").digest == load_map(old).digest
     assert (tmp_path / "new.changes.png").stat().st_size > 1000
     for bad in (["--since", "7x"], ["--output", "new.png"], ["--recording", "nowhere.log"]):
