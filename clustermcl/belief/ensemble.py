@@ -222,7 +222,7 @@ class Ensemble(Part, kw_only=True):
         Look-alikes do not enter beside it until scans speak against it, and a search begins.
         """
         self._forget(given.sample.step, "forgotten")
-        self.seen, self.found = ViewMemory(), False
+        self.found = False
         self.founding_search = 0
         self.clusters.expect_given()
         weight = given.share / max(1.0 - given.share, LEAST_REST)
@@ -247,7 +247,7 @@ class Ensemble(Part, kw_only=True):
             corners: corners of the region to search first; empty: the whole map.
         """
         self._forget(step, cause)
-        self.seen, self.found = ViewMemory(), False
+        self.found = False
         self.founding_search = self.search.begun + 1
         self._start_search(step + 1, near, corners)
         return self.outcome(step)
@@ -255,7 +255,6 @@ class Ensemble(Part, kw_only=True):
     def continue_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
         """Replace all clusters by these places, whose shares sum to one."""
         self._forget(step, cause)
-        self.seen = ViewMemory()
         self.clusters.take_from_elsewhere(1.0)
         self._admit([(place, "prior pose") for place in places], step)
         return self.outcome(step)
@@ -316,7 +315,7 @@ class Ensemble(Part, kw_only=True):
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
         self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
-        self.prior_pose = None
+        self.prior_pose, self.seen, self.pieces = None, ViewMemory(), Pieces()
         self.events += self.search.stop(step, "search stopped")
         self.begin |= self.standing_jobs(step + 1)
 

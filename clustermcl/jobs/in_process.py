@@ -4,6 +4,7 @@ With the same seed and scans its beliefs are exactly those of the processes that
 Zenoh; a test compares the two. `clustermcl evaluate` and the library use it.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 
 import msgspec
@@ -37,7 +38,7 @@ class InProcessState(msgspec.Struct, frozen=True):
     ensemble: Ensemble
     jobs: tuple[Assignment, ...]
     searched: tuple[Scan, ...]
-    """Scans since the running search began; a resumed search takes them again."""
+    """Scans since the first of the running searches began; a resumed one takes its own again."""
     applied: Scan
 
 
@@ -71,8 +72,10 @@ class InProcess:
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
         outcome = self.ensemble.advance(scan.step, self.reports, moved, scan.own_robot_found, scan)
-        self._searched = [*self._searched, scan] if outcome.searching else []
         self.carry_out(outcome)
+        searches = (one.assignment.job for one in self._jobs.values())
+        first = min((s.first_step for s in searches if isinstance(s, SearchJob)), default=math.inf)
+        self._searched = [one for one in (*self._searched, scan) if one.step >= first]
         return outcome
 
     def _use(self, settings: FilterSettings) -> None:
@@ -98,8 +101,6 @@ class InProcess:
     def _begin(self, jobs: Mapping[str, Job]) -> None:
         for job_id, job in jobs.items():
             self._run(Assignment(job_id=job_id, epoch=0, job=job))
-            if isinstance(job, SearchJob):
-                self._searched = []
 
     def _run(self, assignment: Assignment) -> RunningJob:
         job = running(
@@ -146,7 +147,8 @@ class InProcess:
         made._searched, made.applied = list(state.searched), state.applied
         made._use(filter_with(settings, state.applied.settings))
         for assignment in state.jobs:
-            job = made._run(assignment)
-            for scan in state.searched if isinstance(assignment.job, SearchJob) else ():
-                job.advance(scan)
+            job, search = made._run(assignment), assignment.job
+            for scan in state.searched:
+                if isinstance(search, SearchJob) and scan.step >= search.first_step:
+                    job.advance(scan)
         return made

@@ -26,10 +26,11 @@ def pinned(lock: str) -> dict[str, tuple[str, frozenset[str]]]:
 
 
 def asked_for(*extras: str) -> set[str]:
+    """The packages of the project, and of some of its extras and groups."""
     project = PROJECT["project"]
     asked = [*project["dependencies"]]
     for extra in extras:
-        asked += project["optional-dependencies"][extra]
+        asked += (project["optional-dependencies"] | PROJECT["dependency-groups"])[extra]
     return {normal(requirement) for requirement in asked}
 
 
