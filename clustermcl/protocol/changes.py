@@ -52,19 +52,24 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
     """zlib of rows x cols int32: minute of the robot's clock, from 1 on, when a beam last passed or
     hit each cell; 0: never. Empty in publications."""
 
-    def __post_init__(self) -> None:
-        """Check the arrays; of a received message, a ValueError makes it malformed."""
-        cells, times_s, size = self.cells.array(), self.times_s.array(), self.rows * self.cols
+    @property
+    def problem(self) -> str | None:
+        """Why the arrays are invalid; None: they are valid."""
+        try:
+            cells, times_s = self.cells.array(), self.times_s.array()
+        except MalformedMessageError as error:
+            return error.problem
+        size = self.rows * self.cols
         if not (self.rows > 0 and self.cols > 0 and size <= MOST_CELLS):
-            raise ValueError(f"{self.rows} x {self.cols} cells")
-        is_table = cells.shape == (len(times_s), 4) and times_s.shape == (len(cells), 2)
+            return f"{self.rows} x {self.cols} cells"
+        is_table = cells.ndim == 2 and cells.shape[1] == 4 and times_s.shape == (len(cells), 2)
         if not is_table or cells.dtype != np.int32 or times_s.dtype != np.float64:
-            raise ValueError(f"cells are {cells.shape}, times {times_s.shape}")
+            return f"cells are {cells.shape}, times {times_s.shape}"
         at, kinds = cells[:, 0], cells[:, 1]
-        if not ((np.diff(at) > 0).all() and (at >= 0).all() and (at < size).all()):
-            raise ValueError("cells outside the grid, or in no order")
-        if not ((kinds <= MOVED).all() and (cells >= 0).all() and np.isfinite(times_s).all()):
-            raise ValueError("a kind, a number or a time of a cell is impossible")
+        is_ordered = (np.diff(at) > 0).all() and (at >= 0).all() and (at < size).all()
+        if not (is_ordered and (kinds <= MOVED).all() and (cells >= 0).all()):
+            return "cells outside the grid, in no order, or of no kind"
+        return None if np.isfinite(times_s).all() else "a time that is not finite"
 
     def __repr__(self) -> str:
         gone, new, moving = self.area_m2

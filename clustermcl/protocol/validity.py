@@ -13,6 +13,7 @@ from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import key_of
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.found_places import found_places_problem
 from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
@@ -36,6 +37,8 @@ FLATNESS = 1e-6
 
 def problem_of(message: object) -> str | None:
     """Return why a message is implausible, or None."""
+    if isinstance(message, Changes):
+        return message.problem
     return next(filter(None, _problems(message)), None)
 
 
