@@ -223,4 +223,4 @@ def test_a_new_map_is_searched_and_a_map_without_obstacles_is_refused(driven: Dr
     driven.drive_until(
         lambda: heard.beliefs[-1].map.map_from_grid == origin and heard.beliefs[-1].hypotheses
     )
-    assert heard.status is not None
+    wait_until(lambda: heard.status is not None)

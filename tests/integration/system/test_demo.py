@@ -35,6 +35,7 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
         "step", "stamp_ns", "state", "pose", "probability", "elsewhere_probability",
         "off_map_probability", "hypotheses", "searching", "search_progress", "missing", "last",
         "steps", "steps_lost", "wall_s", "found_step", "final_error_m", "final_error_rad",
+        "floor", "floors",
     }  # fmt: skip
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}
