@@ -131,7 +131,9 @@ class System:
         return last.state != "searching" and not last.missing and not last.searching
 
     def wait_until_it_tracks(self) -> None:
+        """Wait for clusters, and for the end of the decoy that accompanies each start."""
         wait_until(self.tracks)
+        wait_until(lambda: {job[0] for jobs in self.jobs().values() for job in jobs} <= {"c", "e"})
         step = self.step
         wait_until(lambda: len(self.since(step)) >= 5 and self.tracks())
 
