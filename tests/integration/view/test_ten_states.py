@@ -116,7 +116,7 @@ return [...document.querySelectorAll("#now dd, #clusters .more")].filter((one) =
     ("many", 0, MANY, {},
      {"state": "ambiguous, 64 places", "probability": "9.0 %", "freshness": "0."}),
     ("localized", LOCALIZED_AT, {}, {},
-     {"state": "localized", "probability": "100 %", "freshness": "0."}),
+     {"state": "localized", "probability": "91 %", "freshness": "0."}),
     ("lost", LOCALIZED_AT, LOST, {},
      {"state": "lost", "of": "probably not on this map", "freshness": "0."}),
     ("stale", LOCALIZED_AT, {}, {"freshness": "stale", "age_s": 42.0},
