@@ -1,6 +1,6 @@
 import signal
 import time
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from clustermcl.protocol import keys
 from clustermcl.protocol.changes import GONE, Changes
 from clustermcl.protocol.codec import encode
 from clustermcl.protocol.errors import RefusedError
-from clustermcl.protocol.steps import LaserReading
+from clustermcl.protocol.steps import LaserReading, Scan
 from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.supervisor import python_module
@@ -44,21 +44,27 @@ def test_a_bridge_collects_publishes_answers_and_keeps_changes(
     wait_until(lambda: robot.dropped() is not None)
     wait_until(lambda: _are_collected(session))
 
-    def drive(first: int, count: int) -> None:
+    stamps_ns = count(0, 10**9)
+
+    def has_become(step: int, scan: Scan) -> bool:
+        """Publish a scan, as a laser does again and again; return whether it became a step."""
+        robot.publish(
+            LaserReading(
+                sender="robot", stamp_ns=next(stamps_ns), ranges=scan.ranges,
+                angle_min_rad=scan.angle_min_rad, angle_step_rad=scan.angle_step_rad,
+                range_max_m=scan.range_max_m, robot_from_laser=scan.robot_from_laser,
+                odom_from_robot=scan.odom_from_robot,
+            )
+        )  # fmt: skip
+        return [made.step for made in robot.steps()[-1:]] == [step]
+
+    def drive(first: int, steps: int) -> None:
         """Be the robot, and the coordinator that says where it is."""
-        for step, pose in enumerate(path(first, count), first):
+        for step, pose in enumerate(path(first, steps), first):
             scan = scan_at(TRUE, pose, step, "")
-            robot.publish(
-                LaserReading(
-                    sender="robot", stamp_ns=step * 10**9, ranges=scan.ranges,
-                    angle_min_rad=scan.angle_min_rad, angle_step_rad=scan.angle_step_rad,
-                    range_max_m=scan.range_max_m, robot_from_laser=scan.robot_from_laser,
-                    odom_from_robot=pose,
-                )
-            )  # fmt: skip
-            wait_until(lambda step=step: robot.steps()[-1:] and robot.steps()[-1].step == step)
+            wait_until(lambda step=step, scan=scan: has_become(step, scan))
             at = belief(step, "localized", place(1.0, pose))
-            session.put(keys.BELIEF, encode(at))
+            robot.put(keys.BELIEF, encode(at))
 
     drive(0, 45)
     wait_until(lambda: _changes(session).area_m2[GONE] > 0.15, 30.0)
