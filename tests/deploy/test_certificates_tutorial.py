@@ -112,6 +112,7 @@ def test_the_tutorial_holds_as_it_is_typed_and_a_standby_takes_over_with_the_bel
     standby = system.start(START.splitlines()[-1] + " --name standby --standby")
     standby.wait_for("standing by")
     before = system.asked(status)
+    wait_until(lambda: system.asked(places).get("step", 0) > 60)  # the first search is over
     wait_until(lambda: oldest_steps(system.asked(places)) > 10)
     system.coordinator.kill()
     wait_until(lambda: system.asked(status).get("term", 0) > before["term"])
