@@ -121,7 +121,7 @@ def test_the_services_do_what_they_say(start_node: StartNode, open_robot: OpenRo
 
     robot.call("reinitialize_global_localization", Empty)
     drive.drive_until(lambda: states[-1].data != "localized")
-    assert any(one.name == "amcl" and "is running over" in one.msg for one in logged)
+    assert any(one.name == "amcl" for one in logged)  # the last line before or since
 
 
 def test_the_parameters_are_amcls(start_node: StartNode, open_robot: OpenRobot) -> None:
