@@ -109,7 +109,7 @@ def weigh(
     if seen.any():
         ledger.note("observations")
         log_scan += float(np.logaddexp.reduce(belief.normalised_logs(here) + seen))
-    # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
+    # Clear beams of tracked places do not lower a candidate, whose beams are not compared yet.
     return log_scan + min(float(np.logaddexp.reduce(weighed) - np.logaddexp.reduce(here)), 0.0)
 
 
@@ -232,9 +232,9 @@ class _Update:
             held.fit = replace(held.fit, shortfall=0.0)
 
     def explained(self, among: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the correction of a scan's log-likelihood at the clusters by beam classes [nat].
+        """Return the correction of a scan's log-likelihood at the clusters by its beams [nat].
 
-        It is 0 if beam classes are not used; the update is then exactly Bayes' rule.
+        It is 0 if the robot cannot be off the map; the update is then exactly Bayes' rule.
 
         Returns:
             The gain of beams before obstacles, which people explain; and the loss of beams through

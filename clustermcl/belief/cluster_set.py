@@ -28,7 +28,7 @@ ESTABLISHED_VIEWS = 5.0
 """New views after which a given place that holds is right: beams that then pass through walls show
 what has changed in the building."""
 LARGE_DOUBT = 4.0
-"""Evidence of beam classes against a given place after which the map is searched [nat]."""
+"""Evidence of new beams against a given place after which the map is searched [nat]."""
 LEAST_LOG = -1e6
 """Least log probability: it stays finite, so that evidence can raise it again."""
 
@@ -61,15 +61,15 @@ class Cluster(msgspec.Struct, frozen=True):
 
 
 class Given(msgspec.Struct, frozen=True):
-    """How a place that a person gave holds: a one-sided CUSUM test of the beams' classes."""
+    """How a place that a person gave holds: a one-sided CUSUM test of its new beams."""
 
     views: NotNegative = 0.0
     """New views since then."""
     doubt: NotNegative = 0.0
-    """Evidence of the classes against it [nat]."""
+    """Evidence of new beams against it [nat]."""
 
     def after(self, log_odds: float, new_view: float) -> "Given":
-        """Return the test after a scan, whose classes raise the odds of the place by this."""
+        """Return the test after a scan, whose new beams raise its log odds by this."""
         doubt = max(self.doubt - log_odds, 0.0) if self.views < ESTABLISHED_VIEWS else 0.0
         return Given(self.views + new_view, doubt)
 
