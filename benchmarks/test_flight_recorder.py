@@ -21,7 +21,6 @@ from clustermcl.coordinator.events import (
     ScanArrived,
     TimePassed,
     WorkerJoined,
-    WorkerSnapshot,
     WorkerStateArrived,
 )
 from clustermcl.coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
@@ -31,7 +30,7 @@ from clustermcl.coordinator.recorder.ring import Ring, files_in
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.steps import OdometryReading, Scan
-from clustermcl.protocol.work import OrderAnswer, SearchReport, TrackReport
+from clustermcl.protocol.work import OrderAnswer, SearchReport, TrackReport, WorkerState
 from clustermcl.runtime.settings import CoordinatorSettings
 
 CLUSTERS, WORKERS = 10, 12
@@ -105,7 +104,8 @@ class Run:
                 case PublishBelief():
                     self.beliefs += 1
                 case AskState(worker=worker):
-                    self._apply(WorkerStateArrived(worker, WorkerSnapshot(term=0, holds=())))
+                    state = WorkerState(sender=worker, term=0, holds=())
+                    self._apply(WorkerStateArrived(worker, state))
                 case SendOrder(worker=worker, order=order):
                     for given in order.begin:
                         self._epochs[given.job_id] = given.epoch

@@ -15,15 +15,11 @@ from clustermcl.belief.outcome import belief_after
 from clustermcl.belief.part import Part
 from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import state_in, to_bytes
-from clustermcl.coordinator.events import WorkerSnapshot
 from clustermcl.coordinator.instructions import (
-    AnswerCommand,
     FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
-    PublishEvents,
     SendOrder,
 )
 from clustermcl.coordinator.recovery import ORDERS_AFTER_NS, LastPlace, StateRecovery, Term
@@ -43,7 +39,7 @@ from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
 from clustermcl.protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Checkpoint
+from clustermcl.protocol.work import Checkpoint, WorkerState
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 SIGN_OF_LIFE_NS = 400_000_000
@@ -236,9 +232,7 @@ class Coordinator(Part):
         placement.on_worker_joined(worker, now_ns + ORDERS_AFTER_NS if is_asked else 0)
         self.state.changed = True
 
-    def _on_worker_state(
-        self, worker: str, answer: WorkerSnapshot, now_ns: int
-    ) -> list[Instruction]:
+    def _on_worker_state(self, worker: str, answer: WorkerState, now_ns: int) -> list[Instruction]:
         """Process a worker's answer, which may allow continuing from a stored state."""
         if worker not in self.state.placement.live:
             return []
@@ -268,7 +262,7 @@ class Coordinator(Part):
                 instructions += self._publication(now_ns)
             instructions += self._on_time_passed(now_ns)
         problem = self.state.commands.problems.get(command.command_id, "")
-        return [*instructions, AnswerCommand(CommandDone(sender=self.sender, problem=problem))]
+        return [*instructions, CommandDone(sender=self.sender, problem=problem)]
 
     def _on_time_passed(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due, and send workers their orders.
@@ -298,7 +292,7 @@ class Coordinator(Part):
         first = self._checkpoint(now_ns, is_new=self.state.changed or bool(orders))
         return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 
-    def _checkpoint(self, now_ns: int, *, is_new: bool) -> list[PublishCheckpoint]:
+    def _checkpoint(self, now_ns: int, *, is_new: bool) -> list[Checkpoint]:
         """Return a new state, or the last one if a sign of life is due."""
         last = self.published
         if is_new:
@@ -313,7 +307,7 @@ class Coordinator(Part):
         elif last is None or now_ns - self.published_ns < SIGN_OF_LIFE_NS:
             return []
         self.published, self.published_ns = last, now_ns
-        return [PublishCheckpoint(last)]
+        return [last]
 
     # --- recovery
 
@@ -459,7 +453,7 @@ class Coordinator(Part):
     def events(self) -> JobEvents:
         return self._to_message(tuple(self.state.event_log.kept))
 
-    def _publication(self, now_ns: int) -> list[PublishEvents | PublishBelief]:
+    def _publication(self, now_ns: int) -> list[JobEvents | PublishBelief]:
         """Return what is published after a step or a command; nothing before the first step.
 
         Events are published before the belief to which they belong.
@@ -469,7 +463,7 @@ class Coordinator(Part):
             return []
         belief = belief_after(scan, self.state.pose.outcome, self.sender, self.term.number)
         news = self.state.event_log.news()
-        first = [PublishEvents(self._to_message(news))] if news else []
+        first = [self._to_message(news)] if news else []
         return [*first, PublishBelief(belief, self.pose(now_ns))]
 
     def _to_message(self, events: tuple[NumberedEvent, ...]) -> JobEvents:

@@ -11,27 +11,7 @@ import msgspec
 from clustermcl.belief.free_ground import FreeGround
 from clustermcl.protocol.answers import Relocalize, SetPose
 from clustermcl.protocol.steps import OdometryReading, Scan
-from clustermcl.protocol.validity import assignment_problem
-from clustermcl.protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerState
-
-
-class WorkerSnapshot(msgspec.Struct, frozen=True):
-    """A worker's answer; fields as in `WorkerState`."""
-
-    term: int
-    holds: tuple[Assignment, ...] = ()
-    terms: tuple[int, ...] = ()
-    founded: int = 0
-
-
-def snapshot_of(state: WorkerState) -> WorkerSnapshot:
-    """Return a worker's answer without malformed jobs."""
-    return WorkerSnapshot(
-        term=state.term,
-        holds=tuple(held for held in state.holds if assignment_problem(held) is None),
-        terms=state.terms,
-        founded=state.founded,
-    )
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 
 
 class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
@@ -85,7 +65,7 @@ class WorkerStateArrived(_Fact, frozen=True):
     """A worker answered a new coordinator's query."""
 
     worker: str
-    state: WorkerSnapshot
+    state: WorkerState
 
 
 class OrderAnswered(_Fact, frozen=True):

@@ -1,6 +1,7 @@
 """Instructions of a coordinator, which `Loop` carries out."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from clustermcl.protocol.answers import Belief, CommandDone, PoseAnswer
 from clustermcl.protocol.job_events import JobEvents
@@ -24,25 +25,11 @@ class AskState:
 
 
 @dataclass(frozen=True)
-class PublishCheckpoint:
-    """Publish the state, for followers and for the file."""
-
-    checkpoint: Checkpoint
-
-
-@dataclass(frozen=True)
 class PublishBelief:
     """Publish the belief, and the pose that follows from it."""
 
     belief: Belief
     pose: PoseAnswer
-
-
-@dataclass(frozen=True)
-class PublishEvents:
-    """Publish events of clusters and searches."""
-
-    events: JobEvents
 
 
 @dataclass(frozen=True)
@@ -59,20 +46,14 @@ class FetchMap:
     """Request the map from the bridge; `MapArrived` contains its free ground."""
 
 
-@dataclass(frozen=True)
-class AnswerCommand:
-    """Answer the client that sent the command."""
-
-    done: CommandDone
-
-
-Instruction = (
+Instruction: TypeAlias = (
     SendOrder
     | AskState
-    | PublishCheckpoint
-    | PublishEvents
     | PublishBelief
     | FetchScans
     | FetchMap
-    | AnswerCommand
+    | Checkpoint
+    | JobEvents
+    | CommandDone
 )
+"""A checkpoint and events are published; the answer to a command goes to its client."""

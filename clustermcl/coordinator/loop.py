@@ -24,34 +24,34 @@ from clustermcl.coordinator.events import (
     TimePassed,
     TokenChanged,
     WorkerStateArrived,
-    snapshot_of,
 )
 from clustermcl.coordinator.instructions import (
-    AnswerCommand,
     AskState,
     FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
-    PublishEvents,
     SendOrder,
 )
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.replica import Replica
-from clustermcl.coordinator.report_checks import check_places, has_too_large_snapshot
+from clustermcl.coordinator.report_checks import (
+    check_places,
+    has_too_large_snapshot,
+    without_malformed_jobs,
+)
 from clustermcl.coordinator.state_file import StateKeeper
 from clustermcl.coordinator.step_collector import without_snapshot
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Link, Received, Token, alive
 from clustermcl.protocol import keys
 from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
-from clustermcl.protocol.answers import Relocalize, SetPose, Status
+from clustermcl.protocol.answers import CommandDone, Relocalize, SetPose, Status
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import MapMismatchError, printable
 from clustermcl.protocol.health import Health
-from clustermcl.protocol.job_events import event_texts
+from clustermcl.protocol.job_events import JobEvents, event_texts
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from clustermcl.protocol.terms import check_term
@@ -296,8 +296,8 @@ class Loop:
 
     def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
         for do in self._on(CommandArrived(decode(asked.payload, kind))):
-            if isinstance(do, AnswerCommand):
-                asked.answer(do.done)
+            if isinstance(do, CommandDone):
+                asked.answer(do)
                 return
         asked.refuse(MAY_BE_DEPOSED)
 
@@ -320,18 +320,18 @@ class Loop:
                     )
                 case FetchMap():
                     self._node.ask(keys.MAP, MapMessage, self._read_map, timeout_s=ORDER_TIMEOUT_S)
-                case PublishCheckpoint(checkpoint):
-                    self._keeper.offer(checkpoint)
-                    self._checkpoints.put(checkpoint)
-                case PublishEvents(events):
-                    self._events.put(events)
-                    for text in event_texts(events.events):
+                case Checkpoint():
+                    self._keeper.offer(instruction)
+                    self._checkpoints.put(instruction)
+                case JobEvents(events=events):
+                    self._events.put(instruction)
+                    for text in event_texts(events):
                         _log.info("%s", text)
                 case PublishBelief(belief, pose):
                     self._node.health.happened("beliefs")
                     self._belief.put(belief)
                     self._pose.put(pose)
-                case AnswerCommand():
+                case CommandDone():
                     pass  # see `_on_command`
 
     def _ask_worker(
@@ -343,7 +343,7 @@ class Loop:
                 self._on(OrderAnswered(worker, received))
             else:
                 self._node.heap.on_large_message(time.monotonic())
-                self._on(WorkerStateArrived(worker, snapshot_of(received)))
+                self._on(WorkerStateArrived(worker, without_malformed_jobs(received)))
 
         self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
 

@@ -12,12 +12,11 @@ import msgspec
 from clustermcl.belief.given_places import PriorPose, diagonal, moved_pose
 from clustermcl.belief.part import Part
 from clustermcl.coordinator.checkpoint import CheckpointState
-from clustermcl.coordinator.events import WorkerSnapshot
 from clustermcl.coordinator.instructions import AskState, FetchScans
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix, covariance_tuple
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import Checkpoint, TakeOver
+from clustermcl.protocol.work import Checkpoint, TakeOver, WorkerState
 
 APART_US = 1_000_000
 """A new term exceeds every known term by at least this much: the epochs of a term's jobs follow the
@@ -186,7 +185,7 @@ class StateRecovery(Part):
     """When the bridge was asked last."""
     asked_ns: dict[str, int | None] = {}
     """When the workers that have not answered were asked; None: not yet."""
-    answers: dict[str, WorkerSnapshot] = {}
+    answers: dict[str, WorkerState] = {}
     """Answers of the connected workers, by name."""
     is_of_this_run: bool = False
     """Whether a worker has received the term of the kept state, or the bridge has its scan."""
@@ -216,7 +215,7 @@ class StateRecovery(Part):
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         self.received = best_first([*self.received, checkpoint])[:MAX_RECEIVED]
 
-    def on_answer(self, worker: str, answer: WorkerSnapshot) -> None:
+    def on_answer(self, worker: str, answer: WorkerState) -> None:
         self.asked_ns.pop(worker, None)
         self.answers[worker] = answer
         self.founded = max(self.founded, answer.founded)

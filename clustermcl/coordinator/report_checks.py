@@ -1,8 +1,11 @@
-"""Checks that a report holds no more places and particles than its job's settings allow."""
+"""Checks of what workers send: no malformed job, and no more than the settings allow."""
+
+from msgspec.structs import replace
 
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.work import Report, SearchReport, TrackReport
+from clustermcl.protocol.validity import assignment_problem
+from clustermcl.protocol.work import Report, SearchReport, TrackReport, WorkerState
 
 
 def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
@@ -36,3 +39,7 @@ def check_places(report: Report, settings: FilterSettings) -> None:
             f"at most {most} and {most_particles} by the settings",
             kind="more than its job allows",
         )
+
+
+def without_malformed_jobs(state: WorkerState) -> WorkerState:
+    return replace(state, holds=tuple(held for held in state.holds if not assignment_problem(held)))

@@ -59,7 +59,6 @@ from clustermcl.worker.worker import (
     FetchMap,
     FetchScans,
     Instruction,
-    PublishReport,
     Warn,
     Worker,
 )
@@ -267,9 +266,6 @@ class WorkerLoop:
         reports = list[Report]()
         for instruction in instructions:
             match instruction:
-                case PublishReport(report):
-                    reports.append(report)
-                    self._node.health.happened("reports")
                 case Answer(asked, message):
                     asked.answer(message)
                     self._report_jobs(self._worker.jobs)
@@ -283,6 +279,9 @@ class WorkerLoop:
                     self._node.warn(_log, cause, detail)
                 case Advise():
                     self._adviser.advise(instruction)
+                case report:
+                    reports.append(report)
+                    self._node.health.happened("reports")
         for reported in in_few_messages(reports):
             self._reports.put(reported)
 

@@ -38,13 +38,6 @@ KEPT_TERMS = 16
 
 
 @dataclass(frozen=True)
-class PublishReport:
-    """Publish a job's report of a step."""
-
-    report: Report
-
-
-@dataclass(frozen=True)
 class Answer:
     """Answer a query, once."""
 
@@ -96,7 +89,8 @@ class Advise:
     landmarks: tuple[Landmark, ...]
 
 
-Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchScans | Warn | Advise
+Instruction: TypeAlias = Report | Answer | FetchMap | BuildModel | FetchScans | Warn | Advise
+"""A report is published."""
 
 
 class TermFence:
@@ -202,7 +196,7 @@ class Worker:
 
     def search(self) -> list[Instruction]:
         """Compute one slice of a search; call it while no event waits."""
-        return _published(self._table.search_on())
+        return [*self._table.search_on()]
 
     def on_advice_query(self, question: Any, asked: AdviceQuestion) -> list[Instruction]:
         """Have an advice computed, or answer why there is none."""
@@ -235,10 +229,10 @@ class Worker:
             return self._continue()
         lost = self._table.lost_before(scan)
         if lost is None or self._has_fallen_behind(dropped):
-            return _published(self._table.on_scan(scan))
+            return [*self._table.on_scan(scan)]
         self._table.wait_for(lost)
         reports = self._table.on_scan(scan)
-        return [*_published(reports), *self._fetch(self._table.missing(), LOST_SCANS_TIMEOUT_S)]
+        return [*reports, *self._fetch(self._table.missing(), LOST_SCANS_TIMEOUT_S)]
 
     def _is_prepared(self, scan: Scan) -> bool:
         """Apply a scan's settings; return False if they need another sensor model first."""
@@ -281,7 +275,7 @@ class Worker:
         self._fetching = None
         self._table.wait_for(None)
         fitting = [scan for scan in scans if not self._is_of_another_map(scan)]
-        return _published(self._table.catch_up(fitting))
+        return [*self._table.catch_up(fitting)]
 
     # --- orders
 
@@ -374,7 +368,8 @@ class Worker:
         self._table.wait_for(missing)
         return [
             Answer(waiting.question, self._answer()),
-            *_published([*again, *self._table.catch_up()]),
+            *again,
+            *self._table.catch_up(),
             *self._fetch(missing, HISTORY_TIMEOUT_S),
         ]
 
@@ -411,10 +406,6 @@ class Worker:
             founded=self._fence.founded,
         )
         return [Answer(question, state)]
-
-
-def _published(reports: list[Report]) -> list[Instruction]:
-    return [PublishReport(report) for report in reports]
 
 
 def _cause_of(error: Exception) -> AnyCause:

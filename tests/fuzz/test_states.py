@@ -15,19 +15,17 @@ from clustermcl.coordinator.events import (
     ScanArrived,
     TimePassed,
     WorkerJoined,
-    WorkerSnapshot,
     WorkerStateArrived,
 )
 from clustermcl.coordinator.instructions import (
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
     SendOrder,
 )
 from clustermcl.coordinator.state_file import files_of, read, write
 from clustermcl.protocol.answers import Belief, SetPose
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.work import Checkpoint, WorkOrder
+from clustermcl.protocol.work import Checkpoint, WorkerState, WorkOrder
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations
@@ -63,7 +61,7 @@ def real_checkpoints() -> list[Checkpoint]:
     last = living.coordinator
     assert last is not None
     done = last.handle(WorkerJoined("new"), 20 * SECOND)
-    return [*found, *(do.checkpoint for do in done if isinstance(do, PublishCheckpoint))]
+    return [*found, *(do for do in done if isinstance(do, Checkpoint))]
 
 
 def given_pose(command_id: str) -> SetPose:
@@ -74,7 +72,7 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     """What a coordinator does that finds the checkpoint, and then lives for some steps."""
     begun = started(filter_settings=SETTINGS, term=1, known=checkpoint)
     coordinator = begun.coordinator()
-    nothing = WorkerSnapshot(term=0)
+    nothing = WorkerState(sender="w", term=0, holds=())
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     reported = (
         *(WorkerJoined("w0"), WorkerStateArrived("w0", nothing), TimePassed(), *scans),
@@ -100,8 +98,8 @@ def assert_all_can_be_read(done: Iterable[Instruction]) -> None:
                 assert here + reported.elsewhere_probability == pytest.approx(1.0)
             case SendOrder(order=order):
                 decode(encode(order), WorkOrder)
-            case PublishCheckpoint(checkpoint):
-                from_bytes(decode(encode(checkpoint), Checkpoint).state)
+            case Checkpoint():
+                from_bytes(decode(encode(do), Checkpoint).state)
 
 
 def test_a_state_of_a_real_run_is_continued() -> None:

@@ -13,10 +13,10 @@ from clustermcl.coordinator.instructions import (
     FetchScans,
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
     SendOrder,
 )
 from clustermcl.coordinator.replica import Replica
+from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import OdometryReading, Scan
 from clustermcl.protocol.terms import check_term
@@ -166,7 +166,7 @@ class CoordinatorNode(Node):
             check_term(state, self._now_us() * 1_000)
             if self._replica.role == "recovering":
                 self._life.known_terms.append(known_term)
-            reported = events.snapshot_of(decode(encode(state), WorkerState))
+            reported = without_malformed_jobs(decode(encode(state), WorkerState))
             self.pass_on(events.WorkerStateArrived(worker, reported))
 
     def on_pose_asked(self) -> None:
@@ -194,9 +194,9 @@ class CoordinatorNode(Node):
             case PublishBelief(belief):
                 self.laws.believed(belief)
                 simulation.publish_belief(self, belief)
-            case PublishCheckpoint(checkpoint):
-                self._keep_later(checkpoint)
-                simulation.publish_checkpoint(self, checkpoint)
+            case Checkpoint():
+                self._keep_later(instruction)
+                simulation.publish_checkpoint(self, instruction)
             case SendOrder(worker, order):
                 simulation.send_order(self, worker, order)
             case AskState(worker, question):

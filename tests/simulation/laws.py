@@ -13,7 +13,6 @@ from clustermcl.coordinator.coordinator import Coordinator, Started
 from clustermcl.coordinator.instructions import (
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
     SendOrder,
 )
 from clustermcl.coordinator.recorder.records import without_bulk
@@ -197,8 +196,8 @@ class Laws:
         """A coordinator does what it has decided."""
         assert life is not None
         match instruction:
-            case PublishCheckpoint(checkpoint):
-                self._published(life, checkpoint)
+            case Checkpoint():
+                self._published(life, instruction)
             case SendOrder(worker, order):
                 self._ordered(life, worker, order)
 

@@ -201,8 +201,6 @@ class WorkerNode(Node):
     def _carry_out(self, instruction: instructions.Instruction) -> None:
         simulation = self._simulation
         match instruction:
-            case instructions.PublishReport(report):
-                simulation.publish_report(self, report)
             case instructions.Answer(question, OrderAnswer() as answer):
                 simulation.answer_order(self, self._questions[question], answer)
             case instructions.Answer(question, WorkerState() as state):
@@ -220,8 +218,10 @@ class WorkerNode(Node):
                     ),
                     events.on_no_history(missing, "nobody is there"),
                 )
-            case instructions.Warn():
+            case instructions.Warn() | instructions.Answer() | instructions.Advise():
                 pass
+            case report:
+                simulation.publish_report(self, report)
 
     def _ask_bridge(self, answered: Callable[[Bridge], events.Event], failed: events.Event) -> None:
         """Whatever comes first happens: the answer, or the end of patience."""

@@ -15,10 +15,11 @@ import numpy as np
 
 from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.events import Event, HistoryArrived, ScanArrived
-from clustermcl.coordinator.instructions import Instruction, PublishBelief, PublishEvents
+from clustermcl.coordinator.instructions import Instruction, PublishBelief
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, Ring
 from clustermcl.protocol.causes import Cause
+from clustermcl.protocol.job_events import JobEvents
 from clustermcl.recordings.foxglove import Json, grid, log_line
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
@@ -37,9 +38,7 @@ RETRY_S = 10.0
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 
-_Entry: TypeAlias = (
-    records.Head | records.RecordedEvent | Json | list[PublishBelief | PublishEvents]
-)
+_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | list[PublishBelief | JobEvents]
 
 _log = logging.getLogger(__name__)
 
@@ -78,7 +77,7 @@ class FlightRecorder:
             return self._coordinator.handle(event, now_ns)
         self._enqueue(event, now_ns)
         instructions = self._coordinator.handle(event, now_ns)
-        decisions = [do for do in instructions if isinstance(do, (PublishBelief, PublishEvents))]
+        decisions = [do for do in instructions if isinstance(do, (PublishBelief, JobEvents))]
         if decisions and self._recording:
             self._queue.append(decisions)
         return instructions
@@ -208,14 +207,14 @@ class FlightRecorder:
                     log.on_scan(scan, self._at_ns)
         self._write_lines(log, records.happened(recorded.event))
 
-    def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | PublishEvents]) -> None:
+    def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | JobEvents]) -> None:
         for decision in decisions:
             match decision:
                 case PublishBelief(belief):
                     self._write_batch(log)  # a replay expects a belief after its event
                     log.on_belief(belief, self._at_ns)
-                case PublishEvents(events):
-                    log.write(JOB_EVENTS, events, self._at_ns)
+                case JobEvents():
+                    log.write(JOB_EVENTS, decision, self._at_ns)
         self._write_lines(log, records.happened_to(decisions))
 
     def _write_lines(self, log: RunLog, lines: Iterable[records.Happened]) -> None:

@@ -16,16 +16,12 @@ from msgspec.structs import replace
 from clustermcl.belief.commands import command_remark
 from clustermcl.coordinator import events
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.instructions import (
-    AnswerCommand,
-    FetchScans,
-    Instruction,
-    PublishEvents,
-)
+from clustermcl.coordinator.instructions import FetchScans, Instruction
+from clustermcl.protocol.answers import CommandDone
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.found_places import FoundPlaces
-from clustermcl.protocol.job_events import Began, Remark, event_text, probability_of
+from clustermcl.protocol.job_events import Began, JobEvents, Remark, event_text, probability_of
 from clustermcl.protocol.message import Covariance, PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.work import Particles
@@ -97,10 +93,10 @@ def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
             case FetchScans(first, last):
                 until = "the newest" if last is None else last
                 yield Happened("scans requested", f"{first} to {until}")
-            case AnswerCommand(done) if done.problem:
-                yield Happened("command refused", done.problem)
-            case PublishEvents(published):
-                for one in published.events:
+            case CommandDone(problem=problem) if problem:
+                yield Happened("command refused", problem)
+            case JobEvents(events=published):
+                for one in published:
                     if isinstance(one.event, Remark):
                         continue  # `happened` has yielded it
                     what = "began" if isinstance(one.event, Began) else "ended"

@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import msgspec
 
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
+from clustermcl.coordinator.instructions import Instruction, PublishBelief
 from clustermcl.coordinator.recorder.records import (
     Happened,
     Head,
@@ -22,6 +22,7 @@ from clustermcl.protocol import conversion
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import encode
 from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.work import Checkpoint
 from clustermcl.recordings.run_log import BELIEF, LogMessage, RunLogReader, decoded
 
 
@@ -208,6 +209,6 @@ def nothing_in(folder: Path) -> str:
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
     """Return the start of a coordinator; a first belief shows that it took over."""
-    checkpoint = next(do.checkpoint for do in instructions if isinstance(do, PublishCheckpoint))
+    checkpoint = next(do for do in instructions if isinstance(do, Checkpoint))
     steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
     return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

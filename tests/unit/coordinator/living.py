@@ -23,7 +23,6 @@ from clustermcl.coordinator.events import (
     WorkerJoined,
     WorkerLeft,
     WorkerStateArrived,
-    snapshot_of,
 )
 from clustermcl.coordinator.instructions import (
     AskState,
@@ -31,9 +30,9 @@ from clustermcl.coordinator.instructions import (
     FetchScans,
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
     SendOrder,
 )
+from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.sensor_model import SensorModel
@@ -52,7 +51,6 @@ from clustermcl.protocol.steps import MapMessage, Scan
 from clustermcl.protocol.work import (
     Checkpoint,
     OrderAnswer,
-    Report,
     TakeOver,
     TrackJob,
     TrackReport,
@@ -238,9 +236,9 @@ class Living:
         match instruction:
             case PublishBelief(belief=belief):
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
-            case PublishCheckpoint(checkpoint=checkpoint):
-                self._keep(checkpoint)
-                payload = encode(checkpoint)
+            case Checkpoint():
+                self._keep(instruction)
+                payload = encode(instruction)
                 received = worker_events.on_checkpoint(decode(payload, Checkpoint))
                 for worker in self.workers:
                     self.deliver_to_worker(worker, received)
@@ -251,7 +249,9 @@ class Living:
                 self._queue.append(self._map_arrives)
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    stated = snapshot_of(decode(encode(self.state(name, question)), WorkerState))
+                    stated = without_malformed_jobs(
+                        decode(encode(self.state(name, question)), WorkerState)
+                    )
                     self._handle(WorkerStateArrived(name, stated))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
@@ -277,11 +277,6 @@ class Living:
 
     def _carry_out_for(self, name: str, instruction: worker_instructions.Instruction) -> None:
         match instruction:
-            case worker_instructions.PublishReport(report):
-                if isinstance(report, TrackReport):
-                    self._reports.append(report)
-                copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
-                self._handle(ReportArrived(name, copy))
             case worker_instructions.Answer(message=OrderAnswer() as answer):
                 self._handle(OrderAnswered(name, answer))
                 self._handle(TimePassed())
@@ -299,6 +294,12 @@ class Living:
                 self._deliver_later(name, worker_events.on_history(missing, scans))
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
+            case worker_instructions.Answer() | worker_instructions.Advise():
+                pass
+            case report:
+                if isinstance(report, TrackReport):
+                    self._reports.append(report)
+                self._handle(ReportArrived(name, decode(encode(report), type(report))))
 
     def _deliver_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:

@@ -7,19 +7,17 @@ from clustermcl.coordinator.checkpoint import STATE_VERSION, CheckpointState, fr
 from clustermcl.coordinator.events import (
     ScanArrived,
     WorkerJoined,
-    WorkerSnapshot,
     WorkerStateArrived,
 )
-from clustermcl.coordinator.instructions import PublishCheckpoint
 from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.protocol.work import ElsewhereJob
+from clustermcl.protocol.work import Checkpoint, ElsewhereJob, WorkerState
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.unit.coordinator.living import Living
 from tests.unit.coordinator.reports import checkpoint, literal_bayes, scan, started
 
-NOTHING = WorkerSnapshot(term=0)
+NOTHING = WorkerState(sender="w", term=0, holds=())
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +95,8 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
     made.handle(WorkerStateArrived("w", NOTHING), 1)
     assert made.term.begun
     done = made.handle(ScanArrived(scan(0)), 2)
-    (handed_on,) = (i for i in done if isinstance(i, PublishCheckpoint))
-    assert handed_on.checkpoint.term > broken.term
+    (handed_on,) = (i for i in done if isinstance(i, Checkpoint))
+    assert handed_on.term > broken.term
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
 
 

@@ -17,28 +17,24 @@ from clustermcl.coordinator.events import (
     ScanArrived,
     TimePassed,
     WorkerJoined,
-    WorkerSnapshot,
     WorkerStateArrived,
 )
 from clustermcl.coordinator.instructions import (
-    AnswerCommand,
     AskState,
     FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
-    PublishCheckpoint,
-    PublishEvents,
     SendOrder,
 )
 from clustermcl.filter.settings import FilterSettings, SearchSettings
-from clustermcl.protocol.answers import Belief, Hypothesis, Relocalize, SetPose, Status
+from clustermcl.protocol.answers import Belief, CommandDone, Hypothesis, Relocalize, SetPose, Status
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.floors import Floor, Floors
 from clustermcl.protocol.job_events import Began, Ended, JobEvents, Remark
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import OdometryReading
-from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, SearchJob
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, SearchJob, WorkerState
 from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import (
     NO_SPREAD,
@@ -96,16 +92,17 @@ class Story:
                 case PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
                     self.reported.append(belief)
-                case PublishCheckpoint(checkpoint=checkpoint):
-                    self.checkpoints.append(checkpoint)
-                case PublishEvents(events=events):
-                    self.reported.append(decode(encode(events), JobEvents))
+                case Checkpoint():
+                    self.checkpoints.append(instruction)
+                case JobEvents():
+                    self.reported.append(decode(encode(instruction), JobEvents))
                 case FetchMap() if self.has_map:
                     self.handle(MapArrived(free_everywhere(self.coordinator.state.map_digest)))
                 case FetchScans(last=last) if last is not None:
                     self.handle(HistoryArrived(()))
                 case AskState(worker=worker):
-                    self.handle(WorkerStateArrived(worker, WorkerSnapshot(term=0)))
+                    state = WorkerState(sender=worker, term=0, holds=())
+                    self.handle(WorkerStateArrived(worker, state))
                 case SendOrder(worker=worker, order=order) if worker not in self.frozen:
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
@@ -144,8 +141,8 @@ class Story:
     def command(self, command: SetPose | Relocalize, at_s: float = 0.0) -> str:
         """Why it was refused; empty: it was not."""
         instructions = self.handle(CommandArrived(command), at_s)
-        (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
-        return answer.done.problem
+        (answer,) = (one for one in instructions if isinstance(one, CommandDone))
+        return answer.problem
 
     def tick(self, *, at_s: float) -> None:
         self.handle(TimePassed(), at_s)
@@ -563,5 +560,5 @@ def test_an_unchanged_state_is_published_again_as_a_sign_of_life() -> None:
     assert [one.serial for one in story.checkpoints] == list(range(len(story.checkpoints)))
     due_ns = SECOND + SIGN_OF_LIFE_NS
     assert story.coordinator.handle(TimePassed(), due_ns - 1) == []
-    assert story.coordinator.handle(TimePassed(), due_ns) == [PublishCheckpoint(newest)]
+    assert story.coordinator.handle(TimePassed(), due_ns) == [newest]
     assert story.coordinator.handle(TimePassed(), due_ns + 1) == []

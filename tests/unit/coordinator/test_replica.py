@@ -9,7 +9,7 @@ from clustermcl.coordinator.events import (
     TimePassed,
     TokenChanged,
 )
-from clustermcl.coordinator.instructions import AskState, FetchScans, Instruction, PublishCheckpoint
+from clustermcl.coordinator.instructions import AskState, FetchScans, Instruction
 from clustermcl.coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
 from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint, started
@@ -79,7 +79,7 @@ def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -
     assert replica.role == "leading", "that one is older"
     decided = replica.handle(CheckpointArrived(state(term=900)), 3)
     assert replica.role == "deposed"
-    assert replica.release([*decided, PublishCheckpoint(state(100))], 3) == []
+    assert replica.release([*decided, state(100)], 3) == []
     replica.follow(4)
     assert (replica.role, replica.newest.checkpoint) == ("follower", state(term=900))
 
@@ -89,7 +89,7 @@ def test_a_leader_that_was_stopped_publishes_and_answers_nothing_for_the_listeni
     replica.handle(TimePassed(), 1)
     woken_ns = PAUSE_NS + 2
     assert not replica.may_answer(woken_ns)
-    decided, fetch = [PublishCheckpoint(state(100))], FetchScans(1, 2)
+    decided, fetch = [state(100)], FetchScans(1, 2)
     released = replica.release([*decided, fetch], woken_ns + 1)
     assert released == [fetch], "the bridge keeps scans for a limited time"
     later_ns = woken_ns

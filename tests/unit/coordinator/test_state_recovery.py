@@ -2,20 +2,20 @@ import math
 
 from msgspec.structs import replace
 
-from clustermcl.coordinator.events import WorkerSnapshot, snapshot_of
 from clustermcl.coordinator.instructions import FetchScans
 from clustermcl.coordinator.recovery import KNOWN_NS, SILENT_NS, UNKNOWN_NS, StateRecovery
+from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
 from tests.unit.coordinator.reports import checkpoint, cloud_at, scan
 
 BEGAN_NS = 5_000_000_000
 KNOWN = KEPT = checkpoint(1, step=3)
-NOTHING = WorkerSnapshot(term=0)
+NOTHING = WorkerState(sender="w", term=0, holds=())
 
 
-def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> WorkerSnapshot:
+def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> WorkerState:
     """From a worker of the coordinator that wrote the file, by default."""
-    return WorkerSnapshot(term=9, terms=terms, founded=founded)
+    return replace(NOTHING, term=9, terms=terms, founded=founded)
 
 
 def asked(
@@ -107,6 +107,6 @@ def test_only_impossible_jobs_of_a_worker_are_left_out() -> None:
         sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1,
     )  # fmt: skip
-    read = snapshot_of(reported)
+    read = without_malformed_jobs(reported)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)

@@ -24,7 +24,6 @@ from clustermcl.worker.worker import (
     FetchMap,
     FetchScans,
     Instruction,
-    PublishReport,
     Warn,
     Worker,
 )
@@ -82,7 +81,7 @@ def answers(instructions: list[Instruction]) -> dict[int, OrderAnswer]:
 
 
 def reported(instructions: list[Instruction]) -> list[tuple[str, int]]:
-    return [(i.report.job_id, i.report.step) for i in instructions if isinstance(i, PublishReport)]
+    return [(one.job_id, one.step) for one in reports(instructions)]
 
 
 def causes(instructions: list[Instruction]) -> list[str]:
@@ -157,7 +156,7 @@ def live(step: int, **values: Any) -> Scan:
 
 
 def reports(instructions: list[Instruction]) -> list[Report]:
-    return [one.report for one in instructions if isinstance(one, PublishReport)]
+    return [one for one in instructions if isinstance(one, Report)]
 
 
 def test_a_live_motion_model_holds_from_its_scan_on(tracking: Worker, model: SensorModel) -> None:
