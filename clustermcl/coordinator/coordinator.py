@@ -14,14 +14,8 @@ from clustermcl.belief.given_places import PriorPose
 from clustermcl.belief.outcome import belief_after
 from clustermcl.belief.part import Part
 from clustermcl.coordinator import events
+from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.checkpoint import state_in, to_bytes
-from clustermcl.coordinator.instructions import (
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
 from clustermcl.coordinator.recovery import ORDERS_AFTER_NS, LastPlace, StateRecovery, Term
 from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.filter.settings import FilterSettings
@@ -115,7 +109,7 @@ class Coordinator(Part):
 
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
-    ) -> list[Instruction]:
+    ) -> list[do.Instruction]:
         """Process an event; return instructions to carry out in this order."""
         match event:
             case events.ScanArrived(scan):
@@ -171,7 +165,7 @@ class Coordinator(Part):
 
     # --- scans
 
-    def _on_scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> list[Instruction]:
+    def _on_scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> list[do.Instruction]:
         state = self.state
         if not state.on_map(scan):
             return []
@@ -192,7 +186,7 @@ class Coordinator(Part):
 
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
-    ) -> list[Instruction]:
+    ) -> list[do.Instruction]:
         """Process a scan whose step does not follow the step of `newest`.
 
         The belief of a repeated step is published again, because the bridge may have missed it.
@@ -204,11 +198,11 @@ class Coordinator(Part):
         is_repeated = scan.lockstep and scan.step == self.state.applied_step
         return [*self._publication(now_ns)] if is_repeated else []
 
-    def _fetch(self, first: int, last: int | None) -> FetchScans:
+    def _fetch(self, first: int, last: int | None) -> do.FetchScans:
         self.state.collector.is_fetching = True
-        return FetchScans(first, last)
+        return do.FetchScans(first, last)
 
-    def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
+    def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[do.Instruction]:
         """Process fetched scans; a coordinator without a search begins with the newest one."""
         self.state.collector.is_fetching = False
         self.recovery.on_history(scans)
@@ -218,7 +212,7 @@ class Coordinator(Part):
         if not self.state.ensemble.searches:
             self.state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
-        return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
+        return [one for scan in scans for one in self._on_scan(scan, now_ns, fetched=True)]
 
     # --- workers
 
@@ -232,7 +226,9 @@ class Coordinator(Part):
         placement.on_worker_joined(worker, now_ns + ORDERS_AFTER_NS if is_asked else 0)
         self.state.changed = True
 
-    def _on_worker_state(self, worker: str, answer: WorkerState, now_ns: int) -> list[Instruction]:
+    def _on_worker_state(
+        self, worker: str, answer: WorkerState, now_ns: int
+    ) -> list[do.Instruction]:
         """Process a worker's answer, which may allow continuing from a stored state."""
         if worker not in self.state.placement.live:
             return []
@@ -254,9 +250,9 @@ class Coordinator(Part):
 
     # --- commands and time
 
-    def _on_command(self, command: SetPose | Relocalize, now_ns: int) -> list[Instruction]:
+    def _on_command(self, command: SetPose | Relocalize, now_ns: int) -> list[do.Instruction]:
         """Carry out a command once for each id; its effects are published before the answer."""
-        instructions: list[Instruction] = []
+        instructions: list[do.Instruction] = []
         if command.command_id not in self.state.commands.problems:
             if self.state.carry_out(command):
                 instructions += self._publication(now_ns)
@@ -264,7 +260,7 @@ class Coordinator(Part):
         problem = self.state.commands.problems.get(command.command_id, "")
         return [*instructions, CommandDone(sender=self.sender, problem=problem)]
 
-    def _on_time_passed(self, now_ns: int) -> list[Instruction]:
+    def _on_time_passed(self, now_ns: int) -> list[do.Instruction]:
         """Apply the steps that are due, and send workers their orders.
 
         A changed state is published before the orders and beliefs that follow from it.
@@ -288,9 +284,9 @@ class Coordinator(Part):
             applied_step=self.state.applied_step,
         )
         if self.state.wants_map(now_ns):
-            instructions.append(FetchMap())
+            instructions.append(do.FetchMap())
         first = self._checkpoint(now_ns, is_new=self.state.changed or bool(orders))
-        return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
+        return [*first, *(do.SendOrder(worker, order) for worker, order in orders), *instructions]
 
     def _checkpoint(self, now_ns: int, *, is_new: bool) -> list[Checkpoint]:
         """Return a new state, or the last one if a sign of life is due."""
@@ -311,9 +307,9 @@ class Coordinator(Part):
 
     # --- recovery
 
-    def _proceed(self, now_ns: int) -> list[Instruction]:
+    def _proceed(self, now_ns: int) -> list[do.Instruction]:
         """Query workers, raise the term, and begin to lead, each when due."""
-        instructions = list[Instruction](self.recovery.questions(self.term.number, now_ns))
+        instructions = list[do.Instruction](self.recovery.questions(self.term.number, now_ns))
         if self.term.begun and self.term.rises_above_workers(now_ns):
             self.state.count(Cause.TERM_RAISED)
             self.state.changed = True  # the term is a part of what is published
@@ -324,7 +320,7 @@ class Coordinator(Part):
             self.recovery.kept = self.recovery.kept_scan = None
         return instructions
 
-    def _begin(self, now_ns: int) -> list[Instruction]:
+    def _begin(self, now_ns: int) -> list[do.Instruction]:
         """Continue from a state, or search for the robot."""
         self.term.begun = True
         instructions = self._resume(self.recovery.checkpoints, now_ns)
@@ -361,14 +357,14 @@ class Coordinator(Part):
             return None
         return last.as_prior_at(scan, settings.last_pose_probability)
 
-    def _resume_late(self, now_ns: int) -> list[Instruction]:
+    def _resume_late(self, now_ns: int) -> list[do.Instruction]:
         """Continue from a state that counts since the coordinator leads, if it has no place yet."""
         if self.state.founded:
             return []
         founded = [one for one in self.recovery.checkpoints if one.founded]
         return self._resume(founded, now_ns)
 
-    def _resume(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
+    def _resume(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[do.Instruction]:
         """Continue from the first usable state; return no instruction if there is none.
 
         The last belief is published again: its coordinator may have died before.
@@ -453,7 +449,7 @@ class Coordinator(Part):
     def events(self) -> JobEvents:
         return self._to_message(tuple(self.state.event_log.kept))
 
-    def _publication(self, now_ns: int) -> list[JobEvents | PublishBelief]:
+    def _publication(self, now_ns: int) -> list[JobEvents | do.PublishBelief]:
         """Return what is published after a step or a command; nothing before the first step.
 
         Events are published before the belief to which they belong.
@@ -464,7 +460,7 @@ class Coordinator(Part):
         belief = belief_after(scan, self.state.pose.outcome, self.sender, self.term.number)
         news = self.state.event_log.news()
         first = [self._to_message(news)] if news else []
-        return [*first, PublishBelief(belief, self.pose(now_ns))]
+        return [*first, do.PublishBelief(belief, self.pose(now_ns))]
 
     def _to_message(self, events: tuple[NumberedEvent, ...]) -> JobEvents:
         return JobEvents(sender=self.sender, events=events, term=self.term.number)

@@ -34,11 +34,7 @@ def balanced(
 
     A job moves only from a worker that has two more than another, so that it does not move back
     soon. Of equally loaded workers, the first by name gets a job and the last by name loses one.
-
-    Args:
-        jobs: each worker's jobs by id; those of None wait for a worker.
-        workers: workers that may get jobs; jobs of others stay where they are.
-        may_move: whether a job may leave a healthy worker.
+    Jobs of None wait for a worker; jobs of workers that are not in `workers` stay where they are.
 
     Returns:
         The new worker of each job that changes hands, by job id.
@@ -221,14 +217,10 @@ class Jobs(Part):
         *,
         term: int,
     ) -> None:
-        """Continue with another coordinator's jobs; absent workers keep theirs for a while.
+        """Continue with the jobs of another coordinator, of this term.
 
-        Args:
-            handed_on: jobs in the other coordinator's state.
-            rebuilt: makes the job of a cluster whose particles only its worker holds.
-            present: workers that have appeared.
-            now_ns: time by the clock of all events [ns].
-            term: the other coordinator's term.
+        Workers that are not present keep theirs for a while. `rebuilt` makes the job of a cluster
+        whose particles only its worker holds.
         """
         self.placed = {
             job_id: PlacedJob(
@@ -255,11 +247,10 @@ class Jobs(Part):
             self.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
-        """Store the jobs and snapshots that a worker reports.
+        """Store the jobs and snapshots that a worker reports; return those that it keeps.
 
-        Returns:
-            The jobs that remain with the worker. The others have ended, belong to another worker
-            by a newer epoch, or come from a coordinator whose state was not adopted.
+        The others have ended, belong to another worker by a newer epoch, or come from a coordinator
+        whose state was not adopted.
         """
         kept = []
         for held in holds:

@@ -9,30 +9,9 @@ from functools import partial
 import msgspec
 
 from clustermcl.belief.free_ground import FreeGround
+from clustermcl.coordinator import events
+from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.events import (
-    CheckpointArrived,
-    CommandArrived,
-    Event,
-    HistoryArrived,
-    LinkChanged,
-    MapArrived,
-    OdometryArrived,
-    OrderAnswered,
-    ReportArrived,
-    ScanArrived,
-    TimePassed,
-    TokenChanged,
-    WorkerStateArrived,
-)
-from clustermcl.coordinator.instructions import (
-    AskState,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.replica import Replica
 from clustermcl.coordinator.report_checks import (
@@ -44,7 +23,7 @@ from clustermcl.coordinator.state_file import StateKeeper
 from clustermcl.coordinator.step_collector import without_snapshot
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Link, Received, Token, alive
-from clustermcl.protocol import keys
+from clustermcl.protocol import keys, work
 from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
 from clustermcl.protocol.answers import CommandDone, Relocalize, SetPose, Status
 from clustermcl.protocol.causes import Cause
@@ -55,14 +34,6 @@ from clustermcl.protocol.job_events import JobEvents, event_texts
 from clustermcl.protocol.message import Message
 from clustermcl.protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from clustermcl.protocol.terms import check_term
-from clustermcl.protocol.work import (
-    Checkpoint,
-    OrderAnswer,
-    Report,
-    Reported,
-    WorkerState,
-    reports_in,
-)
 from clustermcl.recordings.maps.map_message import from_message
 from clustermcl.runtime.logs import CauseCounter
 
@@ -89,10 +60,7 @@ _log = logging.getLogger(__name__)
 class Loop:
     """The event loop of a coordinator process, first as a follower, then as a leader.
 
-    Args:
-        node: the open node of the process.
-        replica: takes events and returns instructions.
-        radius_m: radius of the robot [m]; 0: unknown.
+    `radius_m` is that of the robot [m]; 0: unknown.
     """
 
     def __init__(self, node: Node, replica: Replica, radius_m: float) -> None:
@@ -101,7 +69,12 @@ class Loop:
         self._ticked_ns, self._linked = 0, True
         self._another_map = CauseCounter()
         node.subscribe(
-            keys.CHECKPOINT, Checkpoint, self._on_checkpoint, kind="checkpoint", kept=4, own=False
+            keys.CHECKPOINT,
+            work.Checkpoint,
+            self._on_checkpoint,
+            kind="checkpoint",
+            kept=4,
+            own=False,
         )
         node.watch_link(self._on_link)
 
@@ -135,7 +108,7 @@ class Loop:
         node.subscribe(keys.ODOMETRY, OdometryReading, self._on_odometry, kind="odometry", kept=1)
         node.subscribe(
             keys.ALL_REPORTS,
-            Reported,  # type: ignore[arg-type] # a union
+            work.Reported,  # type: ignore[arg-type] # a union
             self._on_reported,
             kind="report",
             kept=4096,
@@ -159,7 +132,7 @@ class Loop:
                 # With many queries, `turn` may never return without an event.
                 if event is None or time.monotonic_ns() - self._ticked_ns >= TICK_NS:
                     self._ticked_ns = time.monotonic_ns()
-                    self._on(TimePassed())
+                    self._on(events.TimePassed())
 
     def _may_serve(self, begun_s: float) -> bool:
         """Return whether the age of the robot's data is known, or they are stale for certain."""
@@ -177,7 +150,7 @@ class Loop:
 
     # --- messages
 
-    def _on(self, event: Event | TokenChanged) -> list[Instruction]:
+    def _on(self, event: events.Event | events.TokenChanged) -> list[do.Instruction]:
         """Pass an event to the replica; carry out and return the instructions."""
         decided = self._replica.handle(event, time.monotonic_ns())
         released = self._replica.release(decided, time.monotonic_ns())
@@ -188,16 +161,16 @@ class Loop:
         if link.up != self._linked:
             self._linked = link.up
             _log.warning("the link to the router %s", "is back" if link.up else "is lost")
-        self._on(LinkChanged(link.up))
+        self._on(events.LinkChanged(link.up))
 
     def _on_token(self, token: Token) -> None:
         is_coordinator = token.key == keys.COORDINATOR_ALIVE
         worker = None if is_coordinator else keys.worker_name(token.key)
-        self._on(TokenChanged(worker, token.alive))
+        self._on(events.TokenChanged(worker, token.alive))
 
-    def _on_checkpoint(self, checkpoint: Checkpoint, _received: Received) -> None:
+    def _on_checkpoint(self, checkpoint: work.Checkpoint, _received: Received) -> None:
         check_term(checkpoint, time.time_ns())
-        self._on(CheckpointArrived(checkpoint))
+        self._on(events.CheckpointArrived(checkpoint))
 
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
@@ -206,19 +179,19 @@ class Loop:
             error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
             # The coordinator counts such scans.
             self._another_map.warn(_log, "scan of another map dropped", error, time.monotonic())
-        self._on(ScanArrived(scan))
+        self._on(events.ScanArrived(scan))
 
     def _on_odometry(self, reading: OdometryReading, _received: Received) -> None:
         self._node.health.happened("odometry")
-        self._on(OdometryArrived(reading))
+        self._on(events.OdometryArrived(reading))
 
-    def _on_reported(self, message: Reported, received: Received) -> None:
+    def _on_reported(self, message: work.Reported, received: Received) -> None:
         # The worker's name is taken from the key, which access control protects.
         worker = keys.worker_name(received.key)
-        for report in reports_in(message):
+        for report in work.reports_in(message):
             self._on_report(report, worker)
 
-    def _on_report(self, report: Report, worker: str) -> None:
+    def _on_report(self, report: work.Report, worker: str) -> None:
         self._node.health.happened("reports")
         settings = self._coordinator.state.ensemble.settings
         check_places(report, settings)
@@ -227,7 +200,7 @@ class Loop:
             detail = f"{worker}, job {printable(report.job_id)}"
             self._node.warn(_log, Cause.LARGE_SNAPSHOT, detail)
             report = without_snapshot(report)
-        self._on(ReportArrived(worker, report))
+        self._on(events.ReportArrived(worker, report))
 
     def _on_health(self, health: Health, received: Received) -> None:
         key = received.key
@@ -295,39 +268,39 @@ class Loop:
         return msgspec.structs.replace(status, processes=(own, *self._processes.all(now_ns)))
 
     def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
-        for do in self._on(CommandArrived(decode(asked.payload, kind))):
-            if isinstance(do, CommandDone):
-                asked.answer(do)
+        for one in self._on(events.CommandArrived(decode(asked.payload, kind))):
+            if isinstance(one, CommandDone):
+                asked.answer(one)
                 return
         asked.refuse(MAY_BE_DEPOSED)
 
     # --- instructions
 
-    def _carry_out(self, instructions: Iterable[Instruction]) -> None:
+    def _carry_out(self, instructions: Iterable[do.Instruction]) -> None:
         for instruction in instructions:
             match instruction:
-                case SendOrder(worker, order):
-                    self._ask_worker(keys.worker_order(worker), order, OrderAnswer, worker)
-                case AskState(worker, question):
-                    self._ask_worker(keys.worker_state(worker), question, WorkerState, worker)
-                case FetchScans(first, last):
+                case do.SendOrder(worker, order):
+                    self._ask_worker(keys.worker_order(worker), order, work.OrderAnswer, worker)
+                case do.AskState(worker, question):
+                    self._ask_worker(keys.worker_state(worker), question, work.WorkerState, worker)
+                case do.FetchScans(first, last):
                     self._node.ask(
                         keys.scan_history(first, last),
                         ScanHistory,
-                        lambda history: self._on(HistoryArrived(history.scans)),
+                        lambda history: self._on(events.HistoryArrived(history.scans)),
                         timeout_s=ORDER_TIMEOUT_S,
                         repeat_for_s=ASK_AGAIN_WITHIN_S,
                     )
-                case FetchMap():
+                case do.FetchMap():
                     self._node.ask(keys.MAP, MapMessage, self._read_map, timeout_s=ORDER_TIMEOUT_S)
-                case Checkpoint():
+                case work.Checkpoint():
                     self._keeper.offer(instruction)
                     self._checkpoints.put(instruction)
-                case JobEvents(events=events):
+                case JobEvents():
                     self._events.put(instruction)
-                    for text in event_texts(events):
+                    for text in event_texts(instruction.events):
                         _log.info("%s", text)
-                case PublishBelief(belief, pose):
+                case do.PublishBelief(belief, pose):
                     self._node.health.happened("beliefs")
                     self._belief.put(belief)
                     self._pose.put(pose)
@@ -335,15 +308,19 @@ class Loop:
                     pass  # see `_on_command`
 
     def _ask_worker(
-        self, key: str, message: Message, answer: type[OrderAnswer | WorkerState], worker: str
+        self,
+        key: str,
+        message: Message,
+        answer: type[work.OrderAnswer | work.WorkerState],
+        worker: str,
     ) -> None:
-        def on_answer(received: OrderAnswer | WorkerState) -> None:
+        def on_answer(received: work.OrderAnswer | work.WorkerState) -> None:
             check_term(received, time.time_ns())
-            if isinstance(received, OrderAnswer):
-                self._on(OrderAnswered(worker, received))
+            if isinstance(received, work.OrderAnswer):
+                self._on(events.OrderAnswered(worker, received))
             else:
                 self._node.heap.on_large_message(time.monotonic())
-                self._on(WorkerStateArrived(worker, without_malformed_jobs(received)))
+                self._on(events.WorkerStateArrived(worker, without_malformed_jobs(received)))
 
         self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
 
@@ -357,7 +334,7 @@ class Loop:
 
         def on_done(outcome: Future[FreeGround]) -> None:
             self._is_map_asked = False
-            self._on(MapArrived(outcome.result()))
+            self._on(events.MapArrived(outcome.result()))
 
         self._node.heap.on_large_message(time.monotonic())
         if not self._is_map_asked:

@@ -15,14 +15,7 @@ from clustermcl.belief.part import Part
 from clustermcl.coordinator.jobs import HAND_OVER_NS, Jobs, PlacedJob, balanced
 from clustermcl.coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.protocol.work import (
-    Assignment,
-    OrderAnswer,
-    Report,
-    SearchReport,
-    TrackJob,
-    WorkOrder,
-)
+from clustermcl.protocol import work
 
 RESEND_AFTER_NS = 500_000_000
 
@@ -75,14 +68,14 @@ class Placement(Part):
         self.stragglers.forget(worker)
         self.jobs.take_from(worker)
 
-    def on_worker_jobs(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
+    def on_worker_jobs(self, worker: str, holds: Iterable[work.Assignment], now_ns: int) -> None:
         """Store the jobs that a worker holds, with their snapshots; it may get orders now."""
         confirmed = {job.job_id: job.epoch for job in self.jobs.held(worker, holds, now_ns)}
         live = self.live[worker]
         live.ordered, live.silent_until_ns = None, 0
         live.confirmed |= confirmed
 
-    def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
+    def on_order_answer(self, worker: str, answer: work.OrderAnswer) -> None:
         """Store which jobs a worker has.
 
         A worker that was restarted unnoticed answers without the jobs that it should keep; it gets
@@ -121,12 +114,12 @@ class Placement(Part):
         job = self.jobs.placed.get(job_id)
         return job is None or job.worker is None or self.stragglers.waits_for(job.worker)
 
-    def on_report(self, report: Report, *, in_time: bool) -> None:
+    def on_report(self, report: work.Report, *, in_time: bool) -> None:
         self.jobs.on_report(report, in_time=in_time)
         job = self.jobs.placed[report.job_id]
         if job.worker is not None:
             self.stragglers.on_report(job.worker)
-        if isinstance(report, SearchReport):
+        if isinstance(report, work.SearchReport):
             self.silent_shards.on_report(report.job_id, report.step)
 
     def on_step_decided(
@@ -168,7 +161,7 @@ class Placement(Part):
         now_ns: int,
         newest_step: int = -1,
         applied_step: int = -1,
-    ) -> list[tuple[str, WorkOrder]]:
+    ) -> list[tuple[str, work.WorkOrder]]:
         """Give waiting jobs to workers, balance the load, and return each worker's due order.
 
         `newest_step` is the newest step whose scan has arrived.
@@ -224,14 +217,14 @@ class Placement(Part):
         term: int,
         map_digest: str,
         now_ns: int,
-    ) -> WorkOrder:
+    ) -> work.WorkOrder:
         self.orders_sent += 1
         worker.order, worker.sent_ns = self.orders_sent, now_ns
         worker.ordered, worker.answered = jobs, False
         keep = tuple(sorted(jobs.items() & worker.confirmed.items()))
         begin = sorted(jobs.items() - worker.confirmed.items())
         kept = ((job_id, self.jobs.placed[job_id].job) for job_id, _ in keep)
-        return WorkOrder(
+        return work.WorkOrder(
             sender=self.sender,
             order=worker.order,
             term=term,
@@ -243,7 +236,7 @@ class Placement(Part):
             resize=tuple(
                 (job_id, job.particles, job.particles_from)
                 for job_id, job in kept
-                if isinstance(job, TrackJob) and job.particles and job.particles_from >= 0
+                if isinstance(job, work.TrackJob) and job.particles and job.particles_from >= 0
             ),
             repeat_after=applied_step if worker.reports_lost else None,
         )
@@ -278,12 +271,12 @@ class Placement(Part):
         def handed_on(job_id: str, job: PlacedJob) -> PlacedJob:
             worker = self.live.get(job.worker or "")
             is_held = worker is not None and worker.confirmed.get(job_id) == job.epoch
-            return replace(job, job=None) if is_held and isinstance(job.job, TrackJob) else job
+            return replace(job, job=None) if is_held and isinstance(job.job, work.TrackJob) else job
 
         return Jobs({job_id: handed_on(job_id, job) for job_id, job in self.jobs.placed.items()})
 
     def resume(
-        self, jobs: Jobs, rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
+        self, jobs: Jobs, rebuilt: Callable[[str], work.TrackJob], now_ns: int, term: int
     ) -> None:
         """Continue with another coordinator's jobs; see `Jobs.resume`.
 

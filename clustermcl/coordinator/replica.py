@@ -8,17 +8,9 @@ from collections.abc import Callable
 from typing import Literal, TypeAlias
 
 from clustermcl.belief.pose_tracker import LatencyEstimator
+from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import arrival
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.events import (
-    CheckpointArrived,
-    Event,
-    LinkChanged,
-    TokenChanged,
-    WorkerJoined,
-    WorkerLeft,
-    WorkerReturned,
-)
 from clustermcl.coordinator.instructions import FetchScans, Instruction
 from clustermcl.protocol.work import Checkpoint
 
@@ -33,7 +25,7 @@ GRACE_NS = 2_000_000_000
 """After the link is back: twice the longest pause between two attempts to connect [ns]."""
 
 Role: TypeAlias = Literal["follower", "recovering", "leading", "deposed"]
-Change: TypeAlias = WorkerJoined | WorkerLeft | WorkerReturned
+Change: TypeAlias = events.WorkerJoined | events.WorkerLeft | events.WorkerReturned
 
 
 class Replica:
@@ -68,7 +60,7 @@ class Replica:
         self,
         coordinator: Coordinator,
         now_ns: int,
-        handle: Callable[[Event, int], list[Instruction]] | None = None,
+        handle: Callable[[events.Event, int], list[Instruction]] | None = None,
     ) -> None:
         """Recover the state, then lead, with a new coordinator.
 
@@ -79,25 +71,25 @@ class Replica:
         self._membership, self._fencing = Membership(), SelfFencing(now_ns)
         self._may_decide = True
 
-    def handle(self, event: Event | TokenChanged, now_ns: int) -> list[Instruction]:
+    def handle(self, event: events.Event | events.TokenChanged, now_ns: int) -> list[Instruction]:
         """Process an event, after `release`; return instructions to carry out."""
-        if isinstance(event, CheckpointArrived):
+        if isinstance(event, events.CheckpointArrived):
             is_newest = self.newest.on_state(event.checkpoint, now_ns)
         if self.coordinator is not None:
             self._fencing.turn(now_ns)
-            events = [*self._meaning_of(event, now_ns)]
-            events[:0] = self._permission(now_ns)
-            instructions = [do for one in events for do in self._decide(one, now_ns)]
+            meant = self._meaning_of(event, now_ns)
+            due = [*self._permission(now_ns), *meant]
+            instructions = [do for one in due for do in self._decide(one, now_ns)]
             left = self._membership.left(now_ns)
             return instructions + [do for one in left for do in self._decide(one, now_ns)]
         match event:
-            case CheckpointArrived() if is_newest:
+            case events.CheckpointArrived() if is_newest:
                 self._detector.sign_of_life(now_ns)
-            case TokenChanged(worker=None, alive=True):
+            case events.TokenChanged(worker=None, alive=True):
                 self._detector.sign_of_life(now_ns)
-            case TokenChanged(worker=None, alive=False):
+            case events.TokenChanged(worker=None, alive=False):
                 self._detector.token_vanished(now_ns)
-            case LinkChanged(up=up):
+            case events.LinkChanged(up=up):
                 self._detector.link(up, now_ns)
         return []
 
@@ -117,13 +109,15 @@ class Replica:
         self._fencing.turn(now_ns)
         return not self._fencing.is_listening(now_ns)
 
-    def _meaning_of(self, event: Event | TokenChanged, now_ns: int) -> list[Event]:
+    def _meaning_of(
+        self, event: events.Event | events.TokenChanged, now_ns: int
+    ) -> list[events.Event]:
         """Return the coordinator's events that follow from an event of the process."""
         match event:
-            case TokenChanged(worker, alive):
+            case events.TokenChanged(worker, alive):
                 # Coordinators' tokens matter to followers only.
                 return [*self._membership.token(worker, alive, now_ns)] if worker else []
-            case LinkChanged(up=up):
+            case events.LinkChanged(up=up):
                 if up and not self._membership.linked:
                     self._fencing.listen(now_ns)
                 self._membership.link(up, now_ns)
@@ -131,13 +125,13 @@ class Replica:
             case _:
                 return [event]
 
-    def _permission(self, now_ns: int) -> list[Event]:
+    def _permission(self, now_ns: int) -> list[events.Event]:
         """Return `LinkChanged` if the coordinator may decide from now on, or may no longer."""
         may_decide = self._membership.linked and not self._fencing.is_listening(now_ns)
         if may_decide == self._may_decide:
             return []
         self._may_decide = may_decide
-        return [LinkChanged(up=may_decide)]
+        return [events.LinkChanged(up=may_decide)]
 
 
 class NewestState:
@@ -262,11 +256,11 @@ class Membership:
             return []
         if worker not in self._present:
             self._present.add(worker)
-            return [WorkerJoined(worker)]
+            return [events.WorkerJoined(worker)]
         gone_ns = self._gone_ns.pop(worker, None)
         if gone_ns is None or self._is_unsure(now_ns):
-            return [WorkerReturned(worker)]
-        return [WorkerLeft(worker), WorkerJoined(worker)]
+            return [events.WorkerReturned(worker)]
+        return [events.WorkerLeft(worker), events.WorkerJoined(worker)]
 
     def left(self, now_ns: int) -> list[Change]:
         """Return the workers whose absence has become certain."""
@@ -276,7 +270,7 @@ class Membership:
         for worker in left:
             del self._gone_ns[worker]
             self._present.discard(worker)
-        return [WorkerLeft(worker) for worker in sorted(left)]
+        return [events.WorkerLeft(worker) for worker in sorted(left)]
 
     def _is_unsure(self, now_ns: int) -> bool:
         return not self.linked or now_ns < self._trust_from_ns

@@ -25,7 +25,7 @@ LONGEST_PAUSE_NS = 60_000_000_000
 
 
 class Punctuality(Part):
-    """The steps that a worker has missed, and its pause."""
+    """The steps that a worker has missed, and its pause, in which it gets no jobs."""
 
     missed: float = 0.0
     """Halved by each step in time."""
@@ -39,7 +39,6 @@ class Punctuality(Part):
         return self.missed >= GIVEN_UP_AFTER
 
     def pause(self, now_ns: int) -> None:
-        """Begin a pause."""
         doublings = min(int(self.missed) - GIVEN_UP_AFTER, 8)
         self.paused = True
         self.pause_ends_ns = now_ns + min(FIRST_PAUSE_NS << doublings, LONGEST_PAUSE_NS)
@@ -73,14 +72,10 @@ class StragglerPolicy(Part):
         patient: bool = False,
         keep: Container[str | None] = (),
     ) -> list[str]:
-        """Record which workers missed a step; return those that lose their jobs.
+        """Record which workers missed a step; return those that lose their jobs, but for `keep`.
 
-        Args:
-            reported: workers that reported at least one of their jobs.
-            missing: workers that did not report all of their jobs in time.
-            now_ns: time by the clock of all events [ns].
-            patient: whether all workers are slow.
-            keep: workers that do not lose their jobs.
+        Workers are `missing` if they did not report all of their jobs in time, and have `reported`
+        if they reported one. `patient`: all workers are slow.
         """
         if not reported:  # the network is slow then, not one worker
             return []

@@ -37,9 +37,6 @@ from clustermcl.protocol.work import Checkpoint, Place, Report, TrackJob
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
-"""Counter of reports that the coordinator refuses to keep."""
-
-
 MOST_UNREPORTED = 64
 
 
@@ -342,11 +339,9 @@ class CoordinatorState(Part):
         )
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
-        """Continue from another coordinator's state.
+        """Continue from another coordinator's state; return the step that follows.
 
-        Returns:
-            The step that follows; None if the state cannot be used. Then at most commands were
-            taken from it.
+        None: the state cannot be used, and at most commands were taken from it.
         """
         try:
             state = state_in(checkpoint)

@@ -8,8 +8,7 @@ other is whole. The newest counts. A checksum detects a damaged file, which is l
 import logging
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache, partial
 from pathlib import Path
 from urllib.parse import quote
@@ -22,7 +21,7 @@ from clustermcl.protocol.terms import check_term
 from clustermcl.protocol.work import Checkpoint
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.output_files import opened_to_write, replace_file
-from clustermcl.runtime.threads import ended, started
+from clustermcl.runtime.threads import disk_thread
 
 MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
 SYNC_EVERY_S = 1.0
@@ -113,21 +112,16 @@ class StateKeeper:
             self._newest = checkpoint
             self._changed.notify()
 
-    @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> AbstractContextManager[None]:
         """Write within the ``with`` block; at its end write the newest state, and wait a moment."""
         if self._folder is None:
-            yield
-            return
-        thread = started(partial(self._run, self._folder), "state-keeper")
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._closed = True
-                self._changed.notify()
-            if not ended(thread, LAST_WRITE_S):
-                _log.warning("%s: slow disk; a power cut now loses the last state", self._folder)
+            return nullcontext()
+        return disk_thread(partial(self._run, self._folder), "state", self._close, LAST_WRITE_S)
+
+    def _close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
 
     def _run(self, folder: Path) -> None:
         sync_at_s, unsynced, closed = time.monotonic(), None, False

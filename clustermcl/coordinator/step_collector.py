@@ -87,11 +87,9 @@ class StepCollector(Part):
             self.open_steps = {one: opened for one, opened in self.open_steps.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
-        """Drop all open steps, and continue with step `before` + 1.
+        """Drop all open steps, and continue after step `before`.
 
-        Args:
-            before: number of the step before the next one.
-            applied: the scan of step `before`; None: the robot is searched for.
+        `applied` is its scan; None: the robot is searched for.
         """
         self.open_steps.clear()
         self.late.clear()
@@ -155,12 +153,9 @@ class StepCollector(Part):
         return sum(kept is not None and is_bulky(kept) for kept in of_job) < BULKY_REPORTS
 
     def on_report(self, report: Report, now_ns: int) -> bool:
-        """Store a report; return False if it is useless because its step was applied.
+        """Store a report of a job's present worker; return False if its step was applied.
 
-        Args:
-            report: report of a job's present worker.
-            now_ns: time by the clock of `on_scan` [ns]. A report counts only if its scan arrives
-                before, or soon after.
+        It counts only if its scan arrives before, or soon after.
         """
         if not self._is_over(report.step):
             opened = self.open_steps.setdefault(report.step, OpenStep())
@@ -188,12 +183,8 @@ class StepCollector(Part):
     ) -> ReadyStep | None:
         """Return the next step if it is complete or its deadline has passed, else None.
 
-        Args:
-            expected: ids of the jobs whose reports the step needs.
-            placed_ns: returns when a job was given to its worker [ns], as `Jobs.placed_ns`; a step
-                waits longer for a new job.
-            now_ns: time by the clock of `on_scan` [ns].
-            deferrable: ids of jobs that may report a step later.
+        A step needs the reports of the `expected` jobs; `deferrable` ones may report a step later.
+        It waits longer for a new job, given to its worker at `placed_ns`, see `Jobs.placed_ns`.
         """
         scan, settings = self.oldest_scan, self.settings
         if scan is None:

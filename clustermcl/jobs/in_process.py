@@ -43,11 +43,7 @@ class InProcessState(msgspec.Struct, frozen=True):
 
 
 class InProcess:
-    """The belief and all its jobs; arguments as for `outcomes` and `running`.
-
-    Attributes:
-        reports: the jobs' reports of the last step.
-    """
+    """The belief and all its jobs; `reports` are those of the last step."""
 
     def __init__(
         self, model: SensorModel, settings: FilterSettings, snapshot_every_steps: int = 0

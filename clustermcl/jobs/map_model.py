@@ -29,9 +29,7 @@ KEPT_ENTRIES = 16
 
 _CELLS = "cells"
 _ENTRY = "field-"
-_SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-"""File of Linux whose content changes at each boot."""
+_SUMS, _PART = "crc32.json", ".part"
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
@@ -158,28 +156,11 @@ def _read(entry: Path) -> MapArrays:
     """
     try:
         sums = decoded((entry / _SUMS).read_bytes(), dict[str, int], msgspec.json)
-        _check(entry, sums)
-        if problem := next(filter(None, (why_untrusted(_file(entry, name)) for name in sums)), ""):
-            raise _BrokenEntryError(problem)
+        for name, expected in sums.items():
+            if _checksum(_file(entry, name)) != expected:
+                raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
+            if problem := why_untrusted(_file(entry, name)):
+                raise _BrokenEntryError(problem)
         return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
     except (msgspec.MsgspecError, ValueError) as error:  # the file may not even be UTF-8
         raise _BrokenEntryError(f"{entry.name}: {error}") from error
-
-
-def _check(entry: Path, sums: dict[str, int]) -> None:
-    """Compare all files with their checksums, once after each boot of the machine.
-
-    A comparison takes a quarter of a second for 24 million cells, and all workers start together.
-    Files written since the last comparison are compared again.
-    """
-    files = {name: _file(entry, name).stat() for name in sums}
-    state = [(name, file.st_size, file.st_ctime_ns) for name, file in files.items()]
-    boot_id = _BOOT_ID.read_text() if _BOOT_ID.exists() else ""
-    now, checked = msgspec.json.encode([boot_id, state]), entry / _CHECKED
-    if boot_id and checked.exists() and checked.read_bytes() == now:
-        return
-    for name, expected in sums.items():
-        if _checksum(_file(entry, name)) != expected:
-            raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
-    with suppress(OSError):  # of a read-only folder, which is compared each time
-        checked.write_bytes(now)

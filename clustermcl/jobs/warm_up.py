@@ -24,16 +24,9 @@ from clustermcl.filter.settings import (
     SensorSettings,
 )
 from clustermcl.jobs.jobs import running
+from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.steps import Landmark, PositionField, Scan, Seen
-from clustermcl.protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    Particles,
-    SearchJob,
-    SearchReport,
-    TrackJob,
-)
 from clustermcl.runtime.folders import log_remarks
 from clustermcl.runtime.parent import PARENT_VARIABLE
 
@@ -112,24 +105,24 @@ def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     model = computed_model(Grid(cells, 0.1, np.zeros(3)), sensor)
     job = running(
-        Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
+        work.Assignment(job_id="s", epoch=0, job=work.SearchJob(search=0, shard=0, first_step=0)),
         model,
         small,
         sender="warm-up",
     )
     for step in range(3):
         report = job.advance(_scan(step, rng))
-    assert isinstance(report, SearchReport)  # the job is a search
+    assert isinstance(report, work.SearchReport)  # the job is a search
     found = report.places.particles.array()
-    sample = Particles(
+    sample = work.Particles(
         step=2,
         odom_from_robot=report.places.odom_from_robot,
         map_from_robot=report.places.particles,
         log_weights=ArrayBlob.of(np.zeros(len(found)), "float32"),
     )
-    track = TrackJob(cluster=0, start=sample, exact=False)
-    for one in (track, ElsewhereJob(first_step=3)):
-        job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
+    track = work.TrackJob(cluster=0, start=sample, exact=False)
+    for one in (track, work.ElsewhereJob(first_step=3)):
+        job = running(work.Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
         job.advance(replace(_scan(3, rng), observations=(_SEEN, _REGION), landmarks=(_TAG,)))
     angles = np.zeros(1)
     cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice

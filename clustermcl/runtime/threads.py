@@ -3,9 +3,9 @@
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 
 from clustermcl.protocol.errors import ClusterMclError
@@ -18,20 +18,23 @@ _LOG_AGAIN_S = 60.0
 _log = logging.getLogger(__name__)
 
 
-def started(work: Callable[[], object], name: str) -> threading.Thread:
-    """Start a thread that writes to a disk; the end of the process does not wait for it."""
+@contextmanager
+def disk_thread(
+    work: Callable[[], object], name: str, end: Callable[[], object], within_s: float
+) -> Iterator[None]:
+    """Run a thread that writes to a disk within the ``with`` block; `end` asks it to end.
+
+    Its last write may take this time, as a process has 1.5 s to end, see `Supervisor.stop`.
+    """
     thread = threading.Thread(target=work, name=name, daemon=True)
     thread.start()
-    return thread
-
-
-def ended(thread: threading.Thread, within_s: float) -> bool:
-    """Wait for the last write of such a thread; return False if the disk is too slow.
-
-    A process has 1.5 s to end, see `Supervisor.stop`.
-    """
-    thread.join(within_s)
-    return not thread.is_alive()
+    try:
+        yield
+    finally:
+        end()
+        thread.join(within_s)
+        if thread.is_alive():
+            _log.warning("slow disk: the last data of the %s may be lost", name)
 
 
 def run_in_threads(

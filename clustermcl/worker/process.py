@@ -50,18 +50,10 @@ from clustermcl.runtime.supervisor import (
     work_without_preempting,
 )
 from clustermcl.runtime.threads import restarted, run_in_threads
+from clustermcl.worker import worker as do
 from clustermcl.worker.adviser import Adviser
 from clustermcl.worker.search_queue import SearchPause
-from clustermcl.worker.worker import (
-    Advise,
-    Answer,
-    BuildModel,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    Warn,
-    Worker,
-)
+from clustermcl.worker.worker import Instruction, Worker
 
 SPARE = 1
 """Least number of workers beyond one, so that another continues at once if one dies."""
@@ -266,18 +258,18 @@ class WorkerLoop:
         reports = list[Report]()
         for instruction in instructions:
             match instruction:
-                case Answer(asked, message):
+                case do.Answer(asked, message):
                     asked.answer(message)
                     self._report_jobs(self._worker.jobs)
-                case FetchMap():
+                case do.FetchMap():
                     self._fetch_map()
-                case BuildModel():
+                case do.BuildModel():
                     self._build(instruction)
-                case FetchScans():
+                case do.FetchScans():
                     self._fetch_scans(instruction)
-                case Warn(cause, detail):
+                case do.Warn(cause, detail):
                     self._node.warn(_log, cause, detail)
-                case Advise():
+                case do.Advise():
                     self._adviser.advise(instruction)
                 case report:
                     reports.append(report)
@@ -299,7 +291,7 @@ class WorkerLoop:
             timeout_s=MAP_TIMEOUT_S,
         )
 
-    def _fetch_scans(self, fetch: FetchScans) -> None:
+    def _fetch_scans(self, fetch: do.FetchScans) -> None:
         missing, worker = fetch.missing, self._worker
 
         def on_failure(refused: str) -> None:
@@ -314,7 +306,7 @@ class WorkerLoop:
             repeat_for_s=REPEAT_FOR_S,
         )
 
-    def _build(self, build: BuildModel) -> None:
+    def _build(self, build: do.BuildModel) -> None:
         def built() -> SensorModel:
             model = sensor_model(from_message(build.map), build.settings, self._cache_folder)
             free_leaves(model.grid, model.pyramid.leaf_cells)  # slow; cached for searches

@@ -9,6 +9,7 @@ import msgspec
 from clustermcl.filter.cluster.view_memory import ViewMemory
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings, SensorSettings, filter_with
+from clustermcl.protocol import work
 from clustermcl.protocol.advice import Advice, AdviceQuestion
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.conversion import converted
@@ -20,14 +21,7 @@ from clustermcl.protocol.errors import (
 )
 from clustermcl.protocol.live_settings import AS_STARTED
 from clustermcl.protocol.steps import Landmark, MapMessage, Scan
-from clustermcl.protocol.work import (
-    Checkpoint,
-    OrderAnswer,
-    Report,
-    TakeOver,
-    WorkerState,
-    WorkOrder,
-)
+from clustermcl.protocol.work import Report
 from clustermcl.worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
@@ -42,20 +36,17 @@ class Answer:
     """Answer a query, once."""
 
     question: Any
-    message: OrderAnswer | WorkerState | Advice
+    message: work.OrderAnswer | work.WorkerState | Advice
 
 
 @dataclass(frozen=True)
 class FetchMap:
-    """Query the bridge for the map; `on_map` or `on_map_failure` follows."""
+    """Query the bridge for the map, for `on_map` or `on_map_failure`."""
 
 
 @dataclass(frozen=True)
 class BuildModel:
-    """Compute or read the sensor model of a map, which may take a minute.
-
-    `on_model` or `on_map_failure` follows.
-    """
+    """Compute or read a map's sensor model in up to a minute, for `on_model`; see `FetchMap`."""
 
     map: MapMessage
     settings: SensorSettings
@@ -63,7 +54,7 @@ class BuildModel:
 
 @dataclass(frozen=True)
 class FetchScans:
-    """Query the bridge for past steps; `on_history` or `on_no_history` follows."""
+    """Query the bridge for past steps, for `on_history` or `on_no_history`."""
 
     missing: MissingScans
     timeout_s: float
@@ -119,13 +110,13 @@ class TermFence:
         if term > self.term:
             self.term, self.order, self.newest = term, 0, 0
 
-    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
+    def on_checkpoint(self, checkpoint: work.Checkpoint) -> None:
         """Note the term of a coordinator's checkpoint, and whether the belief has had clusters."""
         self.on_term(checkpoint.term)
         if checkpoint.founded:
             self.founded = max(self.founded, checkpoint.term)
 
-    def check(self, order: WorkOrder) -> bool:
+    def check(self, order: work.WorkOrder) -> bool:
         """Return whether to follow an order; False if a later order has arrived before it.
 
         Raises:
@@ -145,7 +136,7 @@ class _WaitingOrder:
     """An order that waits for its sensor model."""
 
     question: Any
-    order: WorkOrder
+    order: work.WorkOrder
     settings: FilterSettings
 
 
@@ -190,7 +181,7 @@ class Worker:
     def searches(self) -> bool:
         return self._table.searches
 
-    def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
+    def on_checkpoint(self, checkpoint: work.Checkpoint) -> list[Instruction]:
         self._fence.on_checkpoint(checkpoint)
         return []
 
@@ -279,7 +270,7 @@ class Worker:
 
     # --- orders
 
-    def on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
+    def on_order(self, question: Any, order: work.WorkOrder) -> list[Instruction]:
         """Follow an order as soon as there is a sensor model for it, and answer the query."""
         try:
             settings = converted(order.filter_settings, FilterSettings)
@@ -292,7 +283,7 @@ class Worker:
         answered = [Answer(before.question, self._answer())] if before else []
         return [*answered, *self._continue()]
 
-    def _overtaken(self, question: Any, order: WorkOrder) -> list[Instruction]:
+    def _overtaken(self, question: Any, order: work.WorkOrder) -> list[Instruction]:
         detail = f"order {order.order} after {self._fence.newest}"
         return [Warn(Cause.ORDER_OVERTAKEN, detail), Answer(question, self._answer())]
 
@@ -384,8 +375,8 @@ class Worker:
 
     # --- answers
 
-    def _answer(self, problem: str = "") -> OrderAnswer:
-        return OrderAnswer(
+    def _answer(self, problem: str = "") -> work.OrderAnswer:
+        return work.OrderAnswer(
             sender=self._name,
             order=self._fence.order,
             term=self._fence.term,
@@ -393,12 +384,14 @@ class Worker:
             problem=problem,
         )
 
-    def on_state_query(self, question: Any, take_over: TakeOver | None = None) -> list[Instruction]:
+    def on_state_query(
+        self, question: Any, take_over: work.TakeOver | None = None
+    ) -> list[Instruction]:
         """Answer with the jobs, or with the `WorkerState` for a coordinator that takes over."""
         if take_over is None:
             return [Answer(question, self._answer())]
         self._fence.on_term(take_over.term)
-        state = WorkerState(
+        state = work.WorkerState(
             sender=self._name,
             term=self._fence.term,
             holds=self._table.holds(),

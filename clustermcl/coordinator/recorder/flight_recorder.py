@@ -6,8 +6,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import TypeAlias
 
@@ -25,7 +25,7 @@ from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
 from clustermcl.runtime.logs import CauseCounter
 from clustermcl.runtime.output_files import OutputError
-from clustermcl.runtime.threads import ended, started
+from clustermcl.runtime.threads import disk_thread
 
 FLUSH_S = 0.5
 """Time between two writes to the disk; a killed process loses at most this time [s]."""
@@ -87,19 +87,12 @@ class FlightRecorder:
         if self._ring is not None:
             self._queue.append(grid(grid_map, time.time_ns(), MAX_MAP_CELLS))
 
-    @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> AbstractContextManager[None]:
         """Write events within the ``with`` block, and at its end those that wait, if it is soon."""
         if self._ring is None:
-            yield
-            return
-        thread = started(partial(self._run, self._ring), "flight-recorder")
-        try:
-            yield
-        finally:
-            self._closed.set()
-            if not ended(thread, LAST_WRITE_S):
-                _log.warning("the disk is slow: the end of the flight recording is lost")
+            return nullcontext()
+        run = partial(self._run, self._ring)
+        return disk_thread(run, "flight recorder", self._closed.set, LAST_WRITE_S)
 
     # --- in the thread of the loop
 

@@ -10,13 +10,7 @@ import msgspec
 
 from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.instructions import Instruction, PublishBelief
-from clustermcl.coordinator.recorder.records import (
-    Happened,
-    Head,
-    RecordedEvent,
-    happened,
-    happened_to,
-)
+from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from clustermcl.protocol import conversion
 from clustermcl.protocol.answers import Belief
@@ -45,21 +39,17 @@ class Believed:
     """Whether it equals the recorded belief bit for bit; None: the recording ends before it."""
 
 
-Happening: TypeAlias = Happened | CoordinatorActs | Believed
+Happening: TypeAlias = records.Happened | CoordinatorActs | Believed
 
 
 def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     """Replay the recordings in a folder, one coordinator after another by their start.
 
-    Args:
-        folder: folder of the recordings; a file in it, or the folder above it, will do.
-        version: version of this software.
-
-    Yields:
-        The wall clock [ns] and what happened.
+    A file in the folder, or the folder above it, will do. Yields the wall clock [ns] and what
+    happened.
 
     Raises:
-        RecordingError: the folder holds no recording, or an unreadable one.
+        RecordingError: there is no recording, an unreadable one, or one of another version.
     """
     files, is_empty = files_at(folder), True
     if not files:
@@ -83,23 +73,29 @@ def _replayed_series(
     for path in files:
         log = RunLogReader(path)
         for entry in _entries(log, version):
-            if isinstance(entry, Head):
+            if isinstance(entry, records.Head):
                 head, wall_ns, missing = entry, entry.wall_ns, entry.first_event - events
                 if missing:
-                    yield wall_ns, Happened("not recorded", f"{missing} events before {path.name}")
+                    yield (
+                        wall_ns,
+                        records.Happened("not recorded", f"{missing} events before {path.name}"),
+                    )
                 if coordinator is None or missing:
                     coordinator = _unpacked(
                         path, "not a coordinator's snapshot", head.snapshot, Coordinator
                     )
                     events = head.first_event
-                    yield wall_ns, Happened("recording", f"{path.name}, made with {head.made_with}")
+                    yield (
+                        wall_ns,
+                        records.Happened("recording", f"{path.name}, made with {head.made_with}"),
+                    )
             else:
                 assert coordinator is not None  # each file begins with a head
                 wall_ns, events = head.wall_ns + entry.recorded.now_ns - head.now_ns, events + 1
                 for happening in _replay(path, coordinator, entry, events):
                     yield wall_ns, happening
         if log.cut:
-            yield wall_ns, Happened("cut off", f"{path.name}: {log.cut}")
+            yield wall_ns, records.Happened("cut off", f"{path.name}: {log.cut}")
     return coordinator
 
 
@@ -108,7 +104,7 @@ def _replay(
 ) -> Iterator[Happening]:
     """Pass an event, the coordinator's `number`-th, to the coordinator."""
     recorded, had_begun = entry.recorded, coordinator.term.begun
-    yield from happened(recorded.event)
+    yield from records.happened(recorded.event)
     try:
         instructions = coordinator.handle(recorded.event, recorded.now_ns)
     except Exception as error:  # a recorded bug, or a forged file
@@ -116,7 +112,7 @@ def _replay(
         raise RecordingError(path, problem) from error
     if coordinator.term.begun and not had_begun:
         yield _begins(instructions)
-    yield from happened_to(instructions)
+    yield from records.happened_to(instructions)
     yield from _compared(instructions, entry)
 
 
@@ -133,20 +129,20 @@ def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Beli
 class _Entry:
     """An event, and the beliefs published because of it."""
 
-    recorded: RecordedEvent
+    recorded: records.RecordedEvent
     beliefs: list[Belief] = field(default_factory=list)
     is_followed: bool = False
     """Whether the file contains anything after the event."""
 
 
-def _entries(log: RunLogReader, version: str) -> Iterator[Head | _Entry]:
+def _entries(log: RunLogReader, version: str) -> Iterator[records.Head | _Entry]:
     """Yield the head of a file, then its events."""
     entry: _Entry | None = None
     for number, message in enumerate(log.messages()):
         if number == 0:
             yield _head(log.path, message, version)
         elif message.topic == EVENTS:
-            for recorded in _unpacked(log.path, EVENTS, message.data, list[RecordedEvent]):
+            for recorded in _unpacked(log.path, EVENTS, message.data, list[records.RecordedEvent]):
                 if entry is not None:
                     entry.is_followed = True
                     yield entry
@@ -165,7 +161,7 @@ class _Version(msgspec.Struct, frozen=True):
 T = TypeVar("T")
 
 
-def _head(path: Path, message: LogMessage, version: str) -> Head:
+def _head(path: Path, message: LogMessage, version: str) -> records.Head:
     if message.topic != HEAD:
         raise RecordingError(
             path, f"it has no events of a coordinator; show it with: clustermcl view {path}"
@@ -174,7 +170,7 @@ def _head(path: Path, message: LogMessage, version: str) -> Head:
     if found != version:
         problem = f"recorded by version {found}, this is {version}: replay it with that version"
         raise RecordingError(path, problem)
-    return _unpacked(path, HEAD, message.data, Head)
+    return _unpacked(path, HEAD, message.data, records.Head)
 
 
 def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:

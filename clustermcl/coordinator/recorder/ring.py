@@ -23,15 +23,9 @@ _NAME = re.compile(r"(\d{17,20})-\d{6}\.mcap")
 
 
 class Ring:
-    """Writes the files of one series, and removes old files of the folder.
+    """Writes the files of one series, and removes old files of the folder of one robot.
 
-    Args:
-        folder: folder of one robot.
-        series: least number of the series: start of the coordinator [us].
-        max_bytes: size of all files together; the newest may exceed it by one chunk and its index.
-
-    Attributes:
-        log: the open file; None: no file is open.
+    All files together have `max_bytes`; the newest may exceed it by one chunk and its index.
     """
 
     def __init__(self, folder: Path, series: int, max_bytes: int) -> None:
@@ -40,6 +34,7 @@ class Ring:
         self._file_bytes = min(max_bytes // FILES, MAX_FILE_BYTES)
         self._number = 0
         self.log: RunLog | None = None
+        """The open file."""
 
     @property
     def is_full(self) -> bool:
@@ -50,8 +45,7 @@ class Ring:
         """Remove the oldest files if needed, and begin the next file.
 
         Raises:
-            OSError: the folder cannot be written.
-            OutputError: the file cannot be written.
+            OSError, OutputError: the folder or the file cannot be written.
         """
         self.close()
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -73,8 +67,7 @@ class Ring:
         """Write all messages to the disk.
 
         Raises:
-            OSError: the file was removed.
-            OutputError: the file cannot be written.
+            OSError, OutputError: the file was removed, or cannot be written.
         """
         if self.log is not None:
             self.log.flush()
