@@ -12,11 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from typer.main import get_command
 from typer.testing import CliRunner
 
 import clustermcl
-from clustermcl.commands.command import app
+from clustermcl.commands.command import COMMANDS, app
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
@@ -55,18 +54,13 @@ def settings_page() -> str:
 def commands_page() -> str:
     """What each command says of itself."""
     lines = ["# Commands", "", "What `--help` says.", ""]
-    for name in ("", *sorted(command_names())):
+    for name in ("", *sorted(name for group in COMMANDS.values() for name in group)):
         words = [name] if name else []
         result = CliRunner().invoke(
             app, [*words, "--help"], prog_name="clustermcl", terminal_width=96
         )
         lines += [f"## clustermcl {name}".rstrip(), "", "```text", result.output.strip(), "```", ""]
     return "\n".join(lines)
-
-
-def command_names() -> list[str]:
-    """All commands."""
-    return list(getattr(get_command(app), "commands"))  # noqa: B009 - of a group, mypy
 
 
 def library_page() -> str:

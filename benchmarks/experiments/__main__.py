@@ -20,8 +20,8 @@ from benchmarks.experiments.run_table import RunTable, key_of, tasks_of
 from benchmarks.experiments.summary import behind, over_all, read_table, reliability, rivals, starts
 from benchmarks.experiments.summary import summary as table_summary
 from benchmarks.experiments.task import run_task
+from clustermcl.commands.evaluate import MOST_JOBS, MOST_RUNS
 from clustermcl.commands.options import Assignments, SettingsFile
-from clustermcl.commands.recordings import MOST_JOBS, MOST_RUNS
 from clustermcl.evaluation.run import in_parallel
 from clustermcl.protocol.errors import ClusterMclError, SettingsError
 from clustermcl.runtime.settings_file import load_settings

@@ -3,10 +3,20 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import joined, with_changes
-from clustermcl.commands.options import connected, print_answer, refuse_without
+from clustermcl.commands.options import (
+    OF_BAGS,
+    AsJson,
+    connected,
+    print_answer,
+    refuse_without,
+    settings_command,
+)
 from clustermcl.jobs import in_process
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.changes import Changes
@@ -16,7 +26,7 @@ from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_fil
 from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.output_files import check_output_file
-from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NO_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
@@ -28,47 +38,69 @@ _log = logging.getLogger(__name__)
 _TIMES = 2
 
 
-def run_changes(
+@settings_command("router", *OF_BAGS)
+def changes(
     settings: Settings,
-    *,
-    recording: Path | None,
-    map_file: str | None,
-    robots: Sequence[str],
-    since_s: float | None,
-    output: Path | None,
-    as_json: bool,
+    recording: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Recording of a robot, in place of a running system."),
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="May be repeated."),
+    ] = None,
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(metavar="7d", help="Only what was seen in this time: s, m, h, d.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE.yaml", help="Write the map with the changes.")
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Print what has changed; with `output`, write the new map, the old one, and a picture.
+    """Print what has changed in the building, and write a new map.
 
-    Without a recording, running robots are asked.
+    The old map and a picture are written beside the new one. Of several robots, the newest sighting
+    of each cell counts.
     """
+    since_s = None if since is None else _seconds_of(since)
     files = [] if output is None else _files(output)
     for file in files:
         check_output_file(file)
     if recording is None:
         refuse_without("--recording", recording, map=map_file)
-        grid_map, changes = _of_robots(settings, robots or [settings.robot.name])
+        grid_map, found = _of_robots(settings, robots or [settings.robot.name])
     else:
         refuse_without("a running system", None, robot=robots)
         named = map_file_of(map_file or "", str(recording))
         if not named:
             raise SettingsError(key="--map", problem=NO_MAP)
         grid_map = load_map_with_obstacles(named)
-        changes = changes_of_recording(recording, grid_map, settings)
+        found = changes_of_recording(recording, grid_map, settings)
     if since_s is not None:
-        changes = changes.seen_within(since_s)
+        found = found.seen_within(since_s)
     if files and grid_map.floors:
         problem = "a building is not written: name the map of one floor, and its recording"
         raise SettingsError(key="--output", problem=f"--output {output}: {problem}")
     if files:
         new, old, picture = files
-        save_ros_map(with_changes(grid_map, changes), new)
+        save_ros_map(with_changes(grid_map, found), new)
         save_ros_map(grid_map, old)
         try:
-            save(drawn_changes(grid_map, changes, summary(changes)), picture)
+            save(drawn_changes(grid_map, found, summary(found)), picture)
         except NoMatplotlibError as error:
             _log.warning("%s: not drawn: %s", picture, error)
-    print_answer(as_object(changes) if as_json else [summary(changes)])
+    print_answer(as_object(found) if as_json else [summary(found)])
+
+
+def _seconds_of(text: str) -> float:
+    """Return a time such as ``90s``, ``15m``, ``2h`` or ``7d`` [s]."""
+    unit = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text[-1:])
+    if unit is None or not text[:-1].isdecimal():
+        raise SettingsError(key="--since", problem=f"--since {text!r}: write such as 90s, 2h or 7d")
+    return int(text[:-1]) * unit
 
 
 def _files(output: Path) -> list[Path]:

@@ -4,13 +4,15 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import numpy as np
+import typer
 
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.commands.as_text import pose_text
-from clustermcl.commands.options import print_answer
+from clustermcl.commands.options import AsJson, print_answer, recording_command
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
@@ -32,19 +34,26 @@ EXIT_ANOTHER_MAP = 1
 _MOST_GROUPS, _MOST_PLACES = 3, 8
 
 
-def run_check(
-    map_file: str,
-    recording: Path | None,
+@recording_command
+def check(
     settings: Settings,
-    *,
-    laser_range_m: float,
-    places: int,
-    as_json: bool,
-    report_file: Path | None = None,
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Recording of a robot in that map.")
+    ] = None,
+    laser_range_m: Annotated[
+        float, typer.Option("--range", min=0.5, metavar="M", help="Range of the laser [m].")
+    ] = 12.0,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
+    report_file: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="FILE.png", help="Draw the report on the map."),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Check a map, and whether a recording matches the map; print a report.
+    """Check whether a map is suitable, and which places look alike.
 
-    The exit code is `EXIT_ANOTHER_MAP` if the recording is probably of another map.
+    With a recording, also check whether it matches the map.
     """
     if report_file is not None:
         if report_file.suffix.lower() != ".png":

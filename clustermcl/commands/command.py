@@ -1,13 +1,13 @@
 """The command `clustermcl`: the table of its subcommands, and the exit codes."""
 
 import sys
-from collections.abc import Callable
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
+from typer.main import get_command
 
-from clustermcl.commands import control, query, recordings, running
 from clustermcl.commands.verbosity import set_verbosity
 from clustermcl.filter.kernels.library import NoKernelsError
 from clustermcl.protocol.errors import ClusterMclError, UnreachableError, escaped
@@ -19,9 +19,63 @@ from clustermcl.runtime.version import VERSION
 EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
 """Exit codes: no router or process answers; Ctrl-C, or the output's reader has ended."""
 
+COMMANDS = {
+    "Start here": {
+        "demo": ("demo", "Localize a simulated robot or a recording."),
+        "up": ("up", "Localize a robot: run all processes on this machine until Ctrl-C."),
+        "view": ("processes", "Show a running system or a recorded run in the browser."),
+    },
+    "Query a running system": {
+        "pose": ("query", "Print the robot's pose, its uncertainty, and the age of the data."),
+        "hypotheses": ("query", "Print all places where the robot may be, with probabilities."),
+        "advise": ("query", "Print where to drive so that scans distinguish the possible places."),
+        "watch": ("query", "Print each new belief, until Ctrl-C."),
+        "events": ("query", "Print what began and ended and why, commands, and faults of sensors."),
+        "status": ("query", "Print steps, workers, and counts of dropped data."),
+        "snapshot": ("snapshot", "Save a picture of the map and the places."),
+        "changes": ("changes", "Print what has changed in the building, and write a new map."),
+        "record": ("record", "Record map, scans, odometry and beliefs, until Ctrl-C."),
+        "record-landmarks": ("record_landmarks", "Measure landmarks in sight, until Ctrl-C."),
+    },
+    "Control a running system": {
+        "set-pose": ("control", "Set the robot's pose; the heading is in degrees."),
+        "relocalize": ("control", "Drop all places, and search everywhere or in part of the map."),
+        "update": ("control", "Use the next scan for a step, even if the robot stands still."),
+        "kidnap": ("control", "Kidnap the simulated robot: move it far away."),
+    },
+    "Maps, recordings, settings": {
+        "check": ("check", "Check whether a map is suitable, and which places look alike."),
+        "evaluate": ("evaluate", "Localize in one process, and measure the accuracy."),
+        "replay": ("replay", "Recompute a flight recording, and print what happened."),
+        "settings": ("settings", "Print the settings with default, unit and meaning, as TOML."),
+    },
+    "Single processes": {
+        "warm-up": ("warm_up", "Prepare this machine, so that later starts take seconds."),
+        "router": ("processes", "Run only the router, for several robots."),
+        "worker": ("processes", "Run more workers for a robot or a fleet, here or elsewhere."),
+    },
+}  # fmt: skip
+"""The subcommands by group: module, and the first line of the help."""
+_MODULES = {name: module for group in COMMANDS.values() for name, (module, _) in group.items()}
+_BEFORE_THE_COMMAND = {"--quiet", "-q", "--verbose", "-v", "--version"}
+
 
 class _Commands(TyperGroup):
-    """The command's group, whose help has a section for each group of commands."""
+    """The command's group, which imports a subcommand when it is used: most are slow."""
+
+    def __init__(self, **attributes: Any) -> None:
+        attributes["commands"] = dict.fromkeys(_MODULES)
+        super().__init__(**attributes)
+
+    def get_command(self, _context: Any, name: str) -> Any:
+        if name not in _MODULES:
+            return None
+        alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+        module = import_module(f"clustermcl.commands.{_MODULES[name]}")
+        negative_numbers = {"ignore_unknown_options": name == "set-pose"}
+        command = getattr(module, name.replace("-", "_"))
+        alone.command(name, context_settings=negative_numbers)(command)
+        return get_command(alone)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         early = _BEFORE_THE_COMMAND.intersection(
@@ -33,12 +87,11 @@ class _Commands(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
-        longest = max(map(len, self.commands))
-        for group, names in COMMANDS.items():
+        longest = max(map(len, _MODULES))
+        for group, commands in COMMANDS.items():
             with formatter.section(group):
                 formatter.write_dl(
-                    (name.ljust(longest), self.commands[name].get_short_help_str(formatter.width))
-                    for name in names
+                    (name.ljust(longest), does) for name, (_, does) in commands.items()
                 )
 
 
@@ -50,51 +103,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_BEFORE_THE_COMMAND = {"--quiet", "-q", "--verbose", "-v", "--version"}
-_NUMBERS_MAY_BE_NEGATIVE = {"ignore_unknown_options": True}
-COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
-    "Start here": {
-        "demo": running.demo,
-        "up": running.up,
-        "view": running.serve_view,
-    },
-    "Query a running system": {
-        "pose": query.pose,
-        "hypotheses": query.hypotheses,
-        "advise": query.advise,
-        "watch": query.watch,
-        "events": query.events,
-        "status": query.status,
-        "snapshot": query.snapshot,
-        "changes": recordings.changes,
-        "record": recordings.record,
-        "record-landmarks": recordings.record_landmarks,
-    },
-    "Control a running system": {
-        "set-pose": control.set_pose,
-        "relocalize": control.relocalize,
-        "update": control.update,
-        "kidnap": control.kidnap,
-    },
-    "Maps, recordings, settings": {
-        "check": recordings.check,
-        "evaluate": recordings.evaluate,
-        "replay": recordings.replay,
-        "settings": recordings.settings,
-    },
-    "Single processes": {
-        "warm-up": running.warm_up,
-        "router": running.router,
-        "worker": running.worker,
-    },
-}
-for _group, _commands in COMMANDS.items():
-    for _name, _command in _commands.items():
-        app.command(
-            _name,
-            rich_help_panel=_group,
-            context_settings=_NUMBERS_MAY_BE_NEGATIVE if _name == "set-pose" else None,
-        )(_command)
 
 
 def _print_version(asked: bool) -> None:

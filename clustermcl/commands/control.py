@@ -58,7 +58,7 @@ def relocalize(
     ] = "",
     floor: Floor = "",
 ) -> None:
-    """Drop all places, and search everywhere, in a region or on a floor."""
+    """Drop all places, and search everywhere or in part of the map."""
     if near is not None and region:
         raise SettingsError("--near and --region exclude each other: give one")
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):

@@ -43,10 +43,6 @@ Listen = Annotated[
     str | None,
     typer.Option(metavar="HOST:PORT", help="Address of the page; by default only on this machine."),
 ]
-RecordFile = Annotated[
-    Path | None,
-    typer.Option("--record", metavar="FILE.mcap", help="Record the run (MCAP)."),
-]
 AllowCommands = Annotated[
     bool, typer.Option("--allow-commands", help="Allow commands from other machines too.")
 ]
@@ -57,10 +53,6 @@ Floor = Annotated[str, typer.Option(metavar="NAME", help="Floor of a building.")
 Above = Annotated[
     float,
     typer.Option(min=0.0, max=1.0, metavar="P", help="Only places with a probability above P."),
-]
-Output = Annotated[
-    Path | None,
-    typer.Option("--output", metavar="FILE.csv", help="Write the results, one row for each run."),
 ]
 
 
@@ -145,14 +137,6 @@ def connected(settings: Settings) -> "Client":
 def print_answer(answer: JsonObject | Iterable[str]) -> None:
     lines = [dumped(answer)] if isinstance(answer, dict) else answer
     print("\n".join(map(escaped, lines)), flush=True)  # noqa: T201 - the command's answer
-
-
-def seconds_of(option: str, text: str) -> float:
-    """Return a time such as ``90s``, ``15m``, ``2h`` or ``7d`` [s]."""
-    unit = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}.get(text[-1:])
-    if unit is None or not text[:-1].isdecimal():
-        raise SettingsError(key=option, problem=f"{option} {text!r}: write such as 90s, 2h or 7d")
-    return int(text[:-1]) * unit
 
 
 def refuse_without(needed: str, is_there: object, **options: object) -> None:

@@ -1,11 +1,10 @@
-"""The commands that query a running system, and print or save the answer."""
+"""The commands that query a running system, and print the answer."""
 
 import logging
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
@@ -42,7 +41,7 @@ def hypotheses(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print all places where the robot may be, with their probabilities."""
+    """Print all places where the robot may be, with probabilities."""
     with connected(settings) as client:
         answer = client.hypotheses()
     kept = tuple(place for place in answer.hypotheses if place.probability >= above)
@@ -52,7 +51,7 @@ def hypotheses(
 
 @client_command
 def advise(settings: Settings, as_json: AsJson = False) -> None:
-    """Print where to drive so that scans distinguish the robot's possible places."""
+    """Print where to drive so that scans distinguish the possible places."""
     with connected(settings) as client:
         answer = client.advice()
     print_answer(json_object(answer) if as_json else text.advice_lines(answer))
@@ -97,17 +96,6 @@ def watch(settings: Settings, as_json: AsJson = False) -> None:
     with _until_interrupted(), connected(settings) as client:
         for belief in client.beliefs():
             print_answer(json_object(belief) if as_json else [text.belief_line(belief)])
-
-
-@client_command
-def snapshot(
-    settings: Settings,
-    file: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")],
-) -> None:
-    """Save a picture of the map and the places."""
-    from clustermcl.commands.snapshot import save_snapshot  # noqa: PLC0415 - see the package
-
-    save_snapshot(file, settings)
 
 
 @contextmanager

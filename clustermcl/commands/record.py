@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
+import typer
 import zenoh
 
+from clustermcl.commands.options import client_command
 from clustermcl.link.node import Node
 from clustermcl.link.wire import ask
 from clustermcl.protocol import keys
@@ -35,12 +37,18 @@ _END_WITHIN_S = 60.0
 _log = logging.getLogger(__name__)
 
 
-def run_record(settings: Settings, path: Path) -> int:
-    """Record until SIGINT or SIGTERM, and return the number of recorded steps."""
-    check_output_file(path)
+@client_command
+def record(
+    settings: Settings,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="An existing file is replaced.")
+    ],
+) -> None:
+    """Record map, scans, odometry and beliefs, until Ctrl-C."""
+    check_output_file(file)
     recorder = Recorder(settings, stop_on_signals(exit_after_s=_END_WITHIN_S))
-    recorder.write(path)
-    return recorder.steps
+    recorder.write(file)
+    typer.echo(f"{file}: {recorder.steps} steps")
 
 
 @contextmanager

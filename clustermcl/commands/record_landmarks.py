@@ -7,11 +7,13 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 import yaml
 
+from clustermcl.commands.options import client_command
 from clustermcl.commands.record import handle_until_stopped, listen
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.motion.trajectory import Trajectory
@@ -28,7 +30,7 @@ from clustermcl.protocol.steps import MAX_LANDMARKS, Observation, OdometryReadin
 from clustermcl.recordings.maps.landmarks import landmarks_and_entries
 from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.settings import Settings
-from clustermcl.runtime.stop import StopFlag
+from clustermcl.runtime.stop import StopFlag, stop_on_signals
 
 MIN_OBSERVATIONS = 5
 """A landmark that was observed at fewer steps is not written."""
@@ -49,6 +51,18 @@ NOTHING_OBSERVED = (
 _MOST_WAITING = 64
 
 _log = logging.getLogger(__name__)
+
+
+@client_command
+def record_landmarks(
+    settings: Settings,
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE.yaml", help="Landmarks are added to an existing file."),
+    ],
+) -> None:
+    """Measure landmarks in sight, until Ctrl-C."""
+    typer.echo("\n".join(run_record_landmarks(settings, file, stop_on_signals())))
 
 
 def run_record_landmarks(settings: Settings, path: Path, stop: StopFlag) -> list[str]:

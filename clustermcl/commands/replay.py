@@ -1,20 +1,35 @@
 """`clustermcl replay`: recompute a flight recording, and print its events and beliefs."""
 
+import sys
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import typer
 
 from clustermcl.commands.as_text import belief_line
+from clustermcl.commands.options import Above
 from clustermcl.coordinator.recorder.records import Happened
-from clustermcl.coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
-from clustermcl.protocol.errors import SettingsError, escaped, printable
+from clustermcl.coordinator.recorder.replay import (
+    Believed,
+    CoordinatorActs,
+    Happening,
+    files_at,
+    nothing_in,
+    replayed,
+)
+from clustermcl.protocol.answers import Belief
+from clustermcl.protocol.errors import RecordingError, SettingsError, escaped, printable
+from clustermcl.protocol.why import why_text
+from clustermcl.recordings.run_log import BELIEF, RunLogReader, decoded
 from clustermcl.runtime.version import VERSION
 
+EXIT_DIFFERENT = 1
+ELSEWHERE = "elsewhere"
 AROUND = 5
 """``--at`` prints this many seconds, or steps, before and after."""
 _DAY_S = 86_400.0
@@ -51,16 +66,12 @@ def _since(moment: Moment, step: int, clock: datetime) -> float:
 class Shown:
     """The part of a recording that is printed."""
 
-    first: Moment | None = None
-    last: Moment | None = None
-    around: Moment | None = None
+    first: Moment | None
+    last: Moment | None
+    around: Moment | None
     """Print `AROUND` before and after this, instead of from `first` to `last`."""
-    above: float = 0.0
-    """Least probability of clusters that began or ended."""
 
-    def includes(self, happening: Happening, step: int, clock: datetime) -> bool:
-        if isinstance(happening, Happened) and happening.probability < self.above:
-            return False
+    def includes(self, step: int, clock: datetime) -> bool:
         first, last, around = self.first, self.last, self.around
         if around is not None:
             off = abs(_since(around, step, clock))
@@ -72,35 +83,67 @@ class Shown:
         return is_after and is_before
 
 
-def print_replay(folder: Path, shown: Shown) -> bool:
+def replay(
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", help="A robot's flight recording, or a file of it."),
+    ],
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="WHEN", help="Print from this step or time on.")
+    ] = None,
+    last: Annotated[
+        str | None, typer.Option("--to", metavar="WHEN", help="Print up to this step or time.")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="WHEN", help="Print 5 seconds, or steps, around it.")
+    ] = None,
+    above: Above = 0.0,
+    why: Annotated[
+        str | None,
+        typer.Option(metavar="PLACE", help="Print why this place (c7, or elsewhere) rose or fell."),
+    ] = None,
+) -> None:
+    """Recompute a flight recording, and print what happened.
+
+    `--why` also reads a run that was recorded otherwise, and recomputes nothing. WHEN is a
+    step, or a local time: 200, 11:45:51, or '2026-11-20 11:45:51'. Exit code 1 if a belief
+    differs from the recorded one.
+    """
+    if at and (first or last):
+        raise SettingsError("--at with --from or --to: leave one out")
+    moments = {"--from": first, "--to": last, "--at": at}
+    shown = Shown(*(parsed_moment(option, text) for option, text in moments.items()))
+    if why is not None:
+        _print_why(folder, _parsed_place(why), shown)
+    elif not _print_replay(folder, shown, above):
+        sys.exit(EXIT_DIFFERENT)
+
+
+def _print_replay(folder: Path, shown: Shown, above: float) -> bool:
     """Recompute a whole recording; return whether every belief equals the recorded one."""
     coordinators, step, printed = 0, -1, ""
     same: Counter[bool | None] = Counter()
     for wall_ns, happening in replayed(folder, VERSION):
         match happening:
+            case Happened() if happening.probability < above:
+                continue
             case CoordinatorActs():
                 coordinators += 1
             case Believed(belief, is_same):
                 same[is_same] += 1
                 step = belief.step
         clock = datetime.fromtimestamp(wall_ns / 1e9)  # local, like the log
-        if shown.includes(happening, step, clock):
+        if shown.includes(step, clock):
             text = escaped(_as_text(happening))
             line = f"{clock:%Y-%m-%d %H:%M:%S}.{clock.microsecond // 1000:03d} {text}"
             if line != printed:  # shards of a search repeat its end
                 typer.echo(line)
             printed = line
-    typer.echo(_result(same, coordinators))
-    return not same[False]
-
-
-def _result(same: Counter[bool | None], coordinators: int) -> str:
-    of = f"{same.total()} beliefs, {coordinators} coordinators"
+    result = "all as recorded, bit for bit" if same[True] else "no belief was recorded"
     if same[False]:
-        return f"{of}: {same[False]} beliefs differ from the recorded ones"
-    if not same[True]:
-        return f"{of}: no belief was recorded"
-    return f"{of}: all as recorded, bit for bit"
+        result = f"{same[False]} beliefs differ from the recorded ones"
+    typer.echo(f"{same.total()} beliefs, {coordinators} coordinators: {result}")
+    return not same[False]
 
 
 def _as_text(happening: Happening) -> str:
@@ -111,9 +154,56 @@ def _as_text(happening: Happening) -> str:
             how = "begins empty" if after_step is None else f"takes over after step {after_step}"
             return f"coordinator {sender}, term {term}: {how}"
         case Believed(belief, same):
-            remark = {
-                True: "",
-                False: "; differs from the recorded belief",
-                None: "; not recorded",
-            }[same]
-            return belief_line(belief) + remark
+            differs = {False: "; differs from the recorded belief", None: "; not recorded"}
+            return belief_line(belief) + differs.get(same, "")
+
+
+def _parsed_place(text: str) -> int | None:
+    """Parse ``c7``, ``7`` or ``elsewhere``, which is None."""
+    number = text.removeprefix("c")
+    if text == ELSEWHERE:
+        return None
+    if number.isdecimal() and len(number) < 19:
+        return int(number)
+    raise SettingsError(key="--why", problem=f"{text!r} is no place: c7, 7, or {ELSEWHERE}")
+
+
+def _print_why(path: Path, place: int | None, shown: Shown) -> None:
+    """Print the causes of each change of a place, or of elsewhere (None), and their sums."""
+    name = ELSEWHERE if place is None else f"place {place}"
+    sums, steps, before = Counter[str](), list[int](), None
+    for wall_ns, belief in _beliefs(path):
+        tracked: dict[int | None, float]
+        tracked = {each.cluster: each.probability for each in belief.hypotheses}
+        tracked[None] = belief.elsewhere_probability - belief.off_map_probability
+        probability = tracked.get(place)
+        if probability is None and before is None:
+            continue
+        clock = datetime.fromtimestamp(wall_ns / 1e9)
+        if shown.includes(belief.step, clock):
+            text = "no longer tracked"
+            if probability is not None:
+                index = list(tracked).index(place)
+                text = why_text(belief.why, index)
+                sums.update(belief.why.of(index))
+            change = f"{100.0 * (before or 0.0):.1f} -> {100.0 * (probability or 0.0):.1f} %"
+            line = f"{clock:%H:%M:%S} step {belief.step}: {name} {change}{text and '; '}{text}"
+            typer.echo(escaped(line))
+            steps.append(belief.step)
+        before = probability
+    if not steps:
+        raise RecordingError(path, f"no belief of these steps contains {name}")
+    total = ", ".join(f"{cause} {nat:+.1f}" for cause, nat in sums.most_common())
+    total = total or "no reasons were recorded"
+    typer.echo(escaped(f"steps {steps[0]} to {steps[-1]}, log odds in nat: {total}"))
+
+
+def _beliefs(path: Path) -> Iterator[tuple[int, Belief]]:
+    """Yield all beliefs with the wall clock [ns]; they are those that were published."""
+    files = files_at(path)
+    if not files:
+        raise RecordingError(path, nothing_in(path))
+    for file in files:
+        for message in RunLogReader(file).messages():
+            if message.topic == BELIEF:
+                yield message.at_ns, decoded(message, Belief, file)

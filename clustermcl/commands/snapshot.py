@@ -2,10 +2,13 @@
 
 import time
 from pathlib import Path
+from typing import Annotated
 
+import typer
 from msgspec.structs import replace
 
 from clustermcl.client import Client
+from clustermcl.commands.options import client_command
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.steps import Scan
@@ -18,8 +21,12 @@ STANDS_AFTER_S = 2.0
 """Time without a scan after which the robot counts as standing still, and is drawn without one."""
 
 
-def save_snapshot(file: Path, settings: Settings) -> None:
-    """Save a picture of a running system as a ``.png`` file."""
+@client_command
+def snapshot(
+    settings: Settings,
+    file: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")],
+) -> None:
+    """Save a picture of the map and the places."""
     if file.suffix.lower() != ".png":
         raise SettingsError(key="FILE", problem=f"{file}: a snapshot is a .png file")
     check_output_file(file)

@@ -5,10 +5,13 @@ import shlex
 import sys
 import time
 from contextlib import closing
-from typing import assert_never
+from typing import Annotated, assert_never
 
 import msgspec
+import typer
 
+from clustermcl.commands import options as common
+from clustermcl.commands.processes import become
 from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
 from clustermcl.commands.verbosity import say
 from clustermcl.protocol.errors import SettingsError
@@ -16,6 +19,7 @@ from clustermcl.runtime.folders import kept_folder, recording_folder
 from clustermcl.runtime.main import outermost
 from clustermcl.runtime.parent import die_with_parent
 from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.sources import (
     NO_MAP,
     Live,
@@ -29,10 +33,27 @@ from clustermcl.runtime.supervisor import ChildExit
 from clustermcl.view.admission import parsed_address
 
 
-def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
-    """Run all processes of a robot until Ctrl-C; restart a process that ends."""
+@common.given_command("robot", "router")
+def up(
+    given: common.Given,
+    view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
+    one_process: Annotated[
+        bool,
+        typer.Option("--one-process", help="Use one process: less memory, no fault tolerance."),
+    ] = False,
+    listen: common.Listen = None,
+    allow_commands: common.AllowCommands = False,
+) -> None:
+    """Localize a robot: run all processes on this machine until Ctrl-C."""
+    common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
+    if one_process:
+        common.refuse_without("several processes", None, view=view)
+        become("commands.one_process", given)
+    settings, page = load_settings(given.file, given.assignments), None
     _check_in_child(settings)
-    page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
+    if view:
+        page = ["--listen", parsed_address(listen or common.HERE).netloc]
+        page += ["--allow-commands"] if allow_commands else []
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
         recorded = _recorded(settings)
@@ -60,11 +81,6 @@ def _query_command(settings: Settings) -> str:
     if settings.zenoh.router != usual.zenoh.router:
         words += ["--router", settings.zenoh.router]
     return shlex.join(words)
-
-
-def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
-    address = parsed_address(view_at)
-    return ["--listen", address.netloc, *(["--allow-commands"] if allow_commands else [])]
 
 
 def _recorded(settings: Settings) -> Settings:

@@ -4,6 +4,7 @@ import os
 import time
 from pathlib import Path
 
+from clustermcl.commands.options import settings_command
 from clustermcl.commands.verbosity import say
 from clustermcl.filter.kernels import compiled as kernels
 from clustermcl.filter.kernels import library as kernel_library
@@ -16,8 +17,13 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import is_published
 
 
-def run_warm_up(settings: Settings) -> None:
-    """Compile the kernels, and compute the likelihood field of `bridge.map` if it is a file."""
+@settings_command()
+def warm_up(settings: Settings) -> None:
+    """Prepare this machine, so that later starts take seconds.
+
+    Compiles the filter's kernels, and computes the likelihood field of bridge.map. Both are kept
+    on disk.
+    """
     begun_s = time.monotonic()
     if kernel_library.library() is None:
         say("compiling the kernels, some 20 s")

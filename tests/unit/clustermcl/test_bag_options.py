@@ -1,35 +1,32 @@
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from clustermcl.commands.command import app
-from clustermcl.protocol.errors import RecordingError
+from clustermcl.protocol.errors import ClusterMclError, RecordingError
 from clustermcl.runtime.settings import Settings
+from clustermcl.runtime.settings_file import load_settings
 from tests.unit.recordings.bags import grid, scan, written
 
 NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--base-frame", "d"]
 
 
-@pytest.mark.parametrize(
-    ("command", "runs"),
-    [
-        (["evaluate", "robot.bag"], "clustermcl.evaluation.evaluate.run_evaluate"),
-        (["demo", "--recording", "robot.bag"], "clustermcl.commands.demo.run_demo"),
-    ],
-)
+@pytest.mark.parametrize("command", [["check", "map.yaml"], ["demo"], ["changes"]])
 def test_topics_and_frames_named_on_the_command_line_are_settings(
-    command: list[str], runs: str, monkeypatch: pytest.MonkeyPatch
+    command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reported: list[Settings] = []
+    read: list[Settings] = []
 
-    def record_run(*given: object, **_options: object) -> None:
-        reported.extend(each for each in given if isinstance(each, Settings))
+    def loaded(*given: Any) -> Settings:
+        read.append(load_settings(*given))
+        return read[0]
 
-    monkeypatch.setattr(runs, record_run)
-    result = CliRunner().invoke(app, [*command, *NAMES, "--set", "bridge.laser_x_m=0.2"])
-    assert result.exit_code == 0, result.output
-    bridge = reported[0].bridge
+    monkeypatch.setattr("clustermcl.commands.options.load_settings", loaded)
+    words = [*command, "--recording", "robot.bag", *NAMES, "--set", "bridge.laser_x_m=0.2"]
+    assert isinstance(CliRunner().invoke(app, words).exception, ClusterMclError), "there is no bag"
+    bridge = read[0].bridge
     named = (bridge.scan_topic, bridge.odom_topic, bridge.odom_frame, bridge.base_frame)
     assert named == ("/a", "/b", "c", "d")
     assert bridge.laser_x_m == 0.2

@@ -33,6 +33,9 @@ def test_the_help_is_grouped_and_not_truncated() -> None:
     assert not [line for line in lines if "..." in line and "ARGS" not in line]
     listed = re.findall(r"^  ([a-z][\w-]+)  ", "\n".join(lines), re.MULTILINE)
     assert listed == NAMES
+    for group in COMMANDS.values():
+        for name, (_, does) in group.items():
+            assert does in " ".join(typed(name, "--help").split()), "its first line"
     assert listed[:3] == ["demo", "up", "view"]
     assert [line.rstrip(":") for line in lines if line.rstrip(":") in COMMANDS] == list(COMMANDS)
 
@@ -48,7 +51,7 @@ def test_every_client_command_has_options_for_robot_and_router(
         given.extend(assignments)
         raise SettingsError(key="x", problem="far enough")
 
-    for module in ("options", "running"):
+    for module in ("options", "up"):
         monkeypatch.setattr(f"clustermcl.commands.{module}.load_settings", loaded)
     words, variables = [name, *ARGUMENTS.get(name, [])], {}
     robot = {"options": ["--robot", "r1", "--router", "tcp/x:1"], "environment": []}[way]
@@ -94,9 +97,14 @@ def test_every_client_command_has_options_for_robot_and_router(
         (["pose", "--robot", "a b"], "--robot: robot.name = 'a b': expected letters"),
         (["pose", "--robot", "r1", "--set", "robot.name=a b"], "--set: robot.name = 'a b'"),
         (["evaluate", "sim:cross", "--seeds", "2", "--tum", "a.tum"], "leave out --seeds"),
+        (["evaluate", "sim:hall", "--reference", "r.tum"], "--reference: a simulated robot"),
+        (["evaluate", "sim:hall", "--starts", "2", "--seeds", "2"], "every start of a simulated"),
+        (["evaluate", "a.log"], "--map is missing: a recording needs"),
+        *((["evaluate", "sim:cross", "--output", name], "must end in .csv; --json prints JSON")
+          for name in ("runs", "runs.json", "runs.csv.gz")),
     ],
     ids=" ".join,
-)
+)  # fmt: skip
 def test_a_mistake_of_the_command_line_is_refused_in_words(words: list[str], message: str) -> None:
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, ClusterMclError), result.output

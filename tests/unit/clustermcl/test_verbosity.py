@@ -28,9 +28,12 @@ def usual_logging() -> Iterator[None]:
 @pytest.fixture
 def settings_seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
     settings: list[Settings] = []
-    monkeypatch.setattr(
-        "clustermcl.commands.up.run_up", lambda given, **_options: settings.append(given)
-    )
+
+    def checked(given: Settings) -> None:
+        settings.append(given)
+        raise SystemExit
+
+    monkeypatch.setattr("clustermcl.commands.up._check_in_child", checked)
     return settings
 
 

@@ -1,11 +1,11 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from clustermcl.commands.snapshot import save_snapshot
+from clustermcl.commands.command import app
 from clustermcl.protocol.errors import RecordingError, SettingsError
 from clustermcl.runtime.output_files import OutputError
-from clustermcl.runtime.settings import Settings
 from clustermcl.view.admission import parsed_address
 from clustermcl.view.recorded_run import view_recording
 from tests.unit.recordings.bags import scan, written
@@ -23,10 +23,12 @@ def test_a_path_without_a_recorded_run_is_refused_with_a_remedy(tmp_path: Path, 
 
 @pytest.mark.parametrize("name", ["now", "now.jpg"])
 def test_a_snapshot_is_a_png_file(tmp_path: Path, name: str) -> None:
-    with pytest.raises(SettingsError, match=r"is a \.png file"):
-        save_snapshot(tmp_path / name, Settings())
+    refused = CliRunner().invoke(app, ["snapshot", str(tmp_path / name)]).exception
+    assert isinstance(refused, SettingsError)
+    assert "is a .png file" in str(refused)
 
 
 def test_an_unwritable_snapshot_file_is_refused_before_connecting(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="folder does not exist"):
-        save_snapshot(tmp_path / "none" / "now.png", Settings())
+    refused = CliRunner().invoke(app, ["snapshot", str(tmp_path / "none" / "now.png")]).exception
+    assert isinstance(refused, OutputError)
+    assert "folder does not exist" in str(refused)

@@ -6,16 +6,15 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
+from clustermcl.commands import evaluate
 from clustermcl.commands.command import app
-from clustermcl.evaluation import evaluate
+from clustermcl.commands.evaluate import case_of, robot_of, start_steps
 from clustermcl.evaluation.course import RecordedRobot, SimulatedRobot
-from clustermcl.evaluation.evaluate import case_of, robot_of, start_steps
 from clustermcl.evaluation.measures import facts_of, measures_of
 from clustermcl.protocol.answers import Hypothesis, State
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.runtime.output_files import OutputError
-from clustermcl.runtime.settings import Settings
 from tests.unit.evaluation.places import outcome, place
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)
@@ -135,19 +134,6 @@ def test_robots_are_named_by_their_source() -> None:
     assert robot_of("sim:a.yaml", "b.yaml", None) == other
 
 
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ({"recording": "sim:hall", "reference": Path("r.tum")}, "--reference: a simulated robot"),
-        ({"recording": "sim:hall", "starts": 2, "seeds": 2}, "--seeds: every start of a simul"),
-        ({"recording": "a.log"}, "--map is missing: a recording needs"),
-    ],
-)
-def test_options_that_do_not_fit_together_are_refused(options: Any, expected: str) -> None:
-    with pytest.raises(SettingsError, match=expected):
-        evaluate.run_evaluate(Settings(), **options)
-
-
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
 def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
@@ -156,15 +142,11 @@ def test_an_absurd_count_is_refused_at_once(option: str) -> None:
     assert "less than or equal to" in result.output
 
 
-@pytest.mark.parametrize("name", ["runs", "runs.json", "runs.csv.gz"])
-def test_an_output_file_of_another_format_is_refused(name: str) -> None:
-    with pytest.raises(SettingsError, match=r"must end in \.csv; --json prints JSON"):
-        evaluate.run_evaluate(Settings(), recording="sim:cross", steps=3, output=Path(name))
-
-
 def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))
-    with pytest.raises(OutputError, match=r"/nonexistent/x\.csv: cannot be written: its folder"):
-        evaluate.run_evaluate(Settings(), recording="sim:cross", output=Path("/nonexistent/x.csv"))
+    words = ["evaluate", "sim:cross", "--output", "/nonexistent/x.csv"]
+    refused = CliRunner().invoke(app, words).exception
+    assert isinstance(refused, OutputError)
+    assert "/nonexistent/x.csv: cannot be written: its folder" in str(refused)

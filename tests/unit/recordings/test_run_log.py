@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from typer.testing import CliRunner
 
-from clustermcl.commands.record import run_record
+from clustermcl.commands.command import app
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import MapFileError, RecordingError
@@ -31,7 +32,7 @@ from clustermcl.recordings.run_log import (
     map_in,
 )
 from clustermcl.runtime.output_files import OutputError
-from clustermcl.runtime.settings import BridgeSettings, Settings
+from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.recorded import steps_of
 from clustermcl.simulator.worlds.catalogue import world
 from tests.unit.recordings.bombs import bomb
@@ -363,8 +364,9 @@ def test_a_map_that_is_not_rectangular_is_refused_in_one_line(run: Path, tmp_pat
 
 
 def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="folder does not exist"):
-        run_record(Settings(), tmp_path / "nowhere" / "run.mcap")
+    done = CliRunner().invoke(app, ["record", str(tmp_path / "nowhere" / "run.mcap")])
+    assert isinstance(done.exception, OutputError)
+    assert "folder does not exist" in str(done.exception)
 
 
 def test_a_full_disk_is_reported_in_one_line() -> None:

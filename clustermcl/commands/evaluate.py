@@ -1,7 +1,4 @@
-"""`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy.
-
-It runs without Zenoh, as fast as possible.
-"""
+"""`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy."""
 
 import json
 import logging
@@ -12,13 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
+import typer
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from clustermcl.belief.outcome import Outcome
+from clustermcl.commands.options import AsJson, Floor, recording_command
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
 from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from clustermcl.evaluation.references import tum_line
@@ -41,6 +41,10 @@ from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
 from clustermcl.view import plots
 
+MOST_RUNS, MOST_JOBS = 10_000, 256
+"""Limits against typing errors."""
+MOST_STEPS = 100_000
+"""Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 DEFAULT_STEPS = 300
 """Default number of steps of a simulated robot, which drives until it is stopped."""
 DEFAULT_STEPS_OF_A_START = 60
@@ -62,22 +66,53 @@ def executed(
     )
 
 
-def run_evaluate(
+@recording_command
+def evaluate(
     settings: Settings,
-    *,
-    recording: str,
-    map_file: str | None = None,
-    reference: Path | None = None,
-    seeds: int = 1,
-    starts: int | None = None,
-    steps: int | None = None,
-    jobs: int | None = None,
-    as_json: bool = False,
-    output: Path | None = None,
-    tum: Path | None = None,
-    plot: Path | None = None,
-    floor: str = "",
+    recording: Annotated[
+        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
+    ],
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
+    ] = None,
+    seeds: Annotated[
+        int,
+        typer.Option(min=1, max=MOST_RUNS, help="Number of runs; the first has the seed set."),
+    ] = 1,
+    starts: Annotated[
+        int | None,
+        typer.Option(min=1, max=MOST_RUNS, help="Number of runs from different steps, or seeds."),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(min=1, max=MOST_STEPS, help="Most steps: 300 if simulated, 60 with --starts."),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=MOST_JOBS, help="Parallel runs; by default one per core."),
+    ] = None,
+    as_json: AsJson = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", metavar="FILE.csv", help="Write a row for each run."),
+    ] = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option("--tum", metavar="FILE.tum", help="Write the estimates of one run for evo."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE.png", help="Draw one run: path, probability, error."),
+    ] = None,
+    floor: Floor = "",
 ) -> None:
+    """Localize in one process, and measure the accuracy.
+
+    Runs without Zenoh, as fast as possible.
+    """
     robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
     case, seeds = case_of(robot, seeds, starts, steps)
     _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
