@@ -16,15 +16,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from moving_picture import write_webp
 from PIL import Image
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.wait import WebDriverWait
 
-HERE = Path(__file__).parent
 STEPS = (*range(2, 132, 5), *range(132, 162, 2), *range(162, 193, 5))
 """Closer together while the robot sees the cabinet."""
-FRAME_MS, LAST_FRAME_MS = 180, 3_000
 WIDTH, HEIGHT = 1_080, 680
 STEP_WITHIN_S = 60.0
 
@@ -37,16 +36,8 @@ def main() -> None:
         for step in STEPS:
             WebDriverWait(chromium, STEP_WITHIN_S, 0.05).until(shows(step))
             taken.append(Image.open(io.BytesIO(chromium.get_screenshot_as_png())))
-    first, *others = (frame.convert("RGB") for frame in taken)
-    first.save(
-        HERE / "page.webp",
-        save_all=True,
-        append_images=others,
-        duration=[FRAME_MS] * len(others) + [LAST_FRAME_MS],
-        loop=0,
-        quality=75,
-        method=6,
-    )
+    file = Path(__file__).with_name("page.webp")
+    write_webp(file, taken, frame_ms=180, last_frame_ms=3_000, quality=75)
 
 
 @contextmanager

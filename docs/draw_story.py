@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from moving_picture import write_webp
 from PIL import Image
 
 from benchmarks.experiments.baselines import ALGORITHMS
@@ -27,28 +28,19 @@ from clustermcl.simulator.source import SimulatedSource, simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.view.plots import draw_map, draw_places
 
-HERE = Path(__file__).parent
 WORLD, SEED, STEPS = "cross_feature", 3, 180
 COMPARED: dict[Algorithm, str] = {"mcl": "ordinary MCL", "cluster-mcl": "Cluster-MCL"}
 EVERY, PLAYED_FROM = 4, 140
 """Every fourth step is drawn; near the cabinet, from this step on, every second."""
-FRAME_MS, LAST_FRAME_MS = 120, 4_000
 
 
 def main() -> None:
     """Run both filters and write the picture."""
     runs = [list(run(algorithm)) for algorithm in COMPARED]
     chosen = [*range(0, PLAYED_FROM, EVERY), *range(PLAYED_FROM, STEPS, EVERY // 2)]
-    first, *others = (side_by_side([steps[number] for steps in runs]) for number in chosen)
-    first.save(
-        HERE / "story.webp",
-        save_all=True,
-        append_images=others,
-        duration=[FRAME_MS] * len(others) + [LAST_FRAME_MS],
-        loop=0,
-        quality=60,
-        method=6,
-    )
+    frames = (side_by_side([steps[number] for steps in runs]) for number in chosen)
+    file = Path(__file__).with_name("story.webp")
+    write_webp(file, frames, frame_ms=120, last_frame_ms=4_000, quality=60)
 
 
 def run(algorithm: Algorithm) -> Iterator[tuple[Scan, Outcome, PoseTuple]]:
@@ -75,7 +67,7 @@ def side_by_side(moments: list[tuple[Scan, Outcome, PoseTuple]]) -> Image.Image:
     sides[0].text(0.02, 0.02, f"step {scan.step}", transform=sides[0].transAxes, fontsize=12)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    return Image.fromarray(np.asarray(canvas.buffer_rgba()))
 
 
 if __name__ == "__main__":

@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import list_modules
 import pytest
 
 from clustermcl.link.access_control import ROLES, rights_of
 from clustermcl.protocol.answers import Freshness, State
 from clustermcl.protocol.causes import Cause
 from clustermcl.runtime.settings_table import TABLE
-from tests.deploy.docs_scripts import loaded
 from tests.unit.evaluation.places import STATUS
 
 REPOSITORY = Path(__file__).parents[2]
@@ -93,10 +93,9 @@ def test_every_python_file_that_a_page_names_is_there(page: Path) -> None:
 
 
 def test_the_list_of_folders_is_that_of_the_files() -> None:
-    made = loaded("list_modules")
-    page = made.PAGE.read_text()
+    page = list_modules.PAGE.read_text()
     assert "* `filter/search/`: " in page
-    assert page == made.renewed(page), "rewrite it: python docs/list_modules.py"
+    assert page == list_modules.renewed(page), "rewrite it: python docs/list_modules.py"
 
 
 def without_code(page: Path) -> str:

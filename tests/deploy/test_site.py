@@ -1,4 +1,5 @@
 import base64
+import importlib
 import json
 import os
 import re
@@ -14,12 +15,12 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+import reference
 
 import clustermcl
 from clustermcl.protocol import answers, health, job_events, steps, work
 from clustermcl.protocol.message import Message
 from clustermcl.runtime.settings_table import TABLE
-from tests.deploy.docs_scripts import loaded
 from tests.integration.view.conftest import started_browser
 from tests.integration.view.page import Page, problems
 
@@ -28,19 +29,14 @@ pytestmark = pytest.mark.timeout(300)  # the site and the browser take 10 s of a
 REPOSITORY = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def reference() -> ModuleType:
-    return loaded("reference")
-
-
-def test_the_reference_has_every_setting_command_and_question(reference: ModuleType) -> None:
+def test_the_reference_has_every_setting_command_and_question() -> None:
     settings, commands = reference.settings_page(), reference.commands_page()
     assert {name for name in TABLE if f"| `{name}` |" not in settings} == set()
     assert "## clustermcl check\n" in commands
     assert "Usage: clustermcl check [OPTIONS] {MAP}" in commands
 
 
-def test_the_reference_has_every_message_with_its_fields(reference: ModuleType) -> None:
+def test_the_reference_has_every_message_with_its_fields() -> None:
     page = reference.messages_page()
     for module in (answers, health, job_events, steps, work):
         for kind in vars(module).values():
@@ -50,9 +46,7 @@ def test_the_reference_has_every_message_with_its_fields(reference: ModuleType) 
 
 
 @pytest.mark.parametrize("module", [answers, health, job_events], ids=lambda m: m.__name__)
-def test_every_field_that_the_client_hands_out_is_described(
-    module: ModuleType, reference: ModuleType
-) -> None:
+def test_every_field_that_the_client_hands_out_is_described(module: ModuleType) -> None:
     bare = [
         (name, field)
         for name, _ in reference.structures(module)
@@ -114,7 +108,7 @@ def said(cell: Any) -> list[str]:
 
 def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
     pytest.importorskip("nbclient", reason="the group docs is not installed; .ci/run runs it")
-    notebook = loaded("notebook")
+    notebook = importlib.import_module("notebook")
     executed, kept = notebook.executed(), notebook.kept()
     assert list(map(said, executed.cells)) == list(map(said, kept.cells)), "run docs/notebook.py"
     assert said(executed.cells[-1]) == ["True"]

@@ -1,7 +1,11 @@
 import math
+from pathlib import Path
+
+import draw_story as story
 
 from clustermcl.evaluation.pose_error import pose_error
-from tests.deploy.docs_scripts import REPOSITORY, loaded
+
+PICTURE = Path(__file__).parents[2] / "docs" / "story.webp"
 
 CABINET_AT = 140
 """By this step the robot of the picture has not seen the cabinet; see `PLAYED_FROM`."""
@@ -9,7 +13,6 @@ CABINET_AT = 140
 
 def test_the_picture_of_the_readme_still_tells_its_story() -> None:
     """Ordinary MCL is sure of a wrong place to the end; ours keeps all four, and decides."""
-    story = loaded("draw_story")
     theirs, ours = (list(story.run(algorithm)) for algorithm in story.COMPARED)
     sure_and_wrong = [[], []]
     for found, steps in zip(sure_and_wrong, (theirs, ours), strict=True):
@@ -27,4 +30,4 @@ def test_the_picture_of_the_readme_still_tells_its_story() -> None:
     _, outcome, truth = ours[-1]
     assert outcome.state == "localized"
     assert math.dist(outcome.hypotheses[0].pose[:2], truth[:2]) < 0.5
-    assert (REPOSITORY / "docs/story.webp").stat().st_size < 2_000_000
+    assert PICTURE.stat().st_size < 2_000_000
