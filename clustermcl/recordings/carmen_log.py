@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import MAX_BEAMS
+from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading
 from clustermcl.recordings.laser_mount import fixed_mounting, mounting
 from clustermcl.recordings.log_file import (
+    SENDER,
     Entry,
-    LaserEntry,
-    OdometryEntry,
     numbers_of,
     pose_of,
     ranges_of,
@@ -56,10 +56,13 @@ class CarmenParser:
 
     Metres, radians, seconds; beams run counter-clockwise. `ROBOTLASER1` is the successor of
     `FLASER`. If a recording has `RAWLASER1` lines next to either, they repeat the same scans, and
-    are skipped. Other messages (rear lasers, GPS, remarks) are skipped, too.
+    are skipped. Other messages (rear lasers, GPS, remarks) are skipped, too. `mount` is the laser's
+    pose on the robot for a log that lacks it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, mount: PoseTuple) -> None:
+        self._default_mount = mount
+        self._unmounted: set[int] = set()
         self._parameters: dict[str, float] = {}
         self._logged_ns: dict[int, int] = {}
         self._raw_lines: set[int] = set()
@@ -73,13 +76,15 @@ class CarmenParser:
                 return None
             case "ODOM":
                 _check_count(words, 1 + 6 + _TAIL)
-                entry: Entry = OdometryEntry(
-                    line_number, stamp_ns_of(words[-3]), pose_of(words[1:4])
+                pose, stamp_ns = pose_of(words[1:4]), stamp_ns_of(words[-3])
+                entry = Entry(
+                    line_number,
+                    OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose),
                 )
             case "FLASER":
-                entry = self._flaser(line_number, words)
+                entry = Entry(line_number, self._flaser(line_number, words))
             case "RAWLASER1" | "ROBOTLASER1":
-                entry = self._configured_laser(line_number, words)
+                entry = Entry(line_number, self._configured_laser(line_number, words))
             case kind if kind in OTHER_KINDS:
                 return None
             case kind:
@@ -89,49 +94,51 @@ class CarmenParser:
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
         """Remove repeated scans, add the laser's mount, and choose the better clock."""
-        lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
-        if any(entry.line_number not in self._raw_lines for entry in lasers):
+        lasers = {line for line, reading in entries if isinstance(reading, LaserReading)}
+        if lasers - self._raw_lines:
             entries = [entry for entry in entries if entry.line_number not in self._raw_lines]
-        mount, logged_ns = fixed_mounting(self._pose_pairs), self._logged_ns
-        own = {entry.stamp_ns for entry in entries}
+        own = {reading.stamp_ns for _, reading in entries}
         # Times since 1970 that were written with six digits are all the same.
-        if len(own) == 1 < len({logged_ns[entry.line_number] for entry in entries}):
-            entries = [replace(entry, stamp_ns=logged_ns[entry.line_number]) for entry in entries]
-        return [
-            replace(entry, robot_from_laser=mount)
-            if isinstance(entry, LaserEntry) and entry.robot_from_laser is None
-            else entry
-            for entry in entries
-        ]
+        by_logger = len(own) == 1 < len({self._logged_ns[line] for line, _ in entries})
+        mount = fixed_mounting(self._pose_pairs)
+        finished = []
+        for line, reading in entries:
+            changed: dict[str, object] = {"stamp_ns": self._logged_ns[line]} if by_logger else {}
+            if mount and line in self._unmounted:
+                changed["robot_from_laser"] = mount
+            finished.append(Entry(line, replace(reading, **changed)))
+        return finished
 
-    def _mount(self) -> PoseTuple | None:
-        """Return the laser's mount from the parameters; None: they do not have it."""
+    def _mount(self, line_number: int) -> PoseTuple:
+        """Return the laser's mount from the parameters, or else the default."""
         if _OFFSET not in self._parameters:
-            return None
+            self._unmounted.add(line_number)
+            return self._default_mount
         get = self._parameters.get
         return get(_OFFSET, 0.0), get(_SIDE_OFFSET, 0.0), get(_ANGULAR_OFFSET, 0.0)
 
-    def _flaser(self, line_number: int, words: Sequence[str]) -> LaserEntry:
+    def _flaser(self, line_number: int, words: Sequence[str]) -> LaserReading:
         beams = _beam_count(words, 1)
         _check_count(words, 2 + beams + 6 + _TAIL)
         angle_min_rad, angle_step_rad = flaser_angles(beams, self._parameters.get(_RESOLUTION_DEG))
         odom_from_robot = pose_of(words[beams + 5 : beams + 8])
-        mount = self._mount()
-        if mount is None:
+        mount = self._mount(line_number)
+        if line_number in self._unmounted:
             # CARMEN writes the laser's pose first. Many public logs have a corrected pose of the
             # robot there, which drifts from odometry and is unrelated to the laser.
             self._pose_pairs.append((odom_from_robot, pose_of(words[beams + 2 : beams + 5])))
-        return LaserEntry(
-            line_number=line_number,
+        return LaserReading(
+            sender=SENDER,
             stamp_ns=stamp_ns_of(words[-3]),
             ranges=ranges_of(words[2 : beams + 2]),
+            range_max_m=math.inf,
             angle_min_rad=angle_min_rad,
             angle_step_rad=angle_step_rad,
             robot_from_laser=mount,
             odom_from_robot=odom_from_robot,
         )
 
-    def _configured_laser(self, line_number: int, words: Sequence[str]) -> LaserEntry:
+    def _configured_laser(self, line_number: int, words: Sequence[str]) -> LaserReading:
         beams = _beam_count(words, _CONFIG)
         remissions_at = _CONFIG + 1 + beams
         poses_at = remissions_at + 1 + _beam_count(words, remissions_at, least=0)
@@ -142,21 +149,21 @@ class CarmenParser:
         if not (math.isfinite(start) and 0.0 < step * (beams - 1 or 1) < 1.01 * math.tau):
             raise ValueError(f"beams from {start} rad, {step} rad apart: no scan")
         odom_from_robot: PoseTuple | None = None
-        mount = self._mount()
         if raw:
+            mount = self._mount(line_number)
             self._raw_lines.add(line_number)
         else:
             odom_from_robot = pose_of(words[poses_at + 3 : poses_at + 6])
             mount = mounting(odom_from_robot, pose_of(words[poses_at : poses_at + 3]))
-        return LaserEntry(
-            line_number=line_number,
+        return LaserReading(
+            sender=SENDER,
             stamp_ns=stamp_ns_of(words[-3]),
             ranges=ranges_of(words[_CONFIG + 1 : remissions_at]),
             angle_min_rad=start,
             angle_step_rad=step,
             robot_from_laser=mount,
             odom_from_robot=odom_from_robot,
-            range_limit_m=limit if limit > 0.0 else None,
+            range_max_m=limit if limit > 0.0 else math.inf,
         )
 
 

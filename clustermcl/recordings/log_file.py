@@ -1,18 +1,22 @@
-"""Reads lines of text recordings; defines the entries into which these are parsed."""
+"""Reads lines of text recordings; defines the entries into which recordings are parsed."""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import InputFileError, RecordingError
 from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
+from clustermcl.protocol.steps import Reading
 from clustermcl.runtime import compressed
 
+SENDER = "recording"
+"""Sender of all readings."""
 _MAX_LINE_BYTES = 1_000_000
 _MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into 64 bits
 
@@ -25,33 +29,14 @@ class SkippedLine:
     problem: str
 
 
-@dataclass(frozen=True, slots=True)
-class OdometryEntry:
-    """An odometry reading in a line of a log or in a message of a bag."""
+class Entry(NamedTuple):
+    """A reading in a line of a log, or in a message of a bag or of a run.
+
+    A `range_max_m` that the recording lacks is infinite.
+    """
 
     line_number: int
-    stamp_ns: int
-    odom_from_robot: PoseTuple
-
-
-@dataclass(frozen=True, slots=True)
-class LaserEntry:
-    """A scan in a line of a log, or in a message of a bag; absent values are None."""
-
-    line_number: int
-    stamp_ns: int
-    ranges: NDArray[np.float32]
-    angle_min_rad: float
-    angle_step_rad: float
-    robot_from_laser: PoseTuple | None
-    odom_from_robot: PoseTuple | None
-    range_limit_m: float | None = None
-    laser: str = ""
-    """Name of the laser; empty: the robot has only one."""
-    upside_down: bool = False
-
-
-Entry = OdometryEntry | LaserEntry
+    reading: Reading
 
 
 def words_of_lines(
@@ -104,10 +89,10 @@ def numbers_of(words: Sequence[str]) -> list[float]:
     return numbers
 
 
-def ranges_of(words: Sequence[str]) -> NDArray[np.float32]:
+def ranges_of(words: Sequence[str]) -> ArrayBlob:
     """Return (B,) ranges [m]; a range that is not finite means no return."""
     with np.errstate(over="ignore"):  # 1e300 m becomes infinite
-        return np.array(numbers_of(words)).astype(np.float32)
+        return ArrayBlob.of(np.array(numbers_of(words)).astype(np.float32), "float32")
 
 
 def pose_of(words: Sequence[str]) -> PoseTuple:

@@ -6,21 +6,15 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
 from clustermcl.recordings.bag_file import is_bag
 from clustermcl.recordings.carmen_log import CarmenParser, is_carmen_line
-from clustermcl.recordings.log_file import (
-    Entry,
-    LaserEntry,
-    OdometryEntry,
-    SkippedLine,
-    words_of_lines,
-)
+from clustermcl.recordings.log_file import Entry, SkippedLine, words_of_lines
 from clustermcl.recordings.run_log import is_run_log, playback
 from clustermcl.runtime.extensions import extensions, names
 from clustermcl.runtime.settings import BridgeSettings
@@ -36,7 +30,6 @@ _MIN_MODE = 0.5
 _MIN_REACH = 2.0
 MAX_DISORDER_NS = 10_000_000_000
 """Largest step back of a stamp, and largest distance from the stamps around it [ns]."""
-SENDER = "recording"
 
 _FORMAT_LINES = 1000
 _MAX_BAD_LINES = 1_000_000
@@ -96,20 +89,19 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
 
         entries, skipped = bag_entries(path, settings)
     else:
-        entries, skipped = _entries(path)
+        entries, skipped = _entries(path, mount)
     entries, misplaced = plausible(entries)
     skipped += misplaced
-    lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
+    lasers = [reading for _, reading in entries if isinstance(reading, LaserReading)]
     if not lasers:
         what = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
         for line in skipped[:1]:
             what += f", first line {line.line_number}: {line.problem}"
         raise RecordingError(path, what)
-    limit_m = range_limit_m(entry.ranges for entry in lasers)
-    entries, times = merged(entries)
+    limit_m = range_limit_m(scan.ranges.array() for scan in lasers)
     return Recording(
         path=path,
-        readings=[_reading(*timed, limit_m, mount) for timed in zip(entries, times, strict=True)],
+        readings=merged([_limited(reading, limit_m) for _, reading in entries]),
         skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
     )
 
@@ -125,9 +117,15 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
     return recording
 
 
-def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
+def _limited(reading: Reading, limit_m: float) -> Reading:
+    if isinstance(reading, OdometryReading):
+        return reading
+    return replace(reading, range_max_m=min(limit_m, reading.range_max_m))
+
+
+def _entries(path: Path, mount: PoseTuple) -> tuple[list[Entry], list[SkippedLine]]:
     """Return the entries of a text recording in the order of its lines, and the skipped lines."""
-    parser, is_known = CarmenParser(), False
+    parser, is_known = CarmenParser(mount), False
     entries: list[Entry] = []
     skipped: list[SkippedLine] = []
     broken: list[SkippedLine] = []
@@ -150,25 +148,6 @@ def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     return parser.finished(entries), skipped + broken
 
 
-def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Reading:
-    if isinstance(entry, OdometryEntry):
-        return OdometryReading(
-            sender=SENDER, stamp_ns=time_ns, odom_from_robot=entry.odom_from_robot
-        )
-    return LaserReading(
-        sender=SENDER,
-        stamp_ns=entry.stamp_ns,
-        ranges=ArrayBlob.of(entry.ranges, "float32"),
-        angle_min_rad=entry.angle_min_rad,
-        angle_step_rad=entry.angle_step_rad,
-        range_max_m=min(limit_m, entry.range_limit_m or limit_m),
-        robot_from_laser=entry.robot_from_laser or mount,
-        odom_from_robot=entry.odom_from_robot,
-        laser=entry.laser,
-        upside_down=entry.upside_down,
-    )
-
-
 def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
     """Remove entries with wrong stamps, and all entries after the clock was set back.
 
@@ -178,43 +157,43 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
     Returns:
         the kept entries, and the removed ones as skipped lines.
     """
-    stamps = np.array([entry.stamp_ns for entry in entries], np.int64)
+    stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
     lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
     kept: list[Entry] = []
     skipped: list[SkippedLine] = []
     latest = None
-    for entry, is_lost in zip(entries, lost, strict=True):
+    for (line, reading), is_lost in zip(entries, lost, strict=True):
+        stamp_ns = reading.stamp_ns
         if is_lost:
-            problem = f"its time {entry.stamp_ns / 1e9:.6f} s is far from that of its neighbours"
-            skipped.append(SkippedLine(entry.line_number, problem))
+            problem = f"its time {stamp_ns / 1e9:.6f} s is far from that of its neighbours"
+            skipped.append(SkippedLine(line, problem))
             continue
-        if latest is not None and entry.stamp_ns < latest - MAX_DISORDER_NS:
-            back_s = (latest - entry.stamp_ns) / 1e9
+        if latest is not None and stamp_ns < latest - MAX_DISORDER_NS:
+            back_s = (latest - stamp_ns) / 1e9
             problem = f"time steps back by {back_s:.0f} s; the rest of the recording is left out"
-            skipped.append(SkippedLine(entry.line_number, problem))
+            skipped.append(SkippedLine(line, problem))
             break
-        latest = entry.stamp_ns if latest is None else max(latest, entry.stamp_ns)
-        kept.append(entry)
+        latest = stamp_ns if latest is None else max(latest, stamp_ns)
+        kept.append(Entry(line, reading))
     return kept, skipped
 
 
-def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
-    """Merge the entries of both sensors by time.
+def merged(readings: Sequence[Reading]) -> list[Reading]:
+    """Merge the readings of both sensors by time.
 
     A logger writes the messages of one sensor in the order of their arrival. Where stamps of a
     sensor decrease, the stamps are wrong, not the order: sorting the odometry of the Intel
-    Research Lab log by its stamps turns a path of 508 m into 660 m. So each sensor keeps its order.
-
-    Returns:
-        the entries, and their times [ns]: the stamps, corrected so that they never decrease
-        within one sensor.
+    Research Lab log by its stamps turns a path of 508 m into 660 m. So each sensor keeps its order,
+    and odometry has stamps that are corrected so that they never decrease.
     """
-    is_laser = np.array([isinstance(entry, LaserEntry) for entry in entries], bool)
-    times = np.array([entry.stamp_ns for entry in entries], np.int64)
+    is_laser = np.array([isinstance(reading, LaserReading) for reading in readings], bool)
+    times = np.array([reading.stamp_ns for reading in readings], np.int64)
     for sensor in (is_laser, ~is_laser):
         times[sensor] = monotonic_times(times[sensor])
     order = np.argsort(times, kind="stable")
-    return [entries[i] for i in order], [int(times[i]) for i in order]
+    return [
+        readings[i] if is_laser[i] else replace(readings[i], stamp_ns=int(times[i])) for i in order
+    ]
 
 
 def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from clustermcl.filter.motion.trajectory import MAX_EXTRAPOLATION_NS
+from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.errors import RecordingError
-from clustermcl.protocol.steps import MAX_BEAMS
+from clustermcl.protocol.message import PoseTuple
+from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading
 from clustermcl.recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
 from clustermcl.recordings.headers import frame_name, nanoseconds
 from clustermcl.recordings.laser_mount import is_upside_down
-from clustermcl.recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
+from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine
 from clustermcl.recordings.rigid import Rigid, rigid_of
 from clustermcl.recordings.transforms import TransformMissingError, TransformTree
 from clustermcl.runtime.settings import BridgeSettings
@@ -209,7 +211,7 @@ def _topic_odometry(content: _Content, settings: BridgeSettings) -> tuple[str, l
     base = settings.base_frame or (bases[0] if len(bases) == 1 else "")
     if not base:
         raise ValueError(f"odometry is of the frames {bases}; {_by_name('base_frame')}")
-    return base, [(one.time_ns, 0, _odometry_entry(one)) for one in content.poses]
+    return base, [(one.time_ns, 0, _topic_entry(one)) for one in content.poses]
 
 
 def _tf_odometry(
@@ -226,7 +228,7 @@ def _tf_odometry(
         if at.child == child:
             with suppress(TransformMissingError):  # another link begins later or ends earlier
                 pose = tree.lookup(odom_frame, base, at.stamp_ns).planar()
-                found.append((at.time_ns, 0, OdometryEntry(at.number, at.stamp_ns, pose)))
+                found.append((at.time_ns, 0, _odometry_entry(at.number, at.stamp_ns, pose)))
     return found
 
 
@@ -235,9 +237,10 @@ def _laser_entries(
 ) -> list[_Sorted]:
     entries: list[_Sorted] = []
     problems: list[str] = []
+    given = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     for frame in content.frames():
         try:
-            is_known, problem = _is_mount_known(content, tree, base, frame, settings), ""
+            is_known, problem = _is_mount_known(content, tree, base, frame, given), ""
         except ValueError as error:
             is_known, problem = False, str(error)
         for scan in content.scans:
@@ -247,8 +250,13 @@ def _laser_entries(
                 if problem:
                     raise ValueError(problem)
                 stamp_ns = nanoseconds(scan.content.header.stamp)
-                mount = tree.lookup(base, frame, stamp_ns) if is_known else None
-                entries.append((scan.time_ns, 1, _laser_entry(scan, frame, mount)))
+                mount, upside_down = given, False
+                if is_known:
+                    base_from_laser = tree.lookup(base, frame, stamp_ns)
+                    mount = base_from_laser.planar()
+                    upside_down = is_upside_down(frame, base_from_laser)
+                entry = _laser_entry(scan, frame, mount, upside_down=upside_down)
+                entries.append((scan.time_ns, 1, entry))
             except ValueError as error:
                 problems.append(str(error))
                 content.skipped.append(SkippedLine(scan.number, str(error)))
@@ -258,14 +266,13 @@ def _laser_entries(
 
 
 def _is_mount_known(
-    content: _Content, tree: TransformTree, base: str, frame: str, settings: BridgeSettings
+    content: _Content, tree: TransformTree, base: str, frame: str, given: PoseTuple
 ) -> bool:
     """Return whether the mount of a laser is in tf; False: it is in the settings."""
-    mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     if frame == base or tree.knows(frame):
         _refuse_two_parents(content, tree.way_up(frame, to=base))
         return True
-    if any(mounted):
+    if any(given):
         return False
     raise ValueError(
         f"no transform from {base!r} to the laser's frame {frame!r}; tf has {tree}; say "
@@ -273,32 +280,38 @@ def _is_mount_known(
     )
 
 
-def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None) -> LaserEntry:
+def _laser_entry(message: BagMessage, frame: str, mount: PoseTuple, *, upside_down: bool) -> Entry:
     scan = message.content
     limit = float(scan.range_max)
     ranges = np.array(scan.ranges, np.float32)
     with np.errstate(invalid="ignore"):
         ranges[ranges < scan.range_min] = 0.0
-    return LaserEntry(
-        line_number=message.number,
+    reading = LaserReading(
+        sender=SENDER,
         stamp_ns=nanoseconds(scan.header.stamp),
-        ranges=ranges,
+        ranges=ArrayBlob.of(ranges, "float32"),
         angle_min_rad=float(scan.angle_min),
         angle_step_rad=float(scan.angle_increment),
-        robot_from_laser=base_from_laser.planar() if base_from_laser else None,
-        odom_from_robot=None,
-        range_limit_m=limit if limit > 0.0 and math.isfinite(limit) else None,
+        range_max_m=limit if limit > 0.0 else math.inf,
+        robot_from_laser=mount,
         laser=frame,
-        upside_down=base_from_laser is not None and is_upside_down(frame, base_from_laser),
+        upside_down=upside_down,
     )
+    return Entry(message.number, reading)
 
 
-def _odometry_entry(message: BagMessage) -> OdometryEntry:
+def _topic_entry(message: BagMessage) -> Entry:
     pose = message.content.pose.pose
     x, y, z, w = (getattr(pose.orientation, axis) for axis in "xyzw")
     heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
     odom_from_robot = (pose.position.x, pose.position.y, heading)
-    return OdometryEntry(message.number, nanoseconds(message.content.header.stamp), odom_from_robot)
+    stamp_ns = nanoseconds(message.content.header.stamp)
+    return _odometry_entry(message.number, stamp_ns, odom_from_robot)
+
+
+def _odometry_entry(number: int, stamp_ns: int, pose: PoseTuple) -> Entry:
+    reading = OdometryReading(sender=SENDER, stamp_ns=stamp_ns, odom_from_robot=pose)
+    return Entry(number, reading)
 
 
 def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:

@@ -20,12 +20,12 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.floors import ONE_MAP
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.steps import LaserReading, OdometryReading, Scan
 from clustermcl.protocol.validity import problem_of
 from clustermcl.recordings import foxglove
 from clustermcl.recordings.bag_chunks import mcap_records
 from clustermcl.recordings.foxglove import BASE, MAP, ODOM
-from clustermcl.recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
+from clustermcl.recordings.log_file import SENDER, Entry, SkippedLine
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.compressed import most_unpacked, os_problem
 from clustermcl.runtime.output_files import OutputError
@@ -269,29 +269,28 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
                 if min(left, most) < 0:
                     raise RecordingError(file, "its scans and odometry are too long unpacked")
             if message.topic.startswith(SCAN):
-                entries.append(_laser_entry(number, message, file))
+                entries.append(Entry(number, _laser_reading(message, file)))
             elif message.topic == ODOMETRY:
                 link = decoded(message, foxglove.LinkFields, file)
                 if link.child_frame_id == BASE:
-                    entries.append(OdometryEntry(number, link.stamp_ns, link.parent_from_child))
+                    pose = link.parent_from_child
+                    moved = OdometryReading(
+                        sender=SENDER, stamp_ns=link.stamp_ns, odom_from_robot=pose
+                    )
+                    entries.append(Entry(number, moved))
         if log.cut:
             skipped.append(SkippedLine(number + 1, f"from here on cut off or damaged: {log.cut}"))
     return entries, skipped
 
 
-def _laser_entry(number: int, message: LogMessage, path: Path) -> LaserEntry:
+def _laser_reading(message: LogMessage, path: Path) -> LaserReading:
     scan = decoded(message, foxglove.LaserFields, path)
-    beams = scan.beams()
-    return LaserEntry(
-        line_number=number,
+    return LaserReading(
+        sender=SENDER,
         stamp_ns=scan.stamp_ns,
-        ranges=beams.ranges.array(),
-        angle_min_rad=beams.angle_min_rad,
-        angle_step_rad=beams.angle_step_rad,
-        robot_from_laser=beams.robot_from_laser,
         odom_from_robot=scan.odom_from_robot,
-        range_limit_m=beams.range_max_m,
         laser=message.topic.removeprefix("/"),
+        **msgspec.structs.asdict(scan.beams()),
     )
 
 
