@@ -71,7 +71,7 @@ def from_reading(reading: MapReading) -> GridMap:
         raise _malformed(f"{occupancy.dtype} of {occupancy.shape}, expected int8 of rows and cols")
     try:
         grid_map = known_part(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
-        return grid_map.with_remarks(_undecided(occupancy))
+        return grid_map.with_remarks(_remark(occupancy))
     except ValueError as error:
         raise _malformed(str(error)) from error
 
@@ -92,21 +92,14 @@ def grid_map_of(message: Any) -> GridMap:
     # Take the shortest decimal, as in map files: 0.05, not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
     grid_map = known_part(cells.reshape(info.height, info.width), cell_m, origin)
-    return grid_map.with_remarks(_undecided(values))
+    return grid_map.with_remarks(_remark(values))
 
 
-def _undecided(occupancy: Cells) -> str:
-    """Return a remark on a map of probabilities, with the cells between the thresholds."""
+def _remark(occupancy: Cells) -> str:
     if not np.any((occupancy > 0) & (occupancy < 100)):
         return ""
-    free, between, occupied = (
-        np.count_nonzero((occupancy >= low) & (occupancy <= high))
-        for low, high in (
-            (0, FREE_PERCENT), (FREE_PERCENT + 1, OCCUPIED_PERCENT - 1), (OCCUPIED_PERCENT, 100)
-        )
-    )  # fmt: skip
-    how = f"{free} cells of up to {FREE_PERCENT} % are free, {occupied} from {OCCUPIED_PERCENT} %"
-    return f"a map of probabilities: {how} occupied, {between} between are unknown"
+    free, occupied = f"up to {FREE_PERCENT} % is free", f"from {OCCUPIED_PERCENT} % occupied"
+    return f"a map of probabilities: {free}, {occupied}, any other unknown"
 
 
 def _malformed(problem: str) -> MalformedMessageError:

@@ -13,9 +13,9 @@ Except in *raw*, pixels that are not opaque are unknown.
 
 import io
 import math
-from collections.abc import Mapping
+import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ from PIL import Image, UnidentifiedImageError
 
 from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from clustermcl.protocol.conversion import converted
-from clustermcl.protocol.errors import MapFileError
+from clustermcl.protocol.errors import MapFileError, printable
 from clustermcl.protocol.message import Finite, PoseTuple
 from clustermcl.recordings.maps.grid_map import MAX_CELLS, GridMap, cells_of, known_part
 from clustermcl.runtime.compressed import read_decompressed
@@ -31,6 +31,7 @@ from clustermcl.runtime.output_files import write_output_file
 from clustermcl.runtime.yaml_text import yaml_of
 
 MAX_HEADER_BYTES = 64 * 1024
+_KEY = re.compile(r"`\$\.(\w+)")
 _STRIP_ROWS = 512
 _SHADES = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}
 _UNKNOWN_GREY, _MIN_GREY_SHARE = 205, 0.02
@@ -53,22 +54,17 @@ class _Header(msgspec.Struct, frozen=True):
     free_thresh: _Probability
     mode: Literal["trinary", "scale", "raw"] = "trinary"
 
+    def __post_init__(self) -> None:
+        if self.free_thresh > self.occupied_thresh:
+            raise ValueError("free_thresh must not exceed occupied_thresh; are they swapped?")
+        if math.isinf(self.origin[2]):
+            raise ValueError("the yaw of `origin` is infinite")
+
     @property
     def pose(self) -> PoseTuple:
         """The origin; map_saver of ROS 1 writes NaN as heading for an invalid quaternion."""
         x, y, heading = self.origin
         return x, y, 0.0 if math.isnan(heading) else heading
-
-
-_ALLOWED = {
-    "image": "a file name",
-    "resolution": "metres a cell, above 0 and below 100",
-    "origin": "three numbers: [x, y, yaw]",
-    "negate": "0 or 1",
-    "occupied_thresh": "a probability, 0 to 1",
-    "free_thresh": "a probability, 0 to 1",
-    "mode": "trinary, scale or raw",
-}
 
 
 def load_ros_map(content: bytes, path: Path) -> GridMap:
@@ -112,42 +108,19 @@ def save_ros_map(grid_map: GridMap, path: Path) -> None:
 
 def _header(content: bytes, path: Path) -> _Header:
     """Parse and check the YAML file; as in map_server, keys are required, and others ignored."""
-    values, lines = _mapping(content, path)
-    checked: dict[str, Any] = {}
-    for field in msgspec.structs.fields(_Header):
-        if field.name not in values:
-            if field.required:
-                problem = f"key {field.name!r} is missing; map_server requires it"
-                raise MapFileError(path, problem)
-            continue
-        value = values[field.name]
-        if field.name == "mode" and isinstance(value, str):
-            value = value.lower()
-        try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
-            checked[field.name] = converted(value, field.type, strict=False)
-        except (ValueError, OverflowError):
-            problem = f"{field.name}: {value!r} must be {_ALLOWED[field.name]}"
-            raise MapFileError(path, problem, line=lines[field.name]) from None
-    header = _Header(**checked)
-    if math.isinf(header.origin[2]):
-        problem = f"origin: {values['origin']!r} must be {_ALLOWED['origin']}"
-        raise MapFileError(path, problem, line=lines["origin"])
-    if header.free_thresh > header.occupied_thresh:
-        problem = f"free_thresh: {header.free_thresh} must not exceed occupied_thresh"
-        raise MapFileError(path, f"{problem}; are they swapped?", line=lines["free_thresh"])
-    return header
-
-
-def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
-    """Parse the YAML file; return its values and line numbers by key."""
     if len(content) > MAX_HEADER_BYTES:
         raise MapFileError(
             path, f"more than {MAX_HEADER_BYTES} bytes: a map_server file has a few hundred"
         )
     values, lines = yaml_of(content, path, MapFileError)
-    if not isinstance(values, dict):
-        raise MapFileError(path, "not a map: no map_server YAML file")
-    return values, lines
+    if isinstance(values, dict) and isinstance(values.get("mode"), str):
+        values["mode"] = values["mode"].lower()
+    try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
+        return converted(values, _Header, strict=False)
+    except (ValueError, OverflowError, RecursionError) as error:
+        named = _KEY.search(str(error))
+        problem = f"not a file of map_server: {printable(str(error))}"
+        raise MapFileError(path, problem, line=lines.get(named[1]) if named else None) from None
 
 
 def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:

@@ -24,7 +24,7 @@ def test_a_map_of_probabilities_has_walls_and_a_remark(tmp_path: Path) -> None:
     grid_map = load_map(written(tmp_path, "mcap", [grid(S, [[1, 25, 26], [64, 65, 98]])]))
     assert grid_map.cells.tolist() == [[0, 0, -1], [-1, 1, 1]]
     (remark,) = grid_map.remarks
-    assert "2 cells of up to 25 % are free, 2 from 65 % occupied, 2 between are" in remark
+    assert "up to 25 % is free, from 65 % occupied" in remark
 
 
 def test_the_last_map_on_a_topic_is_loaded(tmp_path: Path) -> None:
