@@ -51,7 +51,7 @@ from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.world import World
 
 STEPS, STEPS_OF_A_START = 160, 60
@@ -263,7 +263,7 @@ def _simulated(
     grid_map = change(place.map)
     start = start_in_right(place.map, seed) if change is without_right else None
     simulation = CrowdSimulation(place, seed, people, lidar, start)
-    steps = simulated_steps(SimulatedSource(simulation), BridgeSettings(), grid_map.digest)
+    steps = simulated_steps(simulation, BridgeSettings(), grid_map)
     if short:
         steps = _cut_short(steps, short, seed)
     return grid_map, _shown(steps, grid_map, mirror=mirror)
@@ -281,10 +281,9 @@ def _lifted(seed: int) -> tuple[GridMap, Steps]:
     furnished = GridMap(cells, plain.cell_m, plain.map_from_grid)
     place = World(map=furnished, truth=furnished)
     simulation = Simulation(place, seed)
-    source = SimulatedSource(simulation)
 
     def steps() -> Iterator[TrueStep]:
-        for count, step in enumerate(simulated_steps(source, BridgeSettings(), furnished.digest)):
+        for count, step in enumerate(simulated_steps(simulation, BridgeSettings())):
             yield step
             if count + 1 == LIFTED_AT:
                 x, y, heading = simulation.map_from_robot

@@ -51,7 +51,7 @@ from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 
 STEPS, CHANGED_AT = 100, 60
 GIVEN_OFF_M, GIVEN_OFF_RAD = 0.2, 0.08
@@ -294,9 +294,8 @@ def _robot(trial: Trial, data: Path | None) -> tuple[GridMap, TrueSteps]:
     world = worlds.world(robot)
     start = off_map.start_in_right(world.map, trial.number) if trial.change == "half" else None
     simulation = Simulation(world, trial.number, start=start)
-    source = SimulatedSource(simulation)
     steps = []
-    for step in simulated_steps(source, BridgeSettings(), world.map.digest):
+    for step in simulated_steps(simulation, BridgeSettings()):
         steps.append(step)
         if len(steps) == trial.steps:
             break

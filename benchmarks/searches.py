@@ -39,7 +39,7 @@ from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.office import office
 from clustermcl.simulator.worlds.world import World
 
@@ -67,8 +67,7 @@ class Place:
     ) -> Iterator[tuple[Scan, PoseTuple]]:
         """What a robot that starts anywhere sees, and where it is."""
         simulation = Simulation(self.world, seed)
-        source = SimulatedSource(simulation, steps=steps)
-        for scan, truth in simulated_steps(source, self.settings.bridge, self.world.map.digest):
+        for scan, truth in simulated_steps(simulation, self.settings.bridge, steps=steps):
             if scan.step == kidnap_at:
                 simulation.kidnap()
             yield scan, truth

@@ -19,15 +19,14 @@ from clustermcl.jobs.map_model import sensor_model
 from clustermcl.jobs.scan_arrays import scan_beams
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 
 
 def main() -> None:
     """Score one scan with the robot's true heading on every level, and draw the bounds."""
     place, settings = world("hall"), FilterSettings()
-    source = SimulatedSource(Simulation(place, settings.seed), steps=1)
-    scan, truth = next(iter(simulated_steps(source, BridgeSettings(), place.map.digest)))
+    scan, truth = next(simulated_steps(Simulation(place, settings.seed), BridgeSettings()))
     model = sensor_model(place.map, settings.sensor, cache_folder=None)
     beams = scan_beams(scan, model)
     heading = truth[2] - model.grid.map_from_grid[2]

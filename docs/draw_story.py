@@ -24,7 +24,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.view.plots import draw_map, draw_places
 
@@ -46,8 +46,7 @@ def main() -> None:
 def run(algorithm: Algorithm) -> Iterator[tuple[Scan, Outcome, PoseTuple]]:
     """Yield each scan, what the filter believes after it, and the true pose."""
     place, settings = world(WORLD), FilterSettings(seed=SEED)
-    source = SimulatedSource(Simulation(place, SEED), steps=STEPS)
-    steps = list(simulated_steps(source, BridgeSettings(), place.map.digest))
+    steps = list(simulated_steps(Simulation(place, SEED), BridgeSettings(), steps=STEPS))
     model = sensor_model(place.map, settings.sensor, cache_folder=None)
     believed = ALGORITHMS[algorithm]((scan for scan, _ in steps), model, settings)
     for (scan, outcome), (_, truth) in zip(believed, steps, strict=True):

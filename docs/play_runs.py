@@ -18,7 +18,7 @@ from clustermcl.protocol.work import TrackJob
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import Settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.view.picture import Picture
 from clustermcl.view.recorded_run import best_pose
@@ -51,7 +51,6 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
     """Run it, and return its page."""
     place, settings = world(story.world), Settings(seed=story.seed)
     simulation = Simulation(place, story.seed)
-    source = SimulatedSource(simulation, steps=story.steps)
     with tempfile.TemporaryDirectory() as cache:
         run = InProcess(sensor_model(place.map, settings.sensor, Path(cache)), settings)
     picture = Picture({"robot": story.title, "router": "", "commands": False, "story": True})
@@ -59,7 +58,7 @@ def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> 
     picture.on_link("running")
     picture.on_map(grid_map)
     events = 0
-    for scan, truth in simulated_steps(source, settings.bridge, place.map.digest):
+    for scan, truth in simulated_steps(simulation, settings.bridge, steps=story.steps):
         if scan.step == story.kidnap_at:
             simulation.kidnap()
         outcome = run.advance(scan)

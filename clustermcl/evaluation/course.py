@@ -19,7 +19,7 @@ from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.runtime.sources import Simulated
 from clustermcl.sensor_bridge.recorded import steps_of
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import simulated_world
 
 TrueStep = tuple[Scan, PoseTuple | None]
@@ -77,10 +77,9 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
     match case.robot:
         case SimulatedRobot() as robot:
             simulation = robot.simulation(seed)
-            source = SimulatedSource(simulation, steps=case.updates)
             grid_map = load_map(robot.map) if robot.map else simulation.world.map
             known: Iterator[TrueStep] = simulated_steps(
-                source, settings, grid_map.digest, grid_map.floors
+                simulation, settings, grid_map, steps=case.updates
             )
             if robot.map:
                 known = _in_atlas(known, grid_map.floors, robot)

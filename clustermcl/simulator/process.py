@@ -3,6 +3,7 @@
 import argparse
 import logging
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from clustermcl.protocol.answers import Belief, CommandDone, Drive, Kidnap
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import Scan, TruePose
+from clustermcl.protocol.steps import Observation, Reading, Scan, TruePose
 from clustermcl.recordings.maps.map_file import load_map
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.memory import trim_heap
@@ -23,7 +24,6 @@ from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.sensor_bridge.process import OnStep, serve_robot
 from clustermcl.sensor_bridge.recorded import Source
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource
 from clustermcl.simulator.worlds.catalogue import simulated_world
 
 _ADVICE_TIMEOUT_S, _KEPT_TRUTHS = 20.0, 64
@@ -59,32 +59,40 @@ def run_simulator(invocation: Invocation) -> None:
         raise SettingsError(f"{problem}: give sim:WORLD or sim:MAP.yaml")
     world = simulated_world(robot)
     simulation = Simulation(world, settings.seed)
-    source = SimulatedSource(simulation, steps=arguments.steps)
     trim_heap()  # of what its roads and distances were computed from
     if arguments.by_hand:
         simulation.robot.drive_by_hand(0.0, 0.0)
+
+    made, here = 0, simulation.map_from_robot
+
+    def readings() -> Iterator[Reading | Observation]:
+        nonlocal here
+        while made != arguments.steps:
+            tick = next(simulation)
+            here = tick.map_from_robot
+            yield from tick.messages
 
     def extend(node: Node) -> OnStep:
         truth, operator = node.publisher(keys.TRUTH), _Operator(simulation, node.name)
         node.serve(keys.KIDNAP, operator.kidnap)
         node.serve(keys.DRIVE, operator.drive)
-
         follower = Follower(simulation, node) if arguments.advised else None
 
         def on_step(scan: Scan) -> None:
-            pose = source.step_made()
-            floor, there = world.map.floors.on_floor(pose)
+            nonlocal made
+            made += 1
+            floor, there = world.map.floors.on_floor(here)  # a scan's step is made in its tick
             truth.put(TruePose(sender=node.name, step=scan.step, pose=there, floor=floor))
             if follower:
-                follower.truths.append((scan.step, pose))
+                follower.truths.append((scan.step, here))
 
         return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     for remark in () if arguments.map else grid_map.remarks:
         _log.warning("map: %s", remark)
-    readings = Source(iter(source.next_reading, None), source.steps)
-    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), readings, extend)
+    source = Source(readings(), arguments.steps)
+    serve_robot(invocation, grid_map.with_landmarks(world.landmarks), source, extend)
 
 
 def run_with_defaults(invocation: Invocation) -> None:

@@ -10,7 +10,7 @@ from clustermcl.filter.arrays import Poses
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading
+from clustermcl.protocol.steps import LaserReading, Observation, OdometryReading, Reading
 from clustermcl.simulator.free_space import FreeSpace
 from clustermcl.simulator.lift import Lift
 from clustermcl.simulator.robot import RADIUS_M, Drive, Robot, driven
@@ -39,6 +39,11 @@ class Tick:
     @property
     def readings(self) -> tuple[OdometryReading, LaserReading, OdometryReading]:
         return self.odometry[0], self.laser, self.odometry[1]
+
+    @property
+    def messages(self) -> tuple[Reading | Observation, ...]:
+        """The readings and observations in the order of time."""
+        return self.odometry[0], *self.observations, self.laser, self.odometry[1]
 
 
 class Simulation:

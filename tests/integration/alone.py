@@ -11,18 +11,14 @@ from clustermcl.protocol.steps import Scan
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.runtime.settings import Settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from tests.integration.worlds import world_of
 
 
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
     world = world_of(settings)
-    source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
-    scans = (
-        scan
-        for scan, _ in simulated_steps(source, settings.bridge, world.map.digest, world.map.floors)
-    )
-    return outcomes_of_scans(scans, world.map, settings)
+    made = simulated_steps(Simulation(world, settings.seed), settings.bridge, steps=steps)
+    return outcomes_of_scans((scan for scan, _ in made), world.map, settings)
 
 
 def outcomes_of_scans(

@@ -20,15 +20,17 @@ from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 
 if TYPE_CHECKING:
-    from tests.integration.ros.robot import Robot
+    from tests.integration.ros.robot import Drive, Robot
 
 ROOT = Path(__file__).parents[3]
 RUNNING = "is running over rmw_"
+TF_IN_NAMESPACE = ("-r", "/tf:=tf", "-r", "/tf_static:=tf_static")
 DOMAINS = range(8, 100)
 _used = itertools.count()
 
 StartNode = Callable[..., RunningProcess]
 OpenRobot = Callable[..., "Robot"]
+StartDrive = Callable[..., "Drive"]
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +78,7 @@ def start_node(
         *arguments: str,
         parameters: dict[str, Any] | None = None,
         file: str = "",
-        in_domain: int | None = None,
+        in_domain: int = 0,
         expect: str = RUNNING,
     ) -> RunningProcess:
         if parameters:
@@ -87,12 +89,9 @@ def start_node(
             arguments = (*arguments, "--params-file", str(path))
         script = installed / "clustermcl_ros" / "lib" / "clustermcl_ros" / "amcl"
         words = [str(script), *(["--ros-args", *arguments] if arguments else [])]
-        chosen = domain if in_domain is None else in_domain
-        command = (
-            f"source {shlex.quote(str(installed / 'setup.bash'))}"
-            f" && export ROS_DOMAIN_ID={chosen} XDG_STATE_HOME={shlex.quote(str(tmp_path))}"
-            f" && exec {shlex.join(words)}"
-        )
+        own = shlex.join([f"ROS_DOMAIN_ID={in_domain or domain}", f"XDG_STATE_HOME={tmp_path}"])
+        setup = shlex.quote(str(installed / "setup.bash"))
+        command = f"source {setup} && export {own} && exec {shlex.join(words)}"
         process = start_process(["bash", "-c", command])
         if expect:
             process.wait_for(expect)
@@ -108,13 +107,37 @@ def open_robot(domain: int) -> Iterator[OpenRobot]:
 
     made: list[Robot] = []
 
-    def robot(namespace: str = "", *, in_domain: int | None = None, name: str = "robot") -> Robot:
-        made.append(Robot(domain if in_domain is None else in_domain, namespace, name))
+    def robot(namespace: str = "", *, in_domain: int = 0, name: str = "robot") -> Robot:
+        made.append(Robot(in_domain or domain, namespace, name))
         return made[-1]
 
     yield robot
     for one in made:
         one.close()
+
+
+@pytest.fixture
+def start_drive(start_node: StartNode, open_robot: OpenRobot) -> StartDrive:
+    """Starts AMCL's node, and a robot of its namespace that is ready to drive."""
+
+    def start(
+        *,
+        namespace: str = "",
+        in_domain: int = 0,
+        active: bool = True,
+        parameters: dict[str, Any] | None = None,
+        **of_drive: Any,
+    ) -> "Drive":
+        from tests.integration.ros.robot import Drive  # noqa: PLC0415 - only where ROS is
+
+        moved = ("-r", f"__ns:={namespace}", *TF_IN_NAMESPACE) if namespace else ()
+        given = {"autostart_node": active} | (parameters or {})
+        node = start_node(*moved, parameters=given, in_domain=in_domain)
+        drive = Drive(open_robot(namespace, in_domain=in_domain), node, **of_drive)
+        drive.begin()
+        return drive
+
+    return start
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -17,6 +17,7 @@ from geometry_msgs.msg import (
     Quaternion,
     TransformStamped,
 )
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import OccupancyGrid
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -26,6 +27,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from clustermcl.filter.arrays import OCCUPIED
@@ -33,11 +35,13 @@ from clustermcl.filter.poses import wrap_angle
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, OdometryReading
 from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
 from clustermcl.simulator.worlds.catalogue import world
+from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S, wait_until
 
-WORLD = "cross_feature"
+WORLD, SEED = "cross_feature", 3
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -76,6 +80,9 @@ class Robot:
             self._publishers[topic] = self.node.create_publisher(kind, topic, qos)
         return self._publishers[topic]
 
+    def put(self, topic: str, message: Any, qos: QoSProfile | int = 10) -> None:
+        self.publisher(topic, type(message), qos).publish(message)
+
     def listen(self, topic: str, kind: Any, qos: QoSProfile | int = 100) -> list[Any]:
         """A growing list of a topic's messages from now on, and of the latched one."""
         received: list[Any] = []
@@ -102,11 +109,8 @@ class Robot:
     # --- AMCL's lifecycle and parameters
 
     def change_state(self, transition: int) -> bool:
-        request = ChangeState.Request()
-        request.transition.id = transition
-        return bool(
-            self.call("amcl/change_state", ChangeState, transition=request.transition).success
-        )
+        asked = Transition(id=transition)
+        return bool(self.call("amcl/change_state", ChangeState, transition=asked).success)
 
     def state(self) -> str:
         return str(self.call("amcl/get_state", GetState).current_state.label)
@@ -139,17 +143,17 @@ class Robot:
         message.info.origin.orientation = quaternion(heading)
         cells = np.where(grid_map.cells == OCCUPIED, 100, grid_map.cells).astype(np.int8)
         message.data.frombytes(cells.tobytes())
-        self.publisher("map", OccupancyGrid, LATCHED).publish(message)
+        self.put("map", message, LATCHED)
 
     def put_mounts(self, **mounts: PoseTuple) -> None:
         """Where lasers are on the robot, latched."""
         links = [link("base_footprint", frame, mount, 0) for frame, mount in mounts.items()]
         qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.publisher("tf_static", TFMessage, qos).publish(TFMessage(transforms=links))
+        self.put("tf_static", TFMessage(transforms=links), qos)
 
     def put_odometry(self, reading: OdometryReading, zero_ns: int) -> None:
         one = link("odom", "base_footprint", reading.odom_from_robot, zero_ns + reading.stamp_ns)
-        self.publisher("tf", TFMessage, 100).publish(TFMessage(transforms=[one]))
+        self.put("tf", TFMessage(transforms=[one]), 100)
 
     def put_scan(
         self, reading: LaserReading, zero_ns: int, frame: str = "laser", topic: str = "scan"
@@ -163,36 +167,33 @@ class Robot:
         message.angle_max = reading.angle_min_rad + reading.angle_step_rad * (len(ranges) - 1)
         message.range_min, message.range_max = 0.0, reading.range_max_m
         message.ranges = ranges.tolist()
-        self.publisher(topic, LaserScan, SENSOR).publish(message)
+        self.put(topic, message, SENSOR)
 
-    def put_initial_pose(
-        self, pose: PoseTuple, *, frame: str = "map", stamp_ns: int = 0, sigma: float = 0.2
-    ) -> None:
-        self.publisher("initialpose", PoseWithCovarianceStamped).publish(
-            pose_message(pose, frame=frame, stamp_ns=stamp_ns, sigma=sigma)
-        )
-
-    def put_clock(self, now_ns: int) -> None:
-        self.publisher("/clock", Clock, 1).publish(Clock(clock=time_of(now_ns)))
+    def put_initial_pose(self, pose: PoseTuple, **how: Any) -> None:
+        self.put("initialpose", pose_message(pose, **how))
 
 
 class Drive:
     """A simulated robot; each scan waits for its transform from `map` to `odom`, for a while.
 
-    `lasers` are frames and topics, which take turns.
+    `lasers` are frames and topics, which take turns. `clocked`: the robot publishes /clock.
     """
 
     def __init__(
         self,
         robot: Robot,
+        node: RunningProcess,
         *,
-        seed: int = 3,
         start: PoseTuple | None = None,
         zero_ns: int = _STAMP_NS,
         lasers: Sequence[tuple[str, str]] = (("laser", "scan"),),
+        clocked: bool = False,
     ) -> None:
-        self.robot, self.zero_ns, self._lasers = robot, zero_ns, lasers
-        self.simulation = Simulation(world(WORLD), seed, start=start)
+        self.robot, self.node, self.zero_ns, self._lasers = robot, node, zero_ns, lasers
+        self._clocked = clocked
+        self.simulation = Simulation(world(WORLD), SEED, start=start)
+        self.poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
+        self.states = robot.listen("amcl/state", String, LATCHED)
         self.truth: dict[int, PoseTuple] = {}
         self.sent_s: dict[int, float] = {}
         self.transforms: dict[int, tuple[float, Any]] = {}
@@ -207,14 +208,19 @@ class Drive:
 
     def begin(self) -> None:
         """Publish the map and where the laser is; wait until AMCL's node reads scans."""
-        first = next(iter(Simulation(world(WORLD), 0)))
         self.robot.put_map(world(WORLD).map)
-        mount = first.laser.robot_from_laser
-        self.robot.put_mounts(**{frame: mount for frame, _ in self._lasers})
+        self.robot.put_mounts(**dict.fromkeys(dict(self._lasers), LidarModel().robot_from_laser))
         node = self.robot.node
         for _, topic in self._lasers:
             wait_until(lambda topic=topic: node.count_subscribers(topic))
         wait_until(lambda: node.count_publishers("tf"))
+
+    def localize(self) -> None:
+        """Give the robot its pose, and drive until the node has published one."""
+        [stamp] = self.drive(1)
+        self.robot.put_initial_pose(self.truth[stamp])
+        self.drive_until(lambda: self.poses)
+        self.drive(5)
 
     def ticks(self, count: int, *, within_s: float = _ANSWERED_WITHIN_S) -> Iterator[Tick]:
         """Drive; after each scan wait at most this long for its transform."""
@@ -236,6 +242,8 @@ class Drive:
         before, after = tick.odometry
         stamp_ns = self.zero_ns + tick.laser.stamp_ns
         self.truth[stamp_ns] = tick.map_from_robot
+        if self._clocked:
+            self.robot.put("/clock", Clock(clock=time_of(stamp_ns)), 1)
         self.robot.put_odometry(before, self.zero_ns)
         self.robot.put_odometry(after, self.zero_ns)
         self.sent_s[stamp_ns] = time.monotonic()
@@ -245,8 +253,14 @@ class Drive:
         while stamp_ns not in self.transforms and time.monotonic() < until_s:
             nap.wait(0.001)
 
-    def error(self, message: Any) -> tuple[float, float]:
+    @property
+    def posed_ns(self) -> int:
+        """Stamp of the last `amcl_pose`."""
+        return ns_of(self.poses[-1].header.stamp)
+
+    def error(self, number: int = -1) -> tuple[float, float]:
         """Distance [m] and angle [rad] of an `amcl_pose` from the truth at its stamp."""
+        message = self.poses[number]
         x, y, heading = planar(message.pose.pose)
         truth = self.truth[ns_of(message.header.stamp)]
         return math.dist((x, y), truth[:2]), abs(float(wrap_angle(heading - truth[2])))
@@ -257,16 +271,23 @@ class Bond:
 
     def __init__(self, robot: Robot) -> None:
         self.heard: list[tuple[float, Any]] = []
-        robot.node.create_subscription(Status, "bond", self._on_status, 100)
 
-    def _on_status(self, message: Any) -> None:
-        self.heard.append((time.monotonic(), message))
+        def on_status(message: Any) -> None:
+            self.heard.append((time.monotonic(), message))
+
+        robot.node.create_subscription(Status, "bond", on_status, 100)
 
     def is_alive(self) -> bool:
         return bool(self.heard) and self.heard[-1][1].active
 
     def longest_pause_s(self) -> float:
         return max(b[0] - a[0] for a, b in zip(self.heard, self.heard[1:], strict=False))
+
+
+def pose_at_start() -> dict[str, Any]:
+    """Parameters with the pose at which the robot starts."""
+    x, y, heading = Simulation(world(WORLD), SEED).map_from_robot
+    return {"initial_pose.x": x, "initial_pose.y": y, "initial_pose.yaw": heading}
 
 
 def quaternion(heading: float) -> Any:

@@ -1,4 +1,4 @@
-"""Processes are killed while the robot drives, with the engine of several processes."""
+"""Processes are killed while the robot drives."""
 
 import itertools
 import time
@@ -6,12 +6,8 @@ import time
 import psutil
 import pytest
 
-pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
-
-from geometry_msgs.msg import PoseWithCovarianceStamped
-
-from tests.integration.ros.conftest import OpenRobot, StartNode
-from tests.integration.ros.robot import LATCHED, Bond, Drive
+from tests.integration.ros.conftest import StartDrive, StartNode
+from tests.integration.ros.robot import Bond, Drive
 from tests.integration.waiting import stretched_s, wait_until
 
 SCAN_S = 0.1
@@ -45,21 +41,13 @@ def drive_at_pace(drive: Drive, seconds: float) -> float:
     return max(later - earlier for earlier, later in itertools.pairwise(at_s))
 
 
-def test_each_process_of_the_system_may_be_killed(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    parameters = {"autostart_node": True, "engine": "service", "worker.processes": 1}
-    node = start_node(parameters=parameters)
-    robot = open_robot()
-    drive, bond = Drive(robot), Bond(robot)
-    poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
-    drive.begin()
-    [stamp] = drive.drive(1)
-    robot.put_initial_pose(drive.truth[stamp])
-    drive.drive_until(lambda: poses)
+def test_each_process_of_the_system_may_be_killed(start_drive: StartDrive) -> None:
+    drive = start_drive(parameters={"engine": "service", "worker.processes": 1})
+    bond = Bond(drive.robot)
+    drive.localize()
     drive.drive(20)
     pauses = {"none": drive_at_pace(drive, 2.0)}
-    for name, process in children(node.pid).items():
+    for name, process in children(drive.node.pid).items():
         if not process.is_running():
             continue
         process.kill()
@@ -68,27 +56,22 @@ def test_each_process_of_the_system_may_be_killed(
     assert len(pauses) >= 5  # router, bridge, coordinator, worker
     assert max(pauses.values()) < stretched_s(GAP_S), pauses
     assert bond.longest_pause_s() < BOND_TIMEOUT_S
-    count = len(poses)
-    drive.drive_until(lambda: len(poses) > count + 5)
-    assert drive.error(poses[-1])[0] < 0.3
+    count = len(drive.poses)
+    drive.drive_until(lambda: len(drive.poses) > count + 5)
+    assert drive.error()[0] < 0.3
 
 
 @pytest.mark.parametrize("engine", ["inside", "service"])
 def test_a_killed_node_continues_with_its_bond(
-    start_node: StartNode, open_robot: OpenRobot, engine: str
+    start_drive: StartDrive, start_node: StartNode, engine: str
 ) -> None:
-    node = start_node(parameters={"engine": engine})
-    robot = open_robot()
-    drive, bond = Drive(robot), Bond(robot)
+    drive = start_drive(active=False, parameters={"engine": engine})
+    robot, bond = drive.robot, Bond(drive.robot)
     robot.activate()
-    drive.begin()
-    [stamp] = drive.drive(1)
-    robot.put_initial_pose(drive.truth[stamp])
-    drive.drive_until(lambda: drive.transforms)
-    drive.drive(5)
+    drive.localize()
     wait_until(bond.is_alive)
-    below = children(node.pid).values()
-    node.kill()
+    below = children(drive.node.pid).values()
+    drive.node.kill()
     killed_s = time.monotonic()
     again = start_node(parameters={"engine": engine})
     if time.monotonic() - killed_s < BOND_TIMEOUT_S - 1.0:

@@ -10,15 +10,14 @@ import pytest
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
 from apriltag_msgs.msg import AprilTagDetectionArray
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan, NavSatFix
 from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3D, Detection3DArray
 
-from tests.integration.ros.conftest import OpenRobot, StartNode
-from tests.integration.ros.robot import LATCHED, SENSOR, Drive, Robot, link, pose_message
+from tests.integration.ros.conftest import OpenRobot, StartDrive
+from tests.integration.ros.robot import LATCHED, SENSOR, Robot, link, pose_message
 from tests.integration.waiting import wait_until
 
 READ = {
@@ -33,7 +32,6 @@ READ = {
     "poses": (pose_message((0.0, 0.0, 0.0)), 10),
 }
 PARAMETERS = {
-    "autostart_node": True,
     "ros2.gnss_topics": "fixes",
     "ros2.datum": "52.0, 4.0, 0",
     "ros2.tag_topics": "tags",
@@ -80,20 +78,15 @@ def attack(robot: Robot, count: int) -> None:
     "count", [5_000, pytest.param(100_000, marks=[pytest.mark.soak, pytest.mark.timeout(1800)])]
 )
 def test_the_node_outlives_random_bytes(
-    start_node: StartNode, open_robot: OpenRobot, count: int
+    start_drive: StartDrive, open_robot: OpenRobot, count: int
 ) -> None:
-    node = start_node(parameters=PARAMETERS)
-    memory = psutil.Process(node.pid).memory_info
+    drive = start_drive(parameters=PARAMETERS, zero_ns=2_000_000_000 * 10**9)
+    memory = psutil.Process(drive.node.pid).memory_info
     before = memory().rss
     attack(open_robot(name="attacker"), count)
-    robot = open_robot()
-    assert robot.state() == "active"  # all has been read, or was dropped
-    drive = Drive(robot, zero_ns=2_000_000_000 * 10**9)
-    poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
+    assert drive.robot.state() == "active"  # all has been read, or was dropped
     drive.begin()
-    [stamp] = drive.drive(1)
-    robot.put_initial_pose(drive.truth[stamp])
-    drive.drive_until(lambda: poses)
-    assert node.is_running()
-    assert "Traceback" not in node.err
+    drive.localize()
+    assert drive.node.is_running()
+    assert "Traceback" not in drive.node.err
     assert (memory().rss - before) / 1e6 < GROWTH_MB

@@ -6,12 +6,12 @@ pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64
 from std_srvs.srv import Empty, Trigger
 
 from clustermcl.ros2.parameter_table import PARAMETERS
-from tests.integration.ros.conftest import OpenRobot, StartNode
-from tests.integration.ros.robot import LATCHED, Drive, Robot
+from tests.integration.ros.conftest import StartDrive
+from tests.integration.ros.robot import LATCHED, Robot
 from tests.integration.waiting import wait_until
 
 RELIABLE, BEST_EFFORT, ALL_LATCHED = "reliable", "best effort", "latched"
@@ -21,8 +21,6 @@ PUBLISHED = {
     "/tf": ("tf2_msgs/msg/TFMessage", RELIABLE),
     "/bond": ("bond/msg/Status", RELIABLE),
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", RELIABLE),
-    "/rosout": ("rcl_interfaces/msg/Log", ALL_LATCHED),
-    "/parameter_events": ("rcl_interfaces/msg/ParameterEvent", RELIABLE),
     "/amcl/transition_event": ("lifecycle_msgs/msg/TransitionEvent", RELIABLE),
     "/amcl/hypotheses": ("visualization_msgs/msg/MarkerArray", ALL_LATCHED),
     "/amcl/hypotheses/detection": ("vision_msgs/msg/Detection3D", ALL_LATCHED),
@@ -45,15 +43,8 @@ SERVED = {
     "/amcl/is_localized": "std_srvs/srv/Trigger",
     "/amcl/change_state": "lifecycle_msgs/srv/ChangeState",
     "/amcl/get_state": "lifecycle_msgs/srv/GetState",
-    "/amcl/get_available_states": "lifecycle_msgs/srv/GetAvailableStates",
-    "/amcl/get_available_transitions": "lifecycle_msgs/srv/GetAvailableTransitions",
-    "/amcl/get_transition_graph": "lifecycle_msgs/srv/GetAvailableTransitions",
     "/amcl/get_parameters": "rcl_interfaces/srv/GetParameters",
-    "/amcl/get_parameter_types": "rcl_interfaces/srv/GetParameterTypes",
     "/amcl/set_parameters": "rcl_interfaces/srv/SetParameters",
-    "/amcl/set_parameters_atomically": "rcl_interfaces/srv/SetParametersAtomically",
-    "/amcl/list_parameters": "rcl_interfaces/srv/ListParameters",
-    "/amcl/describe_parameters": "rcl_interfaces/srv/DescribeParameters",
 }
 
 
@@ -80,36 +71,28 @@ def quality(qos: QoSProfile) -> str:
     return RELIABLE if qos.reliability == ReliabilityPolicy.RELIABLE else BEST_EFFORT
 
 
-def test_the_graph_has_amcls_topics_and_services(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    start_node()
-    robot = open_robot()
-    node = robot.node
-    wait_until(lambda: ("amcl", "/") in node.get_node_names_and_namespaces())
-    wait_until(lambda: endpoints(robot, reads=False).keys() >= PUBLISHED.keys())
-    assert endpoints(robot, reads=False).items() >= PUBLISHED.items()
-    wait_until(lambda: endpoints(robot, reads=True).keys() >= READ.keys())
-    assert endpoints(robot, reads=True).items() >= READ.items()
-    served = {name: kind for name, [kind] in node.get_service_names_and_types_by_node("amcl", "/")}
-    assert served.items() >= SERVED.items()
+def test_the_graph_has_amcls_topics_services_and_parameters(start_drive: StartDrive) -> None:
+    robot = start_drive(active=False).robot
+    wait_until(lambda: ("amcl", "/") in robot.node.get_node_names_and_namespaces())
+    for reads, expected in ((False, PUBLISHED), (True, READ)):
+        wait_until(lambda r=reads, e=expected: endpoints(robot, reads=r).keys() >= e.keys())
+        assert endpoints(robot, reads=reads).items() >= expected.items()
+    served = robot.node.get_service_names_and_types_by_node("amcl", "/")
+    assert {name: kind for name, [kind] in served}.items() >= SERVED.items()
+    values = robot.parameters(*PARAMETERS)
+    for (name, parameter), value in zip(PARAMETERS.items(), values, strict=True):
+        assert type(value) is type(parameter.default), name
 
 
-def test_the_services_do_what_they_say(start_node: StartNode, open_robot: OpenRobot) -> None:
-    start_node(parameters={"autostart_node": True})
-    robot = open_robot()
-    drive = Drive(robot)
+def test_the_services_do_what_they_say(start_drive: StartDrive) -> None:
+    drive = start_drive()
+    robot, states = drive.robot, drive.states
     probable = robot.listen("amcl/probability", Float64, LATCHED)
-    states = robot.listen("amcl/state", String, LATCHED)
     logged = robot.listen("/rosout", Log, LATCHED)
-    drive.begin()
     assert not robot.call("amcl/is_localized", Trigger).success
-    [first] = drive.drive(1)
-    robot.put_initial_pose(drive.truth[first])
-    drive.drive_until(lambda: states and states[-1].data == "localized")
+    drive.localize()
     drive.drive_until(lambda: robot.call("amcl/is_localized", Trigger).success, 100)
-    answer = robot.call("amcl/is_localized", Trigger)
-    assert answer.message.startswith("localized, ")
+    assert robot.call("amcl/is_localized", Trigger).message.startswith("localized, ")
 
     # The robot stands: the gate lets no scan pass, unless a step is asked for.
     tick = next(iter(drive.simulation))
@@ -122,11 +105,3 @@ def test_the_services_do_what_they_say(start_node: StartNode, open_robot: OpenRo
     robot.call("reinitialize_global_localization", Empty)
     drive.drive_until(lambda: states[-1].data != "localized")
     assert any(one.name == "amcl" for one in logged)  # the last line before or since
-
-
-def test_the_parameters_are_amcls(start_node: StartNode, open_robot: OpenRobot) -> None:
-    start_node()
-    robot = open_robot()
-    values = robot.parameters(*PARAMETERS)
-    for (name, parameter), value in zip(PARAMETERS.items(), values, strict=True):
-        assert type(value) is type(parameter.default), name

@@ -6,31 +6,26 @@ import pytest
 
 pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import TransitionEvent
 
-from tests.integration.ros.conftest import OpenRobot, StartNode
+from tests.integration.ros.conftest import StartDrive
 from tests.integration.ros.robot import (
     ACTIVATE,
     CLEANUP,
     CONFIGURE,
     DEACTIVATE,
-    LATCHED,
     Bond,
-    Drive,
     planar,
+    pose_at_start,
 )
 from tests.integration.waiting import wait_until
 
 SHUTDOWN = {"unconfigured": 5, "inactive": 6, "active": 7}
 
 
-def test_every_transition_is_made_or_refused_and_the_node_lives_on(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    node = start_node()
-    robot = open_robot()
-    bond = Bond(robot)
+def test_every_transition_is_made_or_refused_and_the_node_lives_on(start_drive: StartDrive) -> None:
+    drive = start_drive(active=False)
+    robot, bond = drive.robot, Bond(drive.robot)
     events = robot.listen("amcl/transition_event", TransitionEvent)
     assert robot.state() == "unconfigured"
     for refused in (ACTIVATE, DEACTIVATE, CLEANUP, 99):
@@ -60,27 +55,22 @@ def test_every_transition_is_made_or_refused_and_the_node_lives_on(
     wait_until(lambda: not bond.is_alive())
     assert not robot.change_state(CONFIGURE)
     wait_until(lambda: events and events[-1].goal_state.label == "finalized")
-    node.send_signal(signal.SIGTERM)
-    assert node.wait() == 0
+    drive.node.send_signal(signal.SIGTERM)
+    assert drive.node.wait() == 0
 
 
-def test_an_inactive_node_publishes_nothing_and_keeps_a_given_pose(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    start_node()
-    robot = open_robot()
-    drive = Drive(robot)
-    poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
+def test_an_inactive_node_publishes_nothing_and_keeps_a_given_pose(start_drive: StartDrive) -> None:
+    drive = start_drive(active=False)
+    robot = drive.robot
     assert robot.change_state(CONFIGURE)
-    drive.begin()
     [stamp] = drive.drive(1)
     robot.put_initial_pose(drive.truth[stamp])
     drive.drive(5)
-    assert not poses
+    assert not drive.poses
     assert not drive.transforms
     assert robot.change_state(ACTIVATE)
-    drive.drive_until(lambda: poses)
-    assert drive.error(poses[-1])[0] < 0.5
+    drive.drive_until(lambda: drive.poses)
+    assert drive.error()[0] < 0.5
     assert robot.change_state(DEACTIVATE)
     drive.drive(2)
     count = len(drive.transforms)
@@ -88,20 +78,11 @@ def test_an_inactive_node_publishes_nothing_and_keeps_a_given_pose(
     assert len(drive.transforms) == count
 
 
-def test_the_last_pose_is_the_initial_one_after_a_cleanup(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    robot = open_robot()
-    drive = Drive(robot)
-    x, y, heading = drive.simulation.map_from_robot
-    initial = {"initial_pose.x": x, "initial_pose.y": y, "initial_pose.yaw": heading}
-    start_node(parameters={"set_initial_pose": True, **initial})
-    poses = robot.listen("amcl_pose", PoseWithCovarianceStamped, LATCHED)
-    robot.activate()
-    drive.begin()
-    drive.drive_until(lambda: poses)
+def test_the_last_pose_is_the_initial_one_after_a_cleanup(start_drive: StartDrive) -> None:
+    drive = start_drive(parameters={"set_initial_pose": True, **pose_at_start()})
+    drive.drive_until(lambda: drive.poses)
     drive.drive(10)
-    last = planar(poses[-1].pose.pose)
-    assert robot.change_state(DEACTIVATE)
-    assert robot.change_state(CLEANUP)
-    assert robot.parameters(*initial) == pytest.approx(list(last), abs=0.3)
+    last = planar(drive.poses[-1].pose.pose)
+    assert drive.robot.change_state(DEACTIVATE)
+    assert drive.robot.change_state(CLEANUP)
+    assert drive.robot.parameters(*pose_at_start()) == pytest.approx(list(last), abs=0.3)

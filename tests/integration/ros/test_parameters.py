@@ -8,7 +8,7 @@ from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 
-from tests.integration.ros.conftest import OpenRobot, StartNode
+from tests.integration.ros.conftest import OpenRobot, StartDrive, StartNode
 from tests.integration.waiting import wait_until
 
 NAV2_FILE = """
@@ -65,11 +65,8 @@ def test_a_bad_value_ends_the_start_with_one_line(
     assert "Traceback" not in node.err
 
 
-def test_parameters_are_set_while_the_node_runs(
-    start_node: StartNode, open_robot: OpenRobot
-) -> None:
-    start_node(parameters={"autostart_node": True})
-    robot = open_robot()
+def test_parameters_are_set_while_the_node_runs(start_drive: StartDrive) -> None:
+    robot = start_drive().robot
     events = robot.listen("/parameter_events", ParameterEvent)
     [result] = robot.set_parameters(update_min_d=0.4)
     assert result.successful, result.reason

@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from clustermcl.runtime.settings import RecorderSettings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from tests.integration.alone import outcomes_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import ran
@@ -24,8 +24,7 @@ def test_tags_are_seen_through_all_processes_and_replayed(tmp_path: Path) -> Non
     replayed = ran("replay", str(tmp_path / TAGS.robot.name))
     assert replayed.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
     world = world_of(TAGS)
-    source = SimulatedSource(Simulation(world, TAGS.seed), steps=STEPS)
-    made = list(simulated_steps(source, TAGS.bridge, world.map.digest))
+    made = list(simulated_steps(Simulation(world, TAGS.seed), TAGS.bridge, steps=STEPS))
     first = next(scan.step for scan, _ in made if scan.observations)
     assert 0 < first < STEPS - 10
     assert {belief.state for belief in beliefs[:first]} <= {"searching", "ambiguous"}

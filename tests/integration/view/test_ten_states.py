@@ -19,7 +19,7 @@ from clustermcl.protocol.steps import Scan, TruePose
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.view.stage import Stage
 from tests.integration.view.test_drawn import many_places, page_of, shows
@@ -38,8 +38,8 @@ Step = tuple[Scan, TruePose, Belief]
 def steps() -> list[Step]:
     """The demo's run: four arms look alike until the robot sees the cabinet."""
     settings = FilterSettings()
-    source = SimulatedSource(Simulation(CROSS, settings.seed), steps=LOCALIZED_AT + 2)
-    made = list(simulated_steps(source, BridgeSettings(), CROSS.map.digest))[:-1]
+    simulation, count = Simulation(CROSS, settings.seed), LOCALIZED_AT + 2
+    made = list(simulated_steps(simulation, BridgeSettings(), steps=count))[:-1]
     model = sensor_model(CROSS.map, settings.sensor, cache_folder=None)
     found = []
     for (scan, truth), (_, outcome) in zip(

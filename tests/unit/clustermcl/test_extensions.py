@@ -14,7 +14,7 @@ from clustermcl.jobs.jobs import running
 from clustermcl.protocol.work import Assignment, ElsewhereJob, Job, SearchJob, TrackJob
 from clustermcl.runtime import extensions
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.unit.coordinator.reports import particles
@@ -45,7 +45,7 @@ def test_an_own_sensor_model_weighs_for_search_tracking_and_elsewhere() -> None:
     )
     grid = hall.map.grid
     model = computed_model(grid, settings.sensor)
-    scan, _ = next(simulated_steps(SimulatedSource(Simulation(hall, 0), steps=1), SMALL.bridge, ""))
+    scan, _ = next(simulated_steps(Simulation(hall, 0), SMALL.bridge))
     start = particles(np.zeros((9, 3)), odom=scan.odom_from_robot)
     jobs: list[Job] = [
         SearchJob(search=0, shard=0, first_step=0),

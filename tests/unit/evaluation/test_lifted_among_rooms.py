@@ -12,7 +12,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 
 SETTINGS = Settings(
@@ -30,11 +30,11 @@ def test_a_kidnapped_robot_is_tracked_in_all_eight_rooms(
     """Kidnapped in the middle of a periodic search (11), and at once after one (0)."""
     world = eight_rooms()
     simulation = Simulation(world, seed)
-    source = SimulatedSource(simulation, steps=lifted_at + FOUND_WITHIN)
+    steps = lifted_at + FOUND_WITHIN
     truths: list[PoseTuple] = []
 
     def scans() -> Iterator[Scan]:
-        for scan, map_from_robot in simulated_steps(source, SETTINGS.bridge, world.map.digest):
+        for scan, map_from_robot in simulated_steps(simulation, SETTINGS.bridge, steps=steps):
             truths.append(map_from_robot)
             if scan.step == lifted_at:
                 simulation.kidnap()

@@ -8,7 +8,7 @@ from clustermcl.jobs.in_process import InProcess
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 
 NAMED_AT, EVERY, STEPS = 5, 30, 70
@@ -17,11 +17,10 @@ SETTINGS = FilterSettings(belief=BeliefSettings(search_every_steps=EVERY))
 
 def test_later_searches_bring_back_the_missing_rooms(tmp_path: Path) -> None:
     world = eight_rooms()
-    source = SimulatedSource(Simulation(world, 0), steps=STEPS)
     model = sensor_model(world.map, SETTINGS.sensor, tmp_path)
     process = InProcess(model, SETTINGS)
     sure = 0
-    for scan, truth in simulated_steps(source, BridgeSettings(), world.map.digest):
+    for scan, truth in simulated_steps(Simulation(world, 0), BridgeSettings(), steps=STEPS):
         outcome = process.advance(scan)
         rooms = copies_in_all_rooms(truth)
         if scan.step == NAMED_AT:

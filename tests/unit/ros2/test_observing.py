@@ -14,7 +14,7 @@ from clustermcl.ros2.observing import MAX_WAITING, Datum
 from clustermcl.ros2.outputs import Output, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.ros_messages import new
-from tests.unit.ros2.test_amcl import SECOND, Robot, causes, link, observe
+from tests.unit.ros2.test_amcl import SECOND, Robot, causes, observe
 
 OPTICAL = Rigid(0.2, 0.0, 0.5, -0.5, 0.5, -0.5, 0.5)
 """Pose of a camera that looks ahead: its z axis is the robot's x axis."""
@@ -55,8 +55,7 @@ def test_a_minute_of_arc_is_a_nautical_mile_and_the_map_may_be_turned() -> None:
 
 def test_the_antenna_s_distance_from_the_base_adds_to_the_error() -> None:
     robot = Robot(NORTHWARD)
-    mount = link("base_footprint", "antenna", flat((-3.0, 4.0, 0.0)))
-    list(robot.amcl.on_transforms(mount, 0, fixed=True))
+    robot.mount("antenna", flat((-3.0, 4.0, 0.0)))
     (one,) = seen(list(observe(robot.amcl, fix(), "fix")))
     np.testing.assert_allclose(one.covariance, (26.0, 0.0, 0.0, 29.0), atol=1e-12)
 
@@ -99,12 +98,7 @@ def tags(*numbers: int, stamp_ns: int = SECOND) -> Any:
 
 def with_camera() -> Robot:
     robot = Robot(Ros2Settings(tag_topics="tags"))
-    mount = transform((0.0, 0.0, 0.0), 0, "base_footprint", "camera")
-    place, turn = mount.transforms[0].transform.translation, OPTICAL[3:]
-    place.x, place.y, place.z = OPTICAL[:3]
-    names = dict(zip(("x", "y", "z", "w"), turn, strict=True))
-    mount.transforms[0].transform.rotation = new("geometry_msgs/msg/Quaternion", **names)
-    list(robot.amcl.on_transforms(mount, 0, fixed=True))
+    robot.mount("camera", OPTICAL)
     return robot
 
 
@@ -113,7 +107,7 @@ def test_a_tag_is_a_landmark_with_the_name_of_its_frame_once_tf_has_it() -> None
     assert list(observe(robot.amcl, tags(7), "tags")) == []
     in_camera = transform((-0.5, 0.1, 0.0), SECOND, "camera", "tag36h11:7")
     in_camera.transforms[0].transform.translation.z = 3.0
-    (one,) = seen(list(robot.amcl.on_transforms(in_camera, 0, fixed=False)))
+    (one,) = seen(robot.transforms(in_camera))
     assert (one.sender, one.landmark, one.stamp_ns) == ("tags", "tag36h11:7", SECOND)
     np.testing.assert_allclose(one.mean, (3.2, 0.5), atol=1e-12)
     sigma = 0.05 * math.hypot(3.2, 0.5, 0.4)

@@ -11,7 +11,7 @@ from clustermcl.simulator import robot
 from clustermcl.simulator.free_space import FreeSpace
 from clustermcl.simulator.sensors import Lidar, LidarModel
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 from clustermcl.simulator.worlds.world import world_from_map
 
@@ -28,7 +28,7 @@ def test_the_same_seed_gives_the_same_ticks() -> None:
 
 def test_each_step_has_the_true_pose_at_its_scan() -> None:
     truths = {tick.laser.stamp_ns: tick.map_from_robot for tick in islice(Simulation(HALL, 1), 200)}
-    steps = simulated_steps(SimulatedSource(Simulation(HALL, 1), steps=20), BridgeSettings(), "")
+    steps = simulated_steps(Simulation(HALL, 1), BridgeSettings(), steps=20)
     assert all(truth == truths[scan.stamp_ns] for scan, truth in steps)
 
 

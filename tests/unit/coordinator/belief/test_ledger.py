@@ -17,7 +17,7 @@ from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.steps import Scan
 from clustermcl.runtime.settings import BridgeSettings, Settings
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from tests.soak.eight_rooms import eight_rooms
 
 KIDNAPPED_AT, STEPS = 20, 40
@@ -54,8 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> list[Outcome]:
     simulation = Simulation(world, 3)
 
     def scans() -> Iterator[Scan]:
-        source = SimulatedSource(simulation)
-        for scan, _ in simulated_steps(source, bridge, world.map.digest):
+        for scan, _ in simulated_steps(simulation, bridge):
             if scan.step == STEPS:
                 return
             if scan.step == KIDNAPPED_AT:

@@ -16,7 +16,7 @@ from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
-from clustermcl.simulator.source import SimulatedSource, simulated_steps
+from clustermcl.simulator.source import simulated_steps
 from clustermcl.simulator.worlds.catalogue import world
 
 MOUNT = (0.3, -0.1, 0.2)
@@ -117,8 +117,7 @@ def recorded(robot_from_laser: PoseTuple) -> Iterator[Scan]:
     """A robot in the hall whose laser is at MOUNT and is recorded at another pose."""
     hall = world("hall")
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=MOUNT))
-    source = SimulatedSource(robot, steps=120)
-    for scan, _ in simulated_steps(source, BridgeSettings(), hall.map.digest):
+    for scan, _ in simulated_steps(robot, BridgeSettings(), steps=120):
         yield msgspec.structs.replace(scan, robot_from_laser=robot_from_laser)
 
 
