@@ -16,6 +16,7 @@ from clustermcl.coordinator.events import (
     WorkerLeft,
 )
 from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode, refusal_of
 from clustermcl.protocol.message import PoseTuple
@@ -28,15 +29,6 @@ from clustermcl.protocol.steps import (
     Reading,
     Scan,
     Seen,
-)
-from clustermcl.protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    ElsewhereReport,
-    Report,
-    SearchJob,
-    SearchReport,
-    TrackReport,
 )
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker
@@ -177,9 +169,9 @@ def test_a_worker_makes_valid_reports_of_any_scans(
     model: SensorModel, given_scans: list[Scan]
 ) -> None:
     table = JobTable("worker")
-    search = SearchJob(search=0, shard=0, first_step=1)
-    begun = track("c0", cloud()), Assignment(job_id="s0.0", epoch=2, job=search)
-    elsewhere = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=1))
+    search = work.SearchJob(search=0, shard=0, first_step=1)
+    begun = track("c0", cloud()), work.Assignment(job_id="s0.0", epoch=2, job=search)
+    elsewhere = work.Assignment(job_id="e0", epoch=3, job=work.ElsewhereJob(first_step=1))
     table.follow(order(*begun, elsewhere, snapshots=2), model, SETTINGS)
     for one in given_scans:
         for report in table.on_scan(one):
@@ -204,7 +196,7 @@ BELIEF = {
 
 
 @st.composite
-def reports(draw: st.DrawFn) -> Report:
+def reports(draw: st.DrawFn) -> work.Report:
     """Valid reports of existing and unknown jobs; the epoch is set when one is delivered."""
     poses = NEAR_POSE | ANY_POSE.filter(lambda pose: all(abs(x) < 1e8 for x in pose))
     job, step, pose = draw(JOBS), draw(STEPS), draw(poses)
@@ -257,7 +249,7 @@ def happen(story: Story, what: str, reported: Any, now_ns: int) -> None:
         case "scan":
             story.follow(coordinator.handle(ScanArrived(reported), now_ns))
         case "report":
-            assert isinstance(reported, TrackReport | SearchReport | ElsewhereReport)
+            assert isinstance(reported, work.TrackReport | work.SearchReport | work.ElsewhereReport)
             epoch = story.epochs.get(reported.job_id, 0)
             worker = story.places.get(reported.job_id, "a")
             reported = msgspec.structs.replace(reported, epoch=epoch)

@@ -9,14 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from clustermcl.coordinator.events import (
-    CommandArrived,
-    ScanArrived,
-    TimePassed,
-    WorkerJoined,
-    WorkerStateArrived,
-)
 from clustermcl.coordinator.instructions import (
     Instruction,
     PublishBelief,
@@ -60,7 +54,7 @@ def real_checkpoints() -> list[Checkpoint]:
         living.kill_worker(name)
     last = living.coordinator
     assert last is not None
-    done = last.handle(WorkerJoined("new"), 20 * SECOND)
+    done = last.handle(events.WorkerJoined("new"), 20 * SECOND)
     return [*found, *(do for do in done if isinstance(do, Checkpoint))]
 
 
@@ -73,10 +67,15 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     begun = started(filter_settings=SETTINGS, term=1, known=checkpoint)
     coordinator = begun.coordinator()
     nothing = WorkerState(sender="w", term=0, holds=())
-    scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
+    scans = [events.ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     reported = (
-        *(WorkerJoined("w0"), WorkerStateArrived("w0", nothing), TimePassed(), *scans),
-        *(CommandArrived(given_pose("2")), TimePassed()),
+        *(
+            events.WorkerJoined("w0"),
+            events.WorkerStateArrived("w0", nothing),
+            events.TimePassed(),
+            *scans,
+        ),
+        *(events.CommandArrived(given_pose("2")), events.TimePassed()),
     )
     done = []
     for number, event in enumerate(reported):

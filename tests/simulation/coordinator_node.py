@@ -6,15 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from clustermcl.coordinator import events
+from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.instructions import (
-    AskState,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
 from clustermcl.coordinator.replica import Replica
 from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.protocol.codec import decode, encode
@@ -102,7 +95,7 @@ class CoordinatorNode(Node):
         life = self._life = self.laws.life(self.name, begun, coordinator, self._promptest_s)
         self._promptest_s = math.inf
 
-        def handle(event: events.Event, now_ns: int) -> list[Instruction]:
+        def handle(event: events.Event, now_ns: int) -> list[do.Instruction]:
             instructions = coordinator.handle(event, now_ns)
             life.handled(event, now_ns, instructions)
             return instructions
@@ -187,24 +180,24 @@ class CoordinatorNode(Node):
 
     # --- instructions
 
-    def _carry_out(self, instruction: Instruction) -> None:
+    def _carry_out(self, instruction: do.Instruction) -> None:
         simulation = self._simulation
         self.laws.carried_out(self._life, instruction)
         match instruction:
-            case PublishBelief(belief):
+            case do.PublishBelief(belief):
                 self.laws.believed(belief)
                 simulation.publish_belief(self, belief)
             case Checkpoint():
                 self._keep_later(instruction)
                 simulation.publish_checkpoint(self, instruction)
-            case SendOrder(worker, order):
+            case do.SendOrder(worker, order):
                 simulation.send_order(self, worker, order)
-            case AskState(worker, question):
+            case do.AskState(worker, question):
                 simulation.send_take_over(self, worker, question)
-            case FetchMap():
+            case do.FetchMap():
                 ground = free_everywhere(self.coordinator.state.map_digest)
                 self._ask_bridge(lambda _: events.MapArrived(ground))
-            case FetchScans(first, last):
+            case do.FetchScans(first, last):
                 self._ask_bridge(lambda bridge: events.HistoryArrived(bridge.history(first, last)))
 
     def _ask_bridge(self, answer: Callable[["Bridge"], events.Event]) -> None:

@@ -6,17 +6,10 @@ from functools import partial
 from typing import TypeVar
 
 from clustermcl.filter.laser.sensor_model import SensorModel
+from clustermcl.protocol import work
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import OdometryReading, Scan
-from clustermcl.protocol.work import (
-    Checkpoint,
-    OrderAnswer,
-    Report,
-    TakeOver,
-    WorkerState,
-    WorkOrder,
-)
 from tests.simulation.coordinator_node import CoordinatorNode
 from tests.simulation.laws import LawBrokenError, Laws, demand
 from tests.simulation.network import SECOND, Action, Asker, Clock, Network, Node, ns
@@ -162,7 +155,7 @@ class Simulation:
         self.laws.taken_ns[reading.stamp_ns] = self.clock.now_ns
         self._publish(source, self.coordinators.values(), lambda node: node.on_odometry(reading))
 
-    def publish_report(self, source: WorkerNode, report: Report) -> None:
+    def publish_report(self, source: WorkerNode, report: work.Report) -> None:
         self._publish(
             source, self.coordinators.values(), lambda node: node.on_report(source.name, report)
         )
@@ -170,27 +163,27 @@ class Simulation:
     def publish_belief(self, source: CoordinatorNode, belief: Belief) -> None:
         self._publish(source, [self.bridge], lambda node: node.on_belief(belief))
 
-    def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
-        received = decode(encode(checkpoint), Checkpoint)
+    def publish_checkpoint(self, source: CoordinatorNode, checkpoint: work.Checkpoint) -> None:
+        received = decode(encode(checkpoint), work.Checkpoint)
         workers = self._shuffled(self.workers.values())
         others = [node for node in self.coordinators.values() if node is not source]
         self._publish(source, workers, lambda node: node.on_checkpoint(received))
         self._publish(source, others, lambda node: node.on_checkpoint(received))
 
-    def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
+    def send_order(self, source: CoordinatorNode, name: str, order: work.WorkOrder) -> None:
         worker, asker = self.workers[name], Asker.now(source)
         self.network.send(source, worker, lambda: worker.on_order(asker, order))
 
-    def answer_order(self, source: WorkerNode, asker: Asker, answer: OrderAnswer) -> None:
+    def answer_order(self, source: WorkerNode, asker: Asker, answer: work.OrderAnswer) -> None:
         node = self.coordinators[asker.name]
         received = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
         self.network.send(source, node, received)
 
-    def send_take_over(self, source: CoordinatorNode, name: str, question: TakeOver) -> None:
+    def send_take_over(self, source: CoordinatorNode, name: str, question: work.TakeOver) -> None:
         worker, asker = self.workers[name], Asker.now(source)
         self.network.send(source, worker, lambda: worker.on_take_over(asker, question))
 
-    def answer_state(self, source: WorkerNode, asker: Asker, state: WorkerState) -> None:
+    def answer_state(self, source: WorkerNode, asker: Asker, state: work.WorkerState) -> None:
         node, term = self.coordinators[asker.name], source.known_term
         received = asker.waiting(node, lambda: node.on_state(source.name, state, term))
         self.network.send(source, node, received)

@@ -10,28 +10,9 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from clustermcl.coordinator import events
+from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import Coordinator, Started
-from clustermcl.coordinator.events import (
-    CommandArrived,
-    Event,
-    HistoryArrived,
-    MapArrived,
-    OrderAnswered,
-    ReportArrived,
-    ScanArrived,
-    TimePassed,
-    WorkerJoined,
-    WorkerLeft,
-    WorkerStateArrived,
-)
-from clustermcl.coordinator.instructions import (
-    AskState,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
 from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
@@ -44,19 +25,11 @@ from clustermcl.filter.settings import (
     SearchSettings,
     SensorSettings,
 )
+from clustermcl.protocol import work
 from clustermcl.protocol.answers import Belief, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import MapMessage, Scan
-from clustermcl.protocol.work import (
-    Checkpoint,
-    OrderAnswer,
-    TakeOver,
-    TrackJob,
-    TrackReport,
-    WorkerState,
-    WorkOrder,
-)
 from clustermcl.runtime.settings import CoordinatorSettings
 from clustermcl.worker import worker as worker_instructions
 from clustermcl.worker.worker import Worker
@@ -79,7 +52,7 @@ SETTINGS = FilterSettings(
     belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )
 EVENT_NS = 1_000_000
-NO_COORDINATOR = TakeOver(sender="coordinator", term=0)
+NO_COORDINATOR = work.TakeOver(sender="coordinator", term=0)
 MAP = MapMessage(
     sender="bridge", digest="map", cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
     zlib_cells=b"",
@@ -129,7 +102,7 @@ class Living:
         """Instructions until the coordinator dies; None: it lives."""
         self.coordinator: Coordinator | None = None
         self._questions = 0
-        self._reports: list[TrackReport] = []
+        self._reports: list[work.TrackReport] = []
         self.map_digest = MAP.digest
         """Of the bridge's map; of another one when it has been restarted with it."""
         self.warnings: list[str] = []
@@ -137,7 +110,7 @@ class Living:
         self.workers = {f"w{n}": Worker(f"w{n}") for n in range(workers)}
         self.revive()
 
-    def revive(self, known: Checkpoint | None = None) -> None:
+    def revive(self, known: work.Checkpoint | None = None) -> None:
         """Start a coordinator with its state file and the checkpoints that it received as
         follower."""
         self._term += 1
@@ -152,15 +125,15 @@ class Living:
             )
         )
         for worker in list(self.workers):
-            self._handle(WorkerJoined(worker))
-        self._handle(TimePassed())
+            self._handle(events.WorkerJoined(worker))
+        self._handle(events.TimePassed())
         self.settle()
 
     @property
-    def kept(self) -> Checkpoint | None:
-        return decode(self.file, Checkpoint) if self.file else None
+    def kept(self) -> work.Checkpoint | None:
+        return decode(self.file, work.Checkpoint) if self.file else None
 
-    def _keep(self, checkpoint: Checkpoint) -> None:
+    def _keep(self, checkpoint: work.Checkpoint) -> None:
         kept = self.kept
         if kept is None or checkpoint.rank > kept.rank:
             self.file = encode(checkpoint)
@@ -172,7 +145,7 @@ class Living:
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
-        self._handle(ScanArrived(scan))
+        self._handle(events.ScanArrived(scan))
         for worker in list(self.workers):
             self.deliver_to_worker(worker, worker_events.on_scan(scan))
         self.settle()
@@ -185,7 +158,7 @@ class Living:
 
     def kill_worker(self, name: str) -> None:
         del self.workers[name]
-        self._handle(WorkerLeft(name))
+        self._handle(events.WorkerLeft(name))
         self.settle()
 
     def start_worker(self, name: str) -> None:
@@ -193,27 +166,27 @@ class Living:
         self.join(name)
 
     def join(self, name: str) -> None:
-        self._handle(WorkerJoined(name))
+        self._handle(events.WorkerJoined(name))
         self.settle()
 
     def command(self, command: SetPose) -> None:
-        self._handle(CommandArrived(command))
+        self._handle(events.CommandArrived(command))
         self.settle()
 
     def wait(self, seconds: float) -> None:
         self._now_ns += int(seconds * 1e9)
-        self._handle(TimePassed())
+        self._handle(events.TimePassed())
         self.settle()
 
     def settle(self) -> None:
         while self._queue:
             self._queue.popleft()()
 
-    def _handle(self, event: Event) -> None:
+    def _handle(self, event: events.Event) -> None:
         """Let something happen to the coordinator in its turn."""
         self._queue.append(lambda: self._handle_now(event))
 
-    def _handle_now(self, event: Event) -> None:
+    def _handle_now(self, event: events.Event) -> None:
         self._now_ns += EVENT_NS
         if self.coordinator is not None:
             self._follow(self.coordinator.handle(event, self._now_ns))
@@ -221,9 +194,9 @@ class Living:
     def _map_arrives(self) -> None:
         """That of the digest which the coordinator knows by then."""
         digest = self.coordinator.state.map_digest if self.coordinator else ""
-        self._handle_now(MapArrived(free_everywhere(digest)))
+        self._handle_now(events.MapArrived(free_everywhere(digest)))
 
-    def _follow(self, instructions: list[Instruction]) -> None:
+    def _follow(self, instructions: list[do.Instruction]) -> None:
         for instruction in instructions:
             if self.dies_in is not None:
                 self.dies_in -= 1
@@ -232,30 +205,30 @@ class Living:
                     return
             self._carry_out(instruction)
 
-    def _carry_out(self, instruction: Instruction) -> None:
+    def _carry_out(self, instruction: do.Instruction) -> None:
         match instruction:
-            case PublishBelief(belief=belief):
+            case do.PublishBelief(belief=belief):
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
-            case Checkpoint():
+            case work.Checkpoint():
                 self._keep(instruction)
                 payload = encode(instruction)
-                received = worker_events.on_checkpoint(decode(payload, Checkpoint))
+                received = worker_events.on_checkpoint(decode(payload, work.Checkpoint))
                 for worker in self.workers:
                     self.deliver_to_worker(worker, received)
-            case FetchScans(first=first, last=last):
+            case do.FetchScans(first=first, last=last):
                 found = self._history(first, last)
-                self._handle(HistoryArrived(found))
-            case FetchMap():
+                self._handle(events.HistoryArrived(found))
+            case do.FetchMap():
                 self._queue.append(self._map_arrives)
-            case AskState(worker=name, question=question):
+            case do.AskState(worker=name, question=question):
                 if name in self.workers:
                     stated = without_malformed_jobs(
-                        decode(encode(self.state(name, question)), WorkerState)
+                        decode(encode(self.state(name, question)), work.WorkerState)
                     )
-                    self._handle(WorkerStateArrived(name, stated))
-            case SendOrder(worker=name, order=order):
+                    self._handle(events.WorkerStateArrived(name, stated))
+            case do.SendOrder(worker=name, order=order):
                 if name in self.workers:
-                    copy = decode(encode(order), WorkOrder)
+                    copy = decode(encode(order), work.WorkOrder)
                     self.deliver_to_worker(name, worker_events.on_order(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
@@ -277,9 +250,9 @@ class Living:
 
     def _carry_out_for(self, name: str, instruction: worker_instructions.Instruction) -> None:
         match instruction:
-            case worker_instructions.Answer(message=OrderAnswer() as answer):
-                self._handle(OrderAnswered(name, answer))
-                self._handle(TimePassed())
+            case worker_instructions.Answer(message=work.OrderAnswer() as answer):
+                self._handle(events.OrderAnswered(name, answer))
+                self._handle(events.TimePassed())
             case worker_instructions.FetchMap():
                 stated = msgspec.structs.replace(MAP, digest=self.map_digest)
                 self._deliver_later(name, worker_events.on_map(stated))
@@ -297,9 +270,9 @@ class Living:
             case worker_instructions.Answer() | worker_instructions.Advise():
                 pass
             case report:
-                if isinstance(report, TrackReport):
+                if isinstance(report, work.TrackReport):
                     self._reports.append(report)
-                self._handle(ReportArrived(name, decode(encode(report), type(report))))
+                self._handle(events.ReportArrived(name, decode(encode(report), type(report))))
 
     def _deliver_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:
@@ -308,10 +281,10 @@ class Living:
 
         self._queue.append(happen)
 
-    def state(self, name: str, take_over: TakeOver = NO_COORDINATOR) -> WorkerState:
+    def state(self, name: str, take_over: work.TakeOver = NO_COORDINATOR) -> work.WorkerState:
         asked = worker_events.on_state_query(self._question(), take_over)
         (answer,) = asked(self.workers[name])
-        assert isinstance(answer.message, WorkerState)
+        assert isinstance(answer.message, work.WorkerState)
         return answer.message
 
     def particles(self) -> dict[str, bytes]:
@@ -319,7 +292,7 @@ class Living:
             held.job_id: held.job.start.map_from_robot.data
             for worker in self.workers
             for held in self.state(worker).holds
-            if isinstance(held.job, TrackJob)
+            if isinstance(held.job, work.TrackJob)
         }
 
     def evidence(self) -> dict[tuple[str, int], set[float]]:

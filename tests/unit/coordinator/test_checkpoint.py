@@ -3,12 +3,8 @@ import math
 import msgspec
 import pytest
 
+from clustermcl.coordinator import events
 from clustermcl.coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
-from clustermcl.coordinator.events import (
-    ScanArrived,
-    WorkerJoined,
-    WorkerStateArrived,
-)
 from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.settings import FilterSettings
@@ -91,10 +87,10 @@ def test_an_incomplete_state_is_refused(state: CheckpointState, length: int) -> 
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
     broken = checkpoint(5, state=data)
     made = started(known=broken).coordinator()
-    made.handle(WorkerJoined("w"), 0)
-    made.handle(WorkerStateArrived("w", NOTHING), 1)
+    made.handle(events.WorkerJoined("w"), 0)
+    made.handle(events.WorkerStateArrived("w", NOTHING), 1)
     assert made.term.begun
-    done = made.handle(ScanArrived(scan(0)), 2)
+    done = made.handle(events.ScanArrived(scan(0)), 2)
     (handed_on,) = (i for i in done if isinstance(i, Checkpoint))
     assert handed_on.term > broken.term
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
@@ -103,9 +99,9 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
 def test_a_checkpoint_of_another_map_is_not_used(state: CheckpointState) -> None:
     other = checkpoint(5, state=changed(state, map_digest="old"))
     made = started(known=other).coordinator()
-    made.handle(WorkerJoined("w"), 0)
-    made.handle(ScanArrived(scan(40)), 1)
-    made.handle(WorkerStateArrived("w", NOTHING), 2)
+    made.handle(events.WorkerJoined("w"), 0)
+    made.handle(events.ScanArrived(scan(40)), 1)
+    made.handle(events.WorkerStateArrived("w", NOTHING), 2)
     assert made.status(3, {}).counters == {"checkpoint of another map": 1}
     assert made.status(3, {}).clusters == 0
 

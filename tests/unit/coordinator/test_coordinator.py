@@ -3,30 +3,10 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from clustermcl.coordinator import events
+from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import SIGN_OF_LIFE_NS, STEPS_AT_ONCE
 from clustermcl.coordinator.event_log import KEPT_EVENTS
-from clustermcl.coordinator.events import (
-    CommandArrived,
-    Event,
-    HistoryArrived,
-    LinkChanged,
-    MapArrived,
-    OdometryArrived,
-    OrderAnswered,
-    ReportArrived,
-    ScanArrived,
-    TimePassed,
-    WorkerJoined,
-    WorkerStateArrived,
-)
-from clustermcl.coordinator.instructions import (
-    AskState,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
 from clustermcl.filter.settings import FilterSettings, SearchSettings
 from clustermcl.protocol.answers import Belief, CommandDone, Hypothesis, Relocalize, SetPose, Status
 from clustermcl.protocol.codec import decode, encode
@@ -78,32 +58,34 @@ class Story:
         self.beliefs: list[Belief] = []
         self.reported: list[Belief | JobEvents] = []
         for worker in workers:
-            self.handle(WorkerJoined(worker))
+            self.handle(events.WorkerJoined(worker))
 
-    def handle(self, event: Event, at_s: float = 0.0) -> list[Instruction]:
+    def handle(self, event: events.Event, at_s: float = 0.0) -> list[do.Instruction]:
         """Something happens, and so does what the coordinator makes of it."""
         instructions = self.coordinator.handle(event, int(at_s * SECOND))
         self.follow(instructions)
         return instructions
 
-    def follow(self, instructions: list[Instruction]) -> None:
+    def follow(self, instructions: list[do.Instruction]) -> None:
         for instruction in instructions:
             match instruction:
-                case PublishBelief(belief=belief):
+                case do.PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
                     self.reported.append(belief)
                 case Checkpoint():
                     self.checkpoints.append(instruction)
                 case JobEvents():
                     self.reported.append(decode(encode(instruction), JobEvents))
-                case FetchMap() if self.has_map:
-                    self.handle(MapArrived(free_everywhere(self.coordinator.state.map_digest)))
-                case FetchScans(last=last) if last is not None:
-                    self.handle(HistoryArrived(()))
-                case AskState(worker=worker):
+                case do.FetchMap() if self.has_map:
+                    self.handle(
+                        events.MapArrived(free_everywhere(self.coordinator.state.map_digest))
+                    )
+                case do.FetchScans(last=last) if last is not None:
+                    self.handle(events.HistoryArrived(()))
+                case do.AskState(worker=worker):
                     state = WorkerState(sender=worker, term=0, holds=())
-                    self.handle(WorkerStateArrived(worker, state))
-                case SendOrder(worker=worker, order=order) if worker not in self.frozen:
+                    self.handle(events.WorkerStateArrived(worker, state))
+                case do.SendOrder(worker=worker, order=order) if worker not in self.frozen:
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
                         self.places[assignment.job_id] = worker
@@ -112,14 +94,14 @@ class Story:
                         sender=worker, order=order.order,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
                     )  # fmt: skip
-                    self.coordinator.handle(OrderAnswered(worker, answer), 0)
+                    self.coordinator.handle(events.OrderAnswered(worker, answer), 0)
 
-    def scan(self, step: int, *, at_s: float | None = None, **shown: Any) -> list[Instruction]:
-        return self.handle(ScanArrived(scan(step, **shown)), step if at_s is None else at_s)
+    def scan(self, step: int, *, at_s: float | None = None, **shown: Any) -> list[do.Instruction]:
+        return self.handle(events.ScanArrived(scan(step, **shown)), step if at_s is None else at_s)
 
     def report(self, report: Report, *, at_s: float) -> None:
         report = replace(report, epoch=self.epochs[report.job_id])
-        self.handle(ReportArrived(self.places[report.job_id], report), at_s)
+        self.handle(events.ReportArrived(self.places[report.job_id], report), at_s)
 
     def finds(self, places: dict[PoseTuple, float], *, job_id: str = "s0.0", step: int = 0) -> None:
         self.report(searched(job_id, step, places), at_s=step + 0.1)
@@ -140,18 +122,18 @@ class Story:
 
     def command(self, command: SetPose | Relocalize, at_s: float = 0.0) -> str:
         """Why it was refused; empty: it was not."""
-        instructions = self.handle(CommandArrived(command), at_s)
+        instructions = self.handle(events.CommandArrived(command), at_s)
         (answer,) = (one for one in instructions if isinstance(one, CommandDone))
         return answer.problem
 
     def tick(self, *, at_s: float) -> None:
-        self.handle(TimePassed(), at_s)
+        self.handle(events.TimePassed(), at_s)
 
     def odometry(self, stamp_s: float, x_m: float, at_s: float = 0.0) -> None:
         reading = OdometryReading(
             sender="bridge", stamp_ns=round(stamp_s * SECOND), odom_from_robot=(x_m, 0.0, 0.0)
         )
-        self.handle(OdometryArrived(reading), at_s)
+        self.handle(events.OdometryArrived(reading), at_s)
 
     @property
     def best(self) -> Hypothesis:
@@ -165,8 +147,8 @@ class Story:
         return self.coordinator.status(int(at_s * SECOND), {})
 
     def ended(self) -> dict[str, str]:
-        events = [one.event for one in self.coordinator.events().events]
-        return {event.job_id: event.cause for event in events if isinstance(event, Ended)}
+        found = [one.event for one in self.coordinator.events().events]
+        return {event.job_id: event.cause for event in found if isinstance(event, Ended)}
 
 
 def given(command_id: str, *pose: float, **fields: Any) -> SetPose:
@@ -179,7 +161,7 @@ def test_a_worker_cannot_report_another_workers_job() -> None:
     forger = story.places["c0"]
     assert forger != story.places["c1"]
     forged = tracked("c1", 1, 1e9, SOUTH, epoch=story.epochs["c1"])
-    story.handle(ReportArrived(forger, forged), 1.0)
+    story.handle(events.ReportArrived(forger, forged), 1.0)
     story.report(tracked("c1", 1, 0.1, SOUTH), at_s=1.1)
     story.report(tracked("c0", 1, 0.1, NORTH), at_s=1.1)
     assert story.probabilities == pytest.approx([0.5, 0.5])
@@ -188,9 +170,9 @@ def test_a_worker_cannot_report_another_workers_job() -> None:
 
 def test_events_are_published_before_their_belief_and_can_be_queried_afterwards() -> None:
     story = Story("a").bootstrapped()
-    events, belief = story.reported
+    first, belief = story.reported
     assert belief == story.beliefs[0]
-    assert [(one.number, one.step, one.stamp_ns, one.event) for one in events.events] == [
+    assert [(one.number, one.step, one.stamp_ns, one.event) for one in first.events] == [
         (0, 0, 0, Began("c0", "first search", pytest.approx(0.5))),
         (1, 0, 0, Began("c1", "first search", pytest.approx(0.5))),
         (2, 0, 0, Ended("s0.0", "search over")),
@@ -199,14 +181,14 @@ def test_events_are_published_before_their_belief_and_can_be_queried_afterwards(
     assert story.reported[2:] == story.beliefs[1:], "nothing began or ended"
     story.command(FORGET, 2.0)
     forgotten = story.reported[3]
-    assert forgotten.term == events.term == story.coordinator.pose(SECOND).term
+    assert forgotten.term == first.term == story.coordinator.pose(SECOND).term
     assert [one.event for one in forgotten.events] == [
         Remark(cause="search requested", detail="by client"),
         Ended("c0", "forgotten", (), pytest.approx(0.75)),
         Ended("c1", "forgotten", (), pytest.approx(0.25)),
     ]
     story.command(given("1", 1.0, 2.0, 0.5), 3.0)
-    everything = (*events.events, *forgotten.events, *story.reported[5].events)
+    everything = (*first.events, *forgotten.events, *story.reported[5].events)
     assert story.coordinator.events().events == everything
     heir = Story("a", known=story.checkpoints[-1])
     assert heir.coordinator.events().events == everything
@@ -248,7 +230,7 @@ def test_clusters_end_with_the_cause_when_the_bridge_restarts_its_steps() -> Non
     story = tracking_story()
     for step in range(3):
         again = replace(scan(step), stamp_ns=(20 + step) * SECOND)
-        story.handle(ScanArrived(again), 20 + step)
+        story.handle(events.ScanArrived(again), 20 + step)
     assert story.ended() == {
         "s0.0": "search over", "c0": "steps restarted", "c1": "steps restarted"
     }  # fmt: skip
@@ -256,12 +238,12 @@ def test_clusters_end_with_the_cause_when_the_bridge_restarts_its_steps() -> Non
 
 def test_a_bridge_with_another_map_begins_a_search_in_that_map() -> None:
     story = tracking_story()
-    instructions: list[Instruction] = []
+    instructions: list[do.Instruction] = []
     for step in range(5, 8):
         assert story.coordinator.state.map_digest == "map"
         instructions += story.scan(step, digest="new map")
     assert story.coordinator.state.map_digest == "new map"
-    (order,) = [do.order for do in instructions if isinstance(do, SendOrder)]
+    (order,) = [one.order for one in instructions if isinstance(one, do.SendOrder)]
     assert order.map_digest == "new map"
     assert order.keep == ()
     assert {one.job.first_step for one in order.begin if isinstance(one.job, SearchJob)} == {7}
@@ -411,7 +393,7 @@ def test_the_last_pose_is_not_used_after_relocalize() -> None:
         story = Story(kept=earlier.checkpoints[-1])
         for command in commands:
             story.command(command)
-        story.handle(WorkerJoined("a"))
+        story.handle(events.WorkerJoined("a"))
         story.scan(0, live=True)
         story.finds(BOTH)
         began = [e.event for e in story.coordinator.events().events if isinstance(e.event, Began)]
@@ -422,7 +404,7 @@ def test_a_successor_receives_commands_from_before_the_first_scan() -> None:
     story = Story("a")
     story.command(given("1", 1.0, 2.0, 0.5))
     heir = Story(known=story.checkpoints[-1])
-    heir.handle(WorkerJoined("a"))
+    heir.handle(events.WorkerJoined("a"))
     assert heir.bootstrapped().best.pose == (1.0, 2.0, 0.5)
 
 
@@ -448,7 +430,7 @@ def test_a_pose_off_the_map_is_refused_with_the_reason() -> None:
 def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
     story, early = Story(), given("1", *OFF_THE_MAP)
     story.has_map = False
-    story.handle(WorkerJoined("a"))
+    story.handle(events.WorkerJoined("a"))
     assert story.command(early) == "", "nobody knows the map yet"
     story.has_map = True
     assert story.bootstrapped().probabilities == [0.5, 0.5]
@@ -459,9 +441,9 @@ def test_a_waiting_pose_off_the_map_is_refused_when_the_map_arrives() -> None:
 def test_a_pose_before_the_first_scan_is_checked_with_the_bridges_map() -> None:
     story = Story()
     story.has_map = False
-    asked = [do for at_s in (10.0, 20.0) for do in story.handle(TimePassed(), at_s)]
-    assert any(isinstance(do, FetchMap) for do in asked)
-    story.handle(MapArrived(free_everywhere("digest of the bridge")))
+    asked = [one for at_s in (10.0, 20.0) for one in story.handle(events.TimePassed(), at_s)]
+    assert any(isinstance(one, do.FetchMap) for one in asked)
+    story.handle(events.MapArrived(free_everywhere("digest of the bridge")))
     assert story.status().map_digest == "digest of the bridge"
     assert "no free ground" in story.command(given("1", *OFF_THE_MAP))
 
@@ -529,11 +511,11 @@ def test_a_lost_link_stops_decisions_and_restarts_deadlines() -> None:
     for step in range(1, 4):
         story.tracks(step, north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
-    story.handle(LinkChanged(up=False))
+    story.handle(events.LinkChanged(up=False))
     story.tick(at_s=15.0)
     assert story.beliefs[-1].step == 3
-    back = story.handle(LinkChanged(up=True), 16.0)
-    ordered = [do.worker for do in back if isinstance(do, SendOrder)]
+    back = story.handle(events.LinkChanged(up=True), 16.0)
+    ordered = [one.worker for one in back if isinstance(one, do.SendOrder)]
     assert ordered == ["a", "b"], "they repeat their reports"
     assert story.beliefs[-1].step == 3
     story.report(tracked("c1", 4, 0.1, SOUTH), at_s=16.1)
@@ -545,10 +527,12 @@ def test_a_scan_that_a_busy_bridge_sends_late_is_not_lost() -> None:
     story = Story("a").bootstrapped()
     decide = story.coordinator.handle
     last = story.beliefs[-1].step
-    assert FetchScans(last + 1, last + 1) in decide(ScanArrived(scan(last + 2)), 10 * SECOND)
-    waiting = decide(TimePassed(), 11 * SECOND)
-    assert not any(isinstance(do, PublishBelief) for do in waiting)
-    story.handle(HistoryArrived((scan(last + 1),)), 11.1)
+    assert do.FetchScans(last + 1, last + 1) in decide(
+        events.ScanArrived(scan(last + 2)), 10 * SECOND
+    )
+    waiting = decide(events.TimePassed(), 11 * SECOND)
+    assert not any(isinstance(one, do.PublishBelief) for one in waiting)
+    story.handle(events.HistoryArrived((scan(last + 1),)), 11.1)
     story.tick(at_s=12.0)
     assert [belief.step for belief in story.beliefs[-2:]] == [last + 1, last + 2]
 
@@ -559,6 +543,6 @@ def test_an_unchanged_state_is_published_again_as_a_sign_of_life() -> None:
     newest = story.checkpoints[-1]
     assert [one.serial for one in story.checkpoints] == list(range(len(story.checkpoints)))
     due_ns = SECOND + SIGN_OF_LIFE_NS
-    assert story.coordinator.handle(TimePassed(), due_ns - 1) == []
-    assert story.coordinator.handle(TimePassed(), due_ns) == [newest]
-    assert story.coordinator.handle(TimePassed(), due_ns + 1) == []
+    assert story.coordinator.handle(events.TimePassed(), due_ns - 1) == []
+    assert story.coordinator.handle(events.TimePassed(), due_ns) == [newest]
+    assert story.coordinator.handle(events.TimePassed(), due_ns + 1) == []

@@ -3,22 +3,14 @@ import pytest
 from clustermcl.coordinator.placement import RESEND_AFTER_NS, Placement
 from clustermcl.coordinator.slow_workers import GIVEN_UP_AFTER
 from clustermcl.filter.settings import FilterSettings
-from clustermcl.protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    Job,
-    OrderAnswer,
-    SearchJob,
-    TrackJob,
-    WorkOrder,
-)
+from clustermcl.protocol import work
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
 
 
-def track(cluster: int, step: int = 0) -> TrackJob:
-    return TrackJob(cluster=cluster, start=cloud_at((0.0, 0.0, 0.0), step), exact=False)
+def track(cluster: int, step: int = 0) -> work.TrackJob:
+    return work.TrackJob(cluster=cluster, start=cloud_at((0.0, 0.0, 0.0), step), exact=False)
 
 
 def placement(*workers: str) -> Placement:
@@ -28,18 +20,20 @@ def placement(*workers: str) -> Placement:
     return made
 
 
-def due(made: Placement, now_ns: int) -> list[tuple[str, WorkOrder]]:
+def due(made: Placement, now_ns: int) -> list[tuple[str, work.WorkOrder]]:
     return made.orders(term=0, map_digest="map", now_ns=now_ns)
 
 
-def begun(orders: list[tuple[str, WorkOrder]]) -> dict[str, list[str]]:
+def begun(orders: list[tuple[str, work.WorkOrder]]) -> dict[str, list[str]]:
     return {name: [a.job_id for a in order.begin] for name, order in orders if order.begin}
 
 
-def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
+def follow(made: Placement, orders: list[tuple[str, work.WorkOrder]]) -> None:
     for name, order in orders:
         jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
-        answer = OrderAnswer(sender=name, order=order.order, jobs=tuple((j, e, 0) for j, e in jobs))
+        answer = work.OrderAnswer(
+            sender=name, order=order.order, jobs=tuple((j, e, 0) for j, e in jobs)
+        )
         made.on_order_answer(name, answer)
 
 
@@ -98,7 +92,7 @@ def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again()
     made = tracking("a")
     made.resize({"c0": (500, 30)})
     due(made, 1)  # lost
-    before = Assignment(job_id="c0", epoch=made.jobs.by_worker()["a"]["c0"], job=track(0, 9))
+    before = work.Assignment(job_id="c0", epoch=made.jobs.by_worker()["a"]["c0"], job=track(0, 9))
     made.on_worker_jobs("a", [before], 2)
     ((_, order),) = due(made, 3)
     assert order.resize == (("c0", 500, 30),)
@@ -131,7 +125,7 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_again() -> None:
     made = tracking("a")
     made.repeat_order("a")
     (_, order), *_ = due(made, SECOND)
-    made.on_order_answer("a", OrderAnswer(sender="a", order=order.order, jobs=()))
+    made.on_order_answer("a", work.OrderAnswer(sender="a", order=order.order, jobs=()))
     again = due(made, SECOND + RESEND_AFTER_NS)
     assert begun(again) == {"a": ["c0"]}
     follow(made, again)
@@ -149,7 +143,7 @@ def test_a_worker_given_up_before_it_joined_disturbs_no_other() -> None:
     assert begun(due(made, 20 * SECOND)) == {"b": ["c0"]}
 
 
-def track_again(_job_id: str) -> TrackJob:
+def track_again(_job_id: str) -> work.TrackJob:
     return track(0)
 
 
@@ -157,7 +151,7 @@ def test_particles_are_transferred_until_their_worker_has_confirmed_them() -> No
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
 
-    def handed_on() -> list[Job | None]:
+    def handed_on() -> list[work.Job | None]:
         return [placed.job for placed in made.jobs_to_hand_on().placed.values()]
 
     orders = due(made, 0)
@@ -174,7 +168,7 @@ def test_silent_shards_move_and_their_worker_that_never_reported_gets_no_job(
 ) -> None:
     """Unless their reports may have been lost with the link."""
     made = placement("a-0", "b-0", "b-1")
-    jobs = {f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(6)}
+    jobs = {f"s0.{n}": work.SearchJob(search=0, shard=n, first_step=0) for n in range(6)}
     made.jobs.begin(jobs)
     follow(made, due(made, 0))
     placed = {job_id: made.jobs.shards()[job_id].worker for job_id in jobs}
@@ -212,7 +206,7 @@ def test_a_refused_order_is_repeated() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
     ((_, order),) = due(made, 0)
-    refused = OrderAnswer(
+    refused = work.OrderAnswer(
         sender="a", order=order.order, jobs=(("c0", order.begin[0].epoch, 0),), problem="other map"
     )
     made.on_order_answer("a", refused)
@@ -231,7 +225,7 @@ def test_a_worker_that_is_asked_for_its_state_gets_no_order_before_its_answer() 
 
 def test_one_worker_has_all_jobs_of_a_lone_cluster_and_the_other_stands_by() -> None:
     made = placement("a", "b")
-    made.jobs.begin({"elsewhere": ElsewhereJob(first_step=0), "c0": track(0), "c1": track(1)})
+    made.jobs.begin({"elsewhere": work.ElsewhereJob(first_step=0), "c0": track(0), "c1": track(1)})
     follow(made, due(made, 0))
     assert all(made.workers.values())
     made.jobs.end(["c0"])
@@ -246,7 +240,7 @@ def test_one_worker_has_all_jobs_of_a_lone_cluster_and_the_other_stands_by() -> 
 
 def test_no_step_waits_for_a_silent_worker_with_a_search_which_keeps_its_jobs() -> None:
     made = tracking("a", "b", clusters=2)
-    made.jobs.begin({"s0.0": SearchJob(search=0, shard=0, first_step=0)})
+    made.jobs.begin({"s0.0": work.SearchJob(search=0, shard=0, first_step=0)})
     follow(made, due(made, 0))
     (silent,) = (name for name, jobs in made.workers.items() if "s0.0" in jobs)
     mine, others = (

@@ -5,14 +5,7 @@ from clustermcl.coordinator.report_checks import check_places, has_too_large_sna
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Report
-from tests.unit.coordinator.reports import (
-    cloud_at,
-    elsewhere,
-    found_places,
-    place,
-    searched,
-    tracked,
-)
+from tests.unit.coordinator import reports
 
 HERE = (0.0, 0.0, 0.0)
 SETTINGS = FilterSettings(
@@ -23,17 +16,17 @@ SETTINGS = FilterSettings(
 
 
 def test_a_snapshot_has_no_more_particles_than_a_cluster() -> None:
-    report = tracked("c0", 1, 1.0, HERE, snapshot=cloud_at(HERE, 1))
+    report = reports.tracked("c0", 1, 1.0, HERE, snapshot=reports.cloud_at(HERE, 1))
     assert not has_too_large_snapshot(report, SETTINGS)
     smaller = replace(SETTINGS, cluster=ClusterSettings(particles=1))
     assert has_too_large_snapshot(report, smaller)
-    assert not has_too_large_snapshot(tracked("c0", 1, 1.0, HERE), smaller)
-    assert not has_too_large_snapshot(elsewhere(1, 0.0), smaller)
+    assert not has_too_large_snapshot(reports.tracked("c0", 1, 1.0, HERE), smaller)
+    assert not has_too_large_snapshot(reports.elsewhere(1, 0.0), smaller)
 
 
 def found(*counts: int) -> Report:
-    report = searched("s0.0", 1, {})
-    return replace(report, places=found_places([(0.1, HERE)] * len(counts), max(counts)))
+    report = reports.searched("s0.0", 1, {})
+    return replace(report, places=reports.found_places([(0.1, HERE)] * len(counts), max(counts)))
 
 
 @pytest.mark.parametrize(
@@ -41,7 +34,7 @@ def found(*counts: int) -> Report:
     [
         found(1, 1, 1, 1),
         found(4, 4),
-        replace(tracked("c0", 1, 1.0, HERE), parts=(place(0.3, HERE, 1),) * 4),
+        replace(reports.tracked("c0", 1, 1.0, HERE), parts=(reports.place(0.3, HERE, 1),) * 4),
     ],
     ids=["places", "particles of places", "parts"],
 )
@@ -55,8 +48,8 @@ def test_a_report_with_more_places_than_allowed_is_refused(report: Report) -> No
     "report",
     [
         found(2, 2, 2),
-        replace(tracked("c0", 1, 1.0, HERE), parts=(place(0.5, HERE, 1),) * 2),
-        elsewhere(1, 0.0),
+        replace(reports.tracked("c0", 1, 1.0, HERE), parts=(reports.place(0.5, HERE, 1),) * 2),
+        reports.elsewhere(1, 0.0),
     ],
     ids=["places", "parts", "elsewhere"],
 )

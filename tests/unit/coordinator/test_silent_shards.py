@@ -1,11 +1,5 @@
+from clustermcl.coordinator import slow_workers
 from clustermcl.coordinator.jobs import PlacedJob
-from clustermcl.coordinator.slow_workers import (
-    LONGEST_NS,
-    SHORTEST_NS,
-    STEPS,
-    TIMES_THE_OTHERS,
-    SilentShards,
-)
 from clustermcl.protocol.work import SearchJob
 
 TICK_NS = 500_000_000
@@ -15,7 +9,7 @@ class Search:
     """Three shards at workers of their own; ``s0.2`` is silent by default."""
 
     def __init__(self) -> None:
-        self.policy, self.now_ns, self.step = SilentShards(), 0, 0
+        self.policy, self.now_ns, self.step = slow_workers.SilentShards(), 0, 0
         self.shards = {
             f"s0.{n}": PlacedJob(
                 SearchJob(search=0, shard=n, first_step=0), epoch=1, worker=f"w{n}"
@@ -37,14 +31,14 @@ class Search:
 
 def test_a_shard_that_is_silent_while_others_report_is_given_up() -> None:
     search = Search()
-    assert search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1") == []
-    assert search.passes(STEPS, "s0.0", "s0.1")[0] == "s0.2"
+    assert search.passes(slow_workers.SHORTEST_NS // TICK_NS, "s0.0", "s0.1") == []
+    assert search.passes(slow_workers.STEPS, "s0.0", "s0.1")[0] == "s0.2"
 
 
 def test_a_shard_may_take_a_multiple_of_the_others_first_step() -> None:
     search, took = Search(), 20
     assert search.passes(took) == []
-    later = (TIMES_THE_OTHERS - 1) * took
+    later = (slow_workers.TIMES_THE_OTHERS - 1) * took
     assert search.passes(later - 2, "s0.0", "s0.1") == []
     assert search.passes(8, "s0.0", "s0.1")[0] == "s0.2"
 
@@ -52,13 +46,13 @@ def test_a_shard_may_take_a_multiple_of_the_others_first_step() -> None:
 def test_a_shard_that_reports_sometimes_is_kept() -> None:
     search = Search()
     for _ in range(20):
-        assert search.passes(STEPS - 1, "s0.0", "s0.1") == []
+        assert search.passes(slow_workers.STEPS - 1, "s0.0", "s0.1") == []
         assert search.passes(1, "s0.0", "s0.1", "s0.2") == []
 
 
 def test_shards_that_are_all_silent_are_given_up_after_a_time_that_doubles() -> None:
     search = Search()
-    first = LONGEST_NS // TICK_NS
+    first = slow_workers.LONGEST_NS // TICK_NS
     assert search.passes(first) == []
     assert search.passes(1) == ["s0.0", "s0.1", "s0.2"]
     for shard in search.shards.values():
@@ -71,15 +65,15 @@ def test_no_report_is_due_while_the_robot_stands() -> None:
     search = Search()
     search.passes(1, "s0.0", "s0.1", "s0.2")
     step = search.step = 0
-    for _ in range(3 * LONGEST_NS // TICK_NS):
+    for _ in range(3 * slow_workers.LONGEST_NS // TICK_NS):
         assert search.passes(1) == []
         search.step = step
 
 
 def test_time_in_which_the_process_was_stopped_does_not_count() -> None:
     search = Search()
-    search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
-    search.now_ns += LONGEST_NS
+    search.passes(slow_workers.SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
+    search.now_ns += slow_workers.LONGEST_NS
     search.policy.forgive()
     assert search.passes(2) == []
 
@@ -92,7 +86,7 @@ def test_a_shard_that_waits_for_a_worker_is_not_given_up() -> None:
 
 def test_ended_shards_are_forgotten() -> None:
     search = Search()
-    search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
+    search.passes(slow_workers.SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
     shards, search.shards = search.shards, {}
     search.passes(1)
     search.shards = shards

@@ -2,16 +2,8 @@ from collections.abc import Sequence
 
 import pytest
 
+from clustermcl.coordinator import step_collector
 from clustermcl.coordinator.jobs import HAND_OVER_NS
-from clustermcl.coordinator.step_collector import (
-    BULKY_REPORTS,
-    FETCH_NS,
-    KEPT_AHEAD,
-    REPORTS_AHEAD,
-    UNANSWERED_NS,
-    ReadyStep,
-    StepCollector,
-)
 from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
 
@@ -19,8 +11,10 @@ HERE = (0.0, 0.0, 0.0)
 DEADLINE_NS = 500_000_000
 
 
-def collector() -> StepCollector:
-    return StepCollector(CoordinatorSettings(step_deadline_s=0.5, lockstep_deadline_s=20.0))
+def collector() -> step_collector.StepCollector:
+    return step_collector.StepCollector(
+        CoordinatorSettings(step_deadline_s=0.5, lockstep_deadline_s=20.0)
+    )
 
 
 def never_placed(_job_id: str) -> int:
@@ -28,8 +22,8 @@ def never_placed(_job_id: str) -> int:
 
 
 def given_out(
-    made: StepCollector, *jobs: str, now_ns: int = 0, deferrable: Sequence[str] = ()
-) -> ReadyStep:
+    made: step_collector.StepCollector, *jobs: str, now_ns: int = 0, deferrable: Sequence[str] = ()
+) -> step_collector.ReadyStep:
     ready = made.ready(jobs, never_placed, now_ns, deferrable)
     assert ready is not None
     return ready
@@ -45,7 +39,10 @@ def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
 
 
-@pytest.mark.parametrize(("age_ns", "counts"), [(UNANSWERED_NS, True), (UNANSWERED_NS + 1, False)])
+@pytest.mark.parametrize(
+    ("age_ns", "counts"),
+    [(step_collector.UNANSWERED_NS, True), (step_collector.UNANSWERED_NS + 1, False)],
+)
 def test_a_report_that_came_long_before_its_scan_does_not_count(age_ns: int, counts: bool) -> None:
     """Forged ones on steps to come made each step complete before the true report came."""
     made, forged, true = collector(), tracked("c0", 7, 9.0, HERE), tracked("c0", 7, 1.0, HERE)
@@ -58,10 +55,14 @@ def test_a_report_that_came_long_before_its_scan_does_not_count(age_ns: int, cou
 
 
 def test_reports_that_workers_repeat_after_an_outage_wait_for_their_scans() -> None:
-    made, repeated, now_ns = collector(), tracked("c0", 7, 1.0, HERE), 60 * UNANSWERED_NS
+    made, repeated, now_ns = (
+        collector(),
+        tracked("c0", 7, 1.0, HERE),
+        60 * step_collector.UNANSWERED_NS,
+    )
     made.restart_deadlines(now_ns)
     made.on_report(repeated, now_ns + 1)
-    now_ns += 3 * UNANSWERED_NS
+    now_ns += 3 * step_collector.UNANSWERED_NS
     made.on_scan(scan(7), now_ns)
     assert given_out(made, "c0", now_ns=now_ns).reports == (repeated,)
 
@@ -107,7 +108,7 @@ def test_a_scan_that_never_arrives_is_counted_as_lost() -> None:
     made = collector()
     for step in (0, 3):
         made.on_scan(scan(step), 0)
-        made.ready([], never_placed, FETCH_NS)
+        made.ready([], never_placed, step_collector.FETCH_NS)
     assert made.steps_lost == 2
 
 
@@ -117,7 +118,7 @@ def test_a_lost_scan_is_reported_and_waited_for_briefly() -> None:
     made.ready([], never_placed, 0)
     made.on_scan(scan(3), 0)
     assert made.lost_before(scan(3)) == (1, 2)
-    assert made.ready([], never_placed, FETCH_NS - 1) is None
+    assert made.ready([], never_placed, step_collector.FETCH_NS - 1) is None
     made.on_scan(scan(1), 0)
     made.on_scan(scan(2), 0)
     applied = [made.ready([], never_placed, 1) for _ in range(3)]
@@ -131,12 +132,16 @@ def test_a_lost_scan_is_waited_for_longer_while_the_bridge_has_not_answered() ->
     made.ready([], never_placed, 0)
     made.on_scan(scan(2), 0)
     made.is_fetching = True
-    assert made.ready([], never_placed, UNANSWERED_NS - 1) is None
+    assert made.ready([], never_placed, step_collector.UNANSWERED_NS - 1) is None
     made.is_fetching = False
-    assert made.ready([], never_placed, FETCH_NS) is not None, "answered, without the scan"
+    assert made.ready([], never_placed, step_collector.FETCH_NS) is not None, (
+        "answered, without the scan"
+    )
     made.on_scan(scan(4), 0)
     made.is_fetching = True
-    assert made.ready([], never_placed, UNANSWERED_NS) is not None, "the bridge is silent"
+    assert made.ready([], never_placed, step_collector.UNANSWERED_NS) is not None, (
+        "the bridge is silent"
+    )
 
 
 def test_no_scan_is_lost_before_the_first_scan_or_between_consecutive_ones() -> None:
@@ -175,7 +180,7 @@ def test_a_step_waits_for_a_search_in_lockstep_or_if_so_configured() -> None:
     made = collector()
     made.on_scan(scan(0, lockstep=True), 0)
     assert made.ready(["s1.0"], never_placed, 19_000_000_000, ["s1.0"]) is None
-    patient = StepCollector(CoordinatorSettings(search_deadline_s=0.2))
+    patient = step_collector.StepCollector(CoordinatorSettings(search_deadline_s=0.2))
     patient.on_scan(scan(0), 0)
     assert patient.ready(["s1.0"], never_placed, 199_999_999, ["s1.0"]) is None
     assert patient.ready(["s1.0"], never_placed, 200_000_000, ["s1.0"]) is not None
@@ -213,8 +218,8 @@ def test_steps_before_the_start_of_the_search_are_discarded() -> None:
 def test_a_report_of_a_step_far_above_all_scans_is_refused() -> None:
     made = collector()
     made.on_scan(scan(7), 0)
-    assert made.has_room_for(tracked("c0", 7 + REPORTS_AHEAD, 1.0, HERE))
-    far = tracked("c0", 8 + REPORTS_AHEAD, 1.0, HERE)
+    assert made.has_room_for(tracked("c0", 7 + step_collector.REPORTS_AHEAD, 1.0, HERE))
+    far = tracked("c0", 8 + step_collector.REPORTS_AHEAD, 1.0, HERE)
     assert not made.has_room_for(far)
     made.ready([], never_placed, 0)
     assert not made.has_room_for(far)
@@ -223,12 +228,12 @@ def test_a_report_of_a_step_far_above_all_scans_is_refused() -> None:
 
 def test_before_the_first_scan_reports_are_kept_for_a_bounded_number_of_steps() -> None:
     made = collector()
-    for step in range(2 * KEPT_AHEAD):
+    for step in range(2 * step_collector.KEPT_AHEAD):
         report = tracked("c0", step, 1.0, HERE)
         if made.has_room_for(report):
             made.on_report(report, 0)
-    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE))
-    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE))
+    assert not made.has_room_for(tracked("c0", step_collector.KEPT_AHEAD + 1, 1.0, HERE))
+    assert made.has_room_for(tracked("c1", step_collector.KEPT_AHEAD, 1.0, HERE))
 
 
 def test_waiting_reports_have_no_particles() -> None:
@@ -241,25 +246,25 @@ def test_waiting_reports_have_no_particles() -> None:
 def test_a_bounded_number_of_reports_of_a_search_is_kept() -> None:
     made = collector()
     made.on_scan(scan(0), 0)
-    for step in range(BULKY_REPORTS):
+    for step in range(step_collector.BULKY_REPORTS):
         assert made.has_room_for(searched("s0.0", step, {HERE: 1.0}))
         made.on_report(searched("s0.0", step, {HERE: 1.0}), 0)
-    assert not made.has_room_for(searched("s0.0", BULKY_REPORTS, {HERE: 1.0}))
+    assert not made.has_room_for(searched("s0.0", step_collector.BULKY_REPORTS, {HERE: 1.0}))
     assert made.has_room_for(searched("s0.0", 3, {HERE: 0.5})), "it takes the other's place"
-    assert made.has_room_for(searched("s0.1", BULKY_REPORTS, {HERE: 1.0}))
-    assert made.has_room_for(tracked("c0", BULKY_REPORTS, 1.0, HERE))
+    assert made.has_room_for(searched("s0.1", step_collector.BULKY_REPORTS, {HERE: 1.0}))
+    assert made.has_room_for(tracked("c0", step_collector.BULKY_REPORTS, 1.0, HERE))
 
 
 def test_the_newest_late_reports_of_a_search_are_kept() -> None:
     made = collector()
-    for step in range(2 * BULKY_REPORTS):
+    for step in range(2 * step_collector.BULKY_REPORTS):
         made.on_scan(scan(step), 0)
         made.ready([], never_placed, 0)
-    for step in range(2 * BULKY_REPORTS):
+    for step in range(2 * step_collector.BULKY_REPORTS):
         assert made.on_report(searched("s0.0", step, {HERE: 1.0}), 0)
     made.on_report(searched("s0.1", 0, {HERE: 1.0}), 0)
-    made.on_scan(scan(2 * BULKY_REPORTS), 0)
+    made.on_scan(scan(2 * step_collector.BULKY_REPORTS), 0)
     ready = given_out(made)
     kept = [report.step for report in ready.reports if report.job_id == "s0.0"]
-    assert kept == list(range(BULKY_REPORTS, 2 * BULKY_REPORTS))
-    assert len(ready.reports) == BULKY_REPORTS + 1
+    assert kept == list(range(step_collector.BULKY_REPORTS, 2 * step_collector.BULKY_REPORTS))
+    assert len(ready.reports) == step_collector.BULKY_REPORTS + 1

@@ -7,19 +7,10 @@ from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from clustermcl.protocol import work
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import encode
 from clustermcl.protocol.steps import Scan
-from clustermcl.protocol.work import (
-    Assignment,
-    Particles,
-    Report,
-    SearchJob,
-    SearchReport,
-    TrackJob,
-    TrackReport,
-    WorkOrder,
-)
 from clustermcl.worker.job_table import JobTable
 from tests.unit.coordinator import reports
 
@@ -44,29 +35,31 @@ def scan(step: int) -> Scan:
     )
 
 
-def cloud(step: int = 0) -> Particles:
+def cloud(step: int = 0) -> work.Particles:
     rng = np.random.default_rng(1)
     poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.1, (50, 3))
     return reports.particles(poses, step=step, odom=(0.2 * step, 0.0, 0.0))
 
 
-def track(job_id: str, start: Particles, *, epoch: int = 1, exact: bool = False) -> Assignment:
-    job = TrackJob(cluster=int(job_id[1:]), start=start, exact=exact)
-    return Assignment(job_id=job_id, epoch=epoch, job=job)
+def track(
+    job_id: str, start: work.Particles, *, epoch: int = 1, exact: bool = False
+) -> work.Assignment:
+    job = work.TrackJob(cluster=int(job_id[1:]), start=start, exact=exact)
+    return work.Assignment(job_id=job_id, epoch=epoch, job=job)
 
 
 def order(
-    *begin: Assignment, keep: tuple[tuple[str, int], ...] = (), snapshots: int = 0
-) -> WorkOrder:
+    *begin: work.Assignment, keep: tuple[tuple[str, int], ...] = (), snapshots: int = 0
+) -> work.WorkOrder:
     return reports.work_order(snapshot_every_steps=snapshots, keep=keep, begin=begin)
 
 
-def search(shard: int = 0, first_step: int = 0) -> Assignment:
-    job = SearchJob(search=0, shard=shard, first_step=first_step)
-    return Assignment(job_id=f"s0.{shard}", epoch=1, job=job)
+def search(shard: int = 0, first_step: int = 0) -> work.Assignment:
+    job = work.SearchJob(search=0, shard=shard, first_step=first_step)
+    return work.Assignment(job_id=f"s0.{shard}", epoch=1, job=job)
 
 
-def table_with(model: SensorModel, *begun: Assignment) -> JobTable:
+def table_with(model: SensorModel, *begun: work.Assignment) -> JobTable:
     table = JobTable("w")
     table.follow(order(*begun), model, SETTINGS)
     return table
@@ -74,10 +67,10 @@ def table_with(model: SensorModel, *begun: Assignment) -> JobTable:
 
 def sizes(table: JobTable) -> list[tuple[int | None, int]]:
     jobs = [held.job for held in table.holds()]
-    return [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)]
+    return [(job.particles, job.particles_from) for job in jobs if isinstance(job, work.TrackJob)]
 
 
-def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
+def reports_of(table: JobTable, steps: range) -> list[work.TrackReport]:
     return [report for step in steps for report in table.on_scan(scan(step))]
 
 
@@ -110,8 +103,8 @@ def test_a_missed_step_loses_only_its_own_evidence(model: SensorModel) -> None:
     assert moved == pytest.approx(1.0, abs=0.3), "five steps of 0.2 m, by odometry"
 
 
-def searched(table: JobTable) -> list[Report]:
-    reports: list[Report] = []
+def searched(table: JobTable) -> list[work.Report]:
+    reports: list[work.Report] = []
     while table.searches:
         reports += table.search_on()
     return reports
@@ -122,7 +115,7 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
 ) -> None:
     order_of_both = order(track("c0", cloud()), search(shard=1, first_step=1))
     at_once, in_slices = JobTable("w"), JobTable("w")
-    reported: dict[JobTable, list[Report]] = {at_once: [], in_slices: []}
+    reported: dict[JobTable, list[work.Report]] = {at_once: [], in_slices: []}
     for table in reported:
         table.follow(order_of_both, model, SETTINGS)
     for step in range(1, 5):
@@ -130,11 +123,11 @@ def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
         reported[in_slices] += in_slices.on_scan(scan(step)) + in_slices.search_on()
     reported[in_slices] += searched(in_slices)
 
-    def of(kind: type, reports: list[Report]) -> list[bytes]:
+    def of(kind: type, reports: list[work.Report]) -> list[bytes]:
         return [encode(report) for report in reports if isinstance(report, kind)]
 
-    assert len(of(SearchReport, reported[at_once])) == 4
-    for kind in (SearchReport, TrackReport):
+    assert len(of(work.SearchReport, reported[at_once])) == 4
+    for kind in (work.SearchReport, work.TrackReport):
         assert of(kind, reported[in_slices]) == of(kind, reported[at_once])
 
 

@@ -15,9 +15,9 @@ from clustermcl.jobs.jobs import RunningJob, Tracking, running
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.pose_arrays import covariance_tuple, pose_tuple
 from clustermcl.protocol.steps import mirrored
-from clustermcl.protocol.work import Particles, SearchJob, TrackReport
+from clustermcl.protocol.work import Assignment, Particles, SearchJob, TrackReport
 from tests.unit.coordinator.reports import particles
-from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
+from tests.unit.worker.test_job_table import SETTINGS, cloud, model, scan, track
 
 __all__ = ["model"]  # the fixture
 
