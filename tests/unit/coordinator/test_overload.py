@@ -1,12 +1,8 @@
 from clustermcl.coordinator.change_detectors import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
-from clustermcl.coordinator.events import WorkerLeft
-from clustermcl.coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER, GIVEN_UP_LATER
+from clustermcl.coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
 from clustermcl.filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
-from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
-
-DEADLINE_S = 0.5
-"""The default of `coordinator.step_deadline_s`."""
+from tests.unit.coordinator.test_coordinator import NORTH, SOUTH, Story
 
 
 def with_two_clusters() -> Story:
@@ -77,39 +73,3 @@ def test_the_slowest_worker_keeps_its_job_for_longer_if_all_workers_are_slow() -
     slow(story, 5 + STEPS + GIVEN_UP_AFTER, GIVEN_UP_LATER, south=None)
     story.tick(at_s=200.0)
     assert story.places["c1"] != slower
-
-
-def test_a_frozen_worker_delays_one_step_and_then_loses_its_job() -> None:
-    story = with_two_clusters()
-    frozen = story.places["c1"]
-    story.frozen.add(frozen)
-    story.tracks(4, at_s=20.0, north=0.1, south=None)
-    assert story.beliefs[-1].step == 3, "it is waited for"
-    story.tick(at_s=20.0 + DEADLINE_S)
-    assert story.beliefs[-1].step == 4
-    for step in range(5, 4 + GIVEN_UP_AFTER):
-        assert story.places["c1"] == frozen
-        story.tracks(step, at_s=20.0 + step, north=0.1, south=None)
-        assert story.beliefs[-1].step == step, "and not a second time"
-        assert story.beliefs[-1].missing == ("c1",)
-    assert story.places["c1"] not in (frozen, story.places["c0"]), "another has its job"
-    step = 4 + GIVEN_UP_AFTER
-    story.tracks(step, at_s=20.0 + step, north=0.1, south=0.1)
-    assert story.beliefs[-1].missing == ()
-
-
-def test_a_thawed_worker_gets_jobs_again_after_its_pause() -> None:
-    story = with_two_clusters()
-    frozen = story.places["c1"]
-    story.frozen.add(frozen)
-    for step in range(4, 4 + GIVEN_UP_AFTER):
-        story.tracks(step, at_s=20.0 + step, north=0.1, south=None)
-        story.tick(at_s=20.0 + step + DEADLINE_S)
-    given_up_s = 20.0 + 4 + GIVEN_UP_AFTER
-    story.frozen.clear()
-    story.tick(at_s=given_up_s + 1.0)  # its order is repeated, and answered
-    for worker in {"a", "b", "c"} - {frozen, story.places["c0"]}:
-        story.handle(WorkerLeft(worker), given_up_s + 1.0)
-    assert story.places["c1"] == story.places["c0"], "in its pause it gets nothing"
-    story.tick(at_s=given_up_s + FIRST_PAUSE_NS / SECOND + 1.0)
-    assert frozen in {story.places["c0"], story.places["c1"]}

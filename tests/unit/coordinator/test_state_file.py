@@ -45,17 +45,6 @@ def test_a_truncated_file_is_logged_and_ignored(
     assert str(file) in caplog.text
 
 
-def test_any_flipped_bit_is_detected(tmp_path: Path) -> None:
-    write(tmp_path, "robot", STATE, sync=True)
-    (file,) = tmp_path.iterdir()
-    whole = file.read_bytes()
-    for at in range(0, len(whole), 7):
-        broken = bytearray(whole)
-        broken[at] ^= 1 << (at % 8)
-        file.write_bytes(broken)
-        assert read(tmp_path, "robot") is None
-
-
 def test_at_most_the_size_of_a_state_is_read_from_a_file(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -125,11 +114,6 @@ def test_a_state_without_clusters_does_not_replace_a_belief_on_disk(tmp_path: Pa
 def test_the_first_state_of_a_term_is_in_the_file_before_it_is_published(tmp_path: Path) -> None:
     StateKeeper(tmp_path, "robot", None).offer(STATE)
     assert read(tmp_path, "robot") == STATE
-
-
-def test_no_state_is_kept_without_a_folder() -> None:
-    with (keeper := StateKeeper(None, "robot", None)).running():
-        keeper.offer(STATE)
 
 
 def test_a_disk_that_cannot_be_written_is_logged_once_and_stops_nothing(

@@ -103,46 +103,6 @@ def test_another_map_or_other_settings_are_another_entry(tmp_path: Path) -> None
     assert len(list(tmp_path.glob("field-*"))) == 3
 
 
-@pytest.mark.parametrize("damage", ["cut", "empty", "gone", "another shape"])
-def test_a_broken_cache_entry_is_reported_and_computed_again(
-    tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    expected = field_of(sensor_model(grid_map(), SETTINGS, None)).codes
-    sensor_model(grid_map(), SETTINGS, tmp_path)
-    (entry,) = tmp_path.glob("field-*")
-    codes = entry / "codes.npy"
-    match damage:
-        case "cut":
-            codes.write_bytes(codes.read_bytes()[:200])
-        case "empty":
-            codes.write_bytes(b"")
-        case "gone":
-            codes.unlink()
-        case _:
-            np.save(codes, np.zeros((3, 3), np.uint16))
-    with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(
-            field_of(sensor_model(grid_map(), SETTINGS, tmp_path)).codes, expected
-        )
-    assert "cannot be used" in caplog.text
-    np.testing.assert_array_equal(
-        field_of(sensor_model(grid_map(), SETTINGS, tmp_path)).codes, expected
-    )
-    assert len(list(tmp_path.glob("field-*"))) == 1
-
-
-def test_a_changed_file_of_the_same_size_is_detected(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    sensor_model(grid_map(), SETTINGS, tmp_path)
-    (entry,) = tmp_path.glob("field-*")
-    codes = entry / "codes.npy"
-    codes.write_bytes(codes.read_bytes()[:-1] + b"x")
-    with caplog.at_level(logging.WARNING):
-        sensor_model(grid_map(), SETTINGS, tmp_path)
-    assert "is damaged" in caplog.text
-
-
 def test_a_folder_that_cannot_be_written_costs_only_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
