@@ -11,9 +11,9 @@ from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.replica import Replica
 from clustermcl.coordinator.report_checks import without_malformed_jobs
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.terms import check_term
-from clustermcl.protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, WorkerState
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Action, Node
 from tests.simulation.world import COORDINATOR, SETTINGS
@@ -143,23 +143,15 @@ class CoordinatorNode(Node):
     def on_scan(self, scan: Scan) -> None:
         self.pass_on(events.ScanArrived(scan))
 
-    def on_odometry(self, reading: OdometryReading) -> None:
-        self.pass_on(events.OdometryArrived(reading))
-
-    def on_report(self, worker: str, report: Report) -> None:
-        self.pass_on(events.ReportArrived(worker, report))
-
-    def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
+    def on_answer(self, worker: str, answer: OrderAnswer | WorkerState, known_term: int) -> None:
+        """Take the answer of a worker that knows of a belief of `known_term`."""
         check_term(answer, self._now_us() * 1_000)
-        self.pass_on(events.OrderAnswered(worker, answer))
-
-    def on_state(self, worker: str, state: WorkerState, known_term: int) -> None:
-        """Take a worker's answer, which knows of a belief of `heard_term`."""
-        if self._life is not None and self._replica.role != "follower":
-            check_term(state, self._now_us() * 1_000)
+        if isinstance(answer, OrderAnswer):
+            self.pass_on(events.OrderAnswered(worker, answer))
+        elif self._life is not None and self._replica.role != "follower":
             if self._replica.role == "recovering":
                 self._life.known_terms.append(known_term)
-            reported = without_malformed_jobs(decode(encode(state), WorkerState))
+            reported = without_malformed_jobs(decode(encode(answer), WorkerState))
             self.pass_on(events.WorkerStateArrived(worker, reported))
 
     def on_pose_asked(self) -> None:
@@ -190,10 +182,8 @@ class CoordinatorNode(Node):
             case Checkpoint():
                 self._keep_later(instruction)
                 simulation.publish_checkpoint(self, instruction)
-            case do.SendOrder(worker, order):
-                simulation.send_order(self, worker, order)
-            case do.AskState(worker, question):
-                simulation.send_take_over(self, worker, question)
+            case do.SendOrder(worker, question) | do.AskState(worker, question):
+                simulation.ask_worker(self, worker, question)
             case do.FetchMap():
                 ground = free_everywhere(self.coordinator.state.map_digest)
                 self._ask_bridge(lambda _: events.MapArrived(ground))

@@ -2,8 +2,10 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from operator import methodcaller
+from typing import TYPE_CHECKING, TypeAlias
 
+from clustermcl.coordinator.events import OdometryArrived, ReportArrived
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.errors import UnreachableError
 from clustermcl.protocol.steps import KEPT_STEPS, LaserReading, OdometryReading, Reading, Scan
@@ -14,7 +16,7 @@ from clustermcl.worker import worker as instructions
 from clustermcl.worker.worker import Worker
 from tests.simulation.network import Action, Asker, Node, ns
 from tests.simulation.world import BRIDGE, MAP, scan_of
-from tests.unit.worker import events
+from tests.unit.coordinator.living import WorkerEvent
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
@@ -115,7 +117,9 @@ class Bridge(Node):
         pose = scan_of(number).odom_from_robot
         reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)
         self._on_reading(reading)
-        self._simulation.publish_odometry(self, reading)
+        simulation = self._simulation
+        simulation.laws.taken_ns[reading.stamp_ns] = simulation.clock.now_ns
+        simulation.publish_to_coordinators(self, OdometryArrived(reading))
 
     def _on_reading(self, reading: Reading) -> Scan | None:
         is_live_scan = not self._flow.lockstep and isinstance(reading, LaserReading)
@@ -129,6 +133,7 @@ class Bridge(Node):
         )
 
 
+Question: TypeAlias = WorkOrder | TakeOver
 SLICE_S = 0.001
 """Duration of a slice of a search."""
 
@@ -143,7 +148,6 @@ class WorkerNode(Node):
         self.core = Worker(name)
         self.known_term = 0
         """The highest of a founded checkpoint that this process has had in its hands."""
-        self._questions = dict[int, Asker]()
         self._is_searching = False
 
     def start(self) -> None:
@@ -154,20 +158,17 @@ class WorkerNode(Node):
         self._simulation.network.declare(self, self.name)
 
     def on_scan(self, scan: Scan) -> None:
-        self._handle(events.on_scan(scan))
+        self._handle(methodcaller("on_scan", scan))
         self.later(QUIET_S, self._read_checkpoints)
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         self._unread.append(checkpoint)
         self.later(10 * QUIET_S, self._read_checkpoints)
 
-    def on_order(self, asker: Asker, order: WorkOrder) -> None:
+    def on_asked(self, asker: Asker, question: Question) -> None:
         self._read_checkpoints()
-        self._handle(events.on_order(self._question(asker), order))
-
-    def on_take_over(self, asker: Asker, take_over: TakeOver) -> None:
-        self._read_checkpoints()
-        self._handle(events.on_state_query(self._question(asker), take_over))
+        name = "on_order" if isinstance(question, WorkOrder) else "on_state_query"
+        self._handle(methodcaller(name, asker, question))
 
     def jobs(self) -> set[tuple[str, int]]:
         """(job id, epoch) of what it does; nothing changes by asking."""
@@ -175,19 +176,14 @@ class WorkerNode(Node):
         (answer,) = self.core.on_state_query(-1, no_coordinator)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
 
-    def _question(self, asker: Asker) -> int:
-        number = len(self._questions)
-        self._questions[number] = asker
-        return number
-
     def _read_checkpoints(self) -> None:
         while self._unread:
             checkpoint = self._unread.popleft()
             if checkpoint.founded:
                 self.known_term = max(self.known_term, checkpoint.term)
-            self._handle(events.on_checkpoint(checkpoint))
+            self._handle(methodcaller("on_checkpoint", checkpoint))
 
-    def _handle(self, event: events.Event) -> None:
+    def _handle(self, event: WorkerEvent) -> None:
         for instruction in event(self.core):
             self._carry_out(instruction)
         if self.core.searches and not self._is_searching:
@@ -196,38 +192,38 @@ class WorkerNode(Node):
 
     def _search_on(self) -> None:
         self._is_searching = False
-        self._handle(events.search())
+        self._handle(methodcaller("search"))
 
     def _carry_out(self, instruction: instructions.Instruction) -> None:
         simulation = self._simulation
         match instruction:
-            case instructions.Answer(question, OrderAnswer() as answer):
-                simulation.answer_order(self, self._questions[question], answer)
-            case instructions.Answer(question, WorkerState() as state):
-                simulation.answer_state(self, self._questions[question], state)
+            case instructions.Answer(asker, OrderAnswer() | WorkerState() as answer):
+                simulation.answer(self, asker, answer)
             case instructions.FetchMap():
                 error = UnreachableError(peer="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
-                self._ask_bridge(lambda _: events.on_map(MAP), events.on_map_failure(error))
+                self._ask_bridge(
+                    lambda _: methodcaller("on_map", MAP), methodcaller("on_map_failure", error)
+                )
             case instructions.BuildModel(map_message):
-                built = events.on_model(map_message.digest, simulation.model)
+                built = methodcaller("on_model", map_message.digest, simulation.model)
                 self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._handle(built))
             case instructions.FetchScans(missing):
                 self._ask_bridge(
-                    lambda bridge: events.on_history(
-                        missing, bridge.history(missing.first, missing.last)
+                    lambda bridge: methodcaller(
+                        "on_history", missing, bridge.history(missing.first, missing.last)
                     ),
-                    events.on_no_history(missing, "nobody is there"),
+                    methodcaller("on_no_history", missing, "nobody is there"),
                 )
             case instructions.Warn() | instructions.Answer() | instructions.Advise():
                 pass
             case report:
-                simulation.publish_report(self, report)
+                simulation.publish_to_coordinators(self, ReportArrived(self.name, report))
 
-    def _ask_bridge(self, answered: Callable[[Bridge], events.Event], failed: events.Event) -> None:
+    def _ask_bridge(self, answered: Callable[[Bridge], WorkerEvent], failed: WorkerEvent) -> None:
         """Whatever comes first happens: the answer, or the end of patience."""
         happened = list[bool]()
 
-        def first(event: events.Event) -> Action:
+        def first(event: WorkerEvent) -> Action:
             def happen() -> None:
                 if not happened:
                     happened.append(True)

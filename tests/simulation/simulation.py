@@ -5,15 +5,16 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TypeVar
 
+from clustermcl.coordinator import events
 from clustermcl.filter.laser.sensor_model import SensorModel
-from clustermcl.protocol import work
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.steps import OdometryReading, Scan
+from clustermcl.protocol.steps import Scan
+from clustermcl.protocol.work import Checkpoint, OrderAnswer, WorkerState
 from tests.simulation.coordinator_node import CoordinatorNode
 from tests.simulation.laws import LawBrokenError, Laws, demand
 from tests.simulation.network import SECOND, Action, Asker, Clock, Network, Node, ns
-from tests.simulation.processes import Bridge, WorkerNode
+from tests.simulation.processes import Bridge, Question, WorkerNode
 from tests.simulation.schedule import Schedule
 
 N = TypeVar("N", bound=Node)
@@ -151,41 +152,26 @@ class Simulation:
         nodes = [*self.coordinators.values(), *self.workers.values()]
         self._publish(source, self._shuffled(nodes), lambda node: node.on_scan(scan))
 
-    def publish_odometry(self, source: Bridge, reading: OdometryReading) -> None:
-        self.laws.taken_ns[reading.stamp_ns] = self.clock.now_ns
-        self._publish(source, self.coordinators.values(), lambda node: node.on_odometry(reading))
-
-    def publish_report(self, source: WorkerNode, report: work.Report) -> None:
-        self._publish(
-            source, self.coordinators.values(), lambda node: node.on_report(source.name, report)
-        )
+    def publish_to_coordinators(self, source: Node, event: events.Event) -> None:
+        self._publish(source, self.coordinators.values(), lambda node: node.pass_on(event))
 
     def publish_belief(self, source: CoordinatorNode, belief: Belief) -> None:
         self._publish(source, [self.bridge], lambda node: node.on_belief(belief))
 
-    def publish_checkpoint(self, source: CoordinatorNode, checkpoint: work.Checkpoint) -> None:
-        received = decode(encode(checkpoint), work.Checkpoint)
+    def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
+        received = decode(encode(checkpoint), Checkpoint)
         workers = self._shuffled(self.workers.values())
         others = [node for node in self.coordinators.values() if node is not source]
         self._publish(source, workers, lambda node: node.on_checkpoint(received))
         self._publish(source, others, lambda node: node.on_checkpoint(received))
 
-    def send_order(self, source: CoordinatorNode, name: str, order: work.WorkOrder) -> None:
+    def ask_worker(self, source: CoordinatorNode, name: str, question: Question) -> None:
         worker, asker = self.workers[name], Asker.now(source)
-        self.network.send(source, worker, lambda: worker.on_order(asker, order))
+        self.network.send(source, worker, lambda: worker.on_asked(asker, question))
 
-    def answer_order(self, source: WorkerNode, asker: Asker, answer: work.OrderAnswer) -> None:
-        node = self.coordinators[asker.name]
-        received = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
-        self.network.send(source, node, received)
-
-    def send_take_over(self, source: CoordinatorNode, name: str, question: work.TakeOver) -> None:
-        worker, asker = self.workers[name], Asker.now(source)
-        self.network.send(source, worker, lambda: worker.on_take_over(asker, question))
-
-    def answer_state(self, source: WorkerNode, asker: Asker, state: work.WorkerState) -> None:
+    def answer(self, source: WorkerNode, asker: Asker, answer: OrderAnswer | WorkerState) -> None:
         node, term = self.coordinators[asker.name], source.known_term
-        received = asker.waiting(node, lambda: node.on_state(source.name, state, term))
+        received = asker.waiting(node, lambda: node.on_answer(source.name, answer, term))
         self.network.send(source, node, received)
 
     def ask_bridge(self, source: Node, answer: Callable[[Bridge], Action]) -> None:

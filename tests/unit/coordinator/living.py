@@ -6,6 +6,7 @@ instructions, and made again from the file that it left and what the workers kno
 
 from collections import deque
 from collections.abc import Callable
+from typing import TypeAlias
 
 import msgspec
 import numpy as np
@@ -34,7 +35,6 @@ from clustermcl.runtime.settings import CoordinatorSettings
 from clustermcl.worker import worker as worker_instructions
 from clustermcl.worker.worker import Worker
 from tests.unit.coordinator.reports import free_everywhere, scan, started
-from tests.unit.worker import events as worker_events
 
 SETTINGS = FilterSettings(
     seed=5,
@@ -51,6 +51,7 @@ SETTINGS = FilterSettings(
     ),
     belief=BeliefSettings(max_clusters=4, search_every_steps=6, candidate_probability=0.05),
 )
+WorkerEvent: TypeAlias = Callable[[Worker], list[worker_instructions.Instruction]]
 EVENT_NS = 1_000_000
 NO_COORDINATOR = work.TakeOver(sender="coordinator", term=0)
 MAP = MapMessage(
@@ -101,8 +102,6 @@ class Living:
         self.dies_in: int | None = None
         """Instructions until the coordinator dies; None: it lives."""
         self.coordinator: Coordinator | None = None
-        self._questions = 0
-        self._reports: list[work.TrackReport] = []
         self.map_digest = MAP.digest
         """Of the bridge's map; of another one when it has been restarted with it."""
         self.warnings: list[str] = []
@@ -147,7 +146,7 @@ class Living:
         self.scans.append(scan)
         self._handle(events.ScanArrived(scan))
         for worker in list(self.workers):
-            self.deliver_to_worker(worker, worker_events.on_scan(scan))
+            self.deliver_to_worker(worker, lambda one: one.on_scan(scan))
         self.settle()
 
     def drive_on(self, until: int) -> "Living":
@@ -212,9 +211,9 @@ class Living:
             case work.Checkpoint():
                 self._keep(instruction)
                 payload = encode(instruction)
-                received = worker_events.on_checkpoint(decode(payload, work.Checkpoint))
+                received = decode(payload, work.Checkpoint)
                 for worker in self.workers:
-                    self.deliver_to_worker(worker, received)
+                    self.deliver_to_worker(worker, lambda one: one.on_checkpoint(received))
             case do.FetchScans(first=first, last=last):
                 found = self._history(first, last)
                 self._handle(events.HistoryArrived(found))
@@ -229,17 +228,13 @@ class Living:
             case do.SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), work.WorkOrder)
-                    self.deliver_to_worker(name, worker_events.on_order(self._question(), copy))
+                    self.deliver_to_worker(name, lambda worker: worker.on_order(None, copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
         end = 2**60 if last is None else last
         return tuple(scan for scan in self.scans if first <= scan.step <= end)
 
-    def _question(self) -> int:
-        self._questions += 1
-        return self._questions
-
-    def deliver_to_worker(self, name: str, event: worker_events.Event) -> None:
+    def deliver_to_worker(self, name: str, event: WorkerEvent) -> None:
         """Something happens to a worker; what comes of it happens in its turn."""
         worker = self.workers[name]
         instructions = event(worker)
@@ -255,26 +250,23 @@ class Living:
                 self._handle(events.TimePassed())
             case worker_instructions.FetchMap():
                 stated = msgspec.structs.replace(MAP, digest=self.map_digest)
-                self._deliver_later(name, worker_events.on_map(stated))
+                self._deliver_later(name, lambda worker: worker.on_map(stated))
             case worker_instructions.BuildModel(settings=settings):
                 if settings != self._model.settings:
                     self._model = computed_model(self._model.grid, settings)
-                self._deliver_later(
-                    name, worker_events.on_model(instruction.map.digest, self._model)
-                )
+                digest, model = instruction.map.digest, self._model
+                self._deliver_later(name, lambda worker: worker.on_model(digest, model))
             case worker_instructions.FetchScans(missing):
                 scans = self._history(missing.first, missing.last)
-                self._deliver_later(name, worker_events.on_history(missing, scans))
+                self._deliver_later(name, lambda worker: worker.on_history(missing, scans))
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
             case worker_instructions.Answer() | worker_instructions.Advise():
                 pass
             case report:
-                if isinstance(report, work.TrackReport):
-                    self._reports.append(report)
                 self._handle(events.ReportArrived(name, decode(encode(report), type(report))))
 
-    def _deliver_later(self, name: str, event: worker_events.Event) -> None:
+    def _deliver_later(self, name: str, event: WorkerEvent) -> None:
         def happen() -> None:
             if name in self.workers:
                 self.deliver_to_worker(name, event)
@@ -282,8 +274,7 @@ class Living:
         self._queue.append(happen)
 
     def state(self, name: str, take_over: work.TakeOver = NO_COORDINATOR) -> work.WorkerState:
-        asked = worker_events.on_state_query(self._question(), take_over)
-        (answer,) = asked(self.workers[name])
+        (answer,) = self.workers[name].on_state_query(None, take_over)
         assert isinstance(answer.message, work.WorkerState)
         return answer.message
 
@@ -294,12 +285,3 @@ class Living:
             for held in self.state(worker).holds
             if isinstance(held.job, work.TrackJob)
         }
-
-    def evidence(self) -> dict[tuple[str, int], set[float]]:
-        """All reports on each cluster at each step."""
-        published_sums: dict[tuple[str, int], set[float]] = {}
-        for report in self._reports:
-            published_sums.setdefault((report.job_id, report.step), set()).add(
-                report.log_weight_sum
-            )
-        return published_sums

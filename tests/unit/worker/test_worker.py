@@ -1,3 +1,5 @@
+from functools import partial
+from operator import methodcaller
 from typing import Any
 
 import msgspec
@@ -27,30 +29,25 @@ from clustermcl.worker.worker import (
     Warn,
     Worker,
 )
-from tests.unit.coordinator.living import MAP
+from tests.unit.coordinator.living import MAP, WorkerEvent
 from tests.unit.coordinator.reports import checkpoint, work_order
-from tests.unit.worker.events import (
-    Event,
-    on_checkpoint,
-    on_history,
-    on_map,
-    on_map_failure,
-    on_model,
-    on_no_history,
-    on_order,
-    on_scan,
-    on_state_query,
-    refuse,
-)
 from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
 
+on_scan = partial(methodcaller, "on_scan")
+on_order = partial(methodcaller, "on_order")
+on_state_query = partial(methodcaller, "on_state_query")
+on_map = partial(methodcaller, "on_map")
+on_map_failure = partial(methodcaller, "on_map_failure")
+on_model = partial(methodcaller, "on_model")
+on_history = partial(methodcaller, "on_history")
+on_no_history = partial(methodcaller, "on_no_history")
 NO_ANSWER = UnreachableError(
     peer="map", problem="no answer on 'map': nobody is there", waited_s=30.0
 )
 
 
-def handled(worker: Worker, *events: Event) -> list[Instruction]:
+def handled(worker: Worker, *events: WorkerEvent) -> list[Instruction]:
     return [event(worker) for event in events][-1]
 
 
@@ -62,7 +59,7 @@ def asked(
     number: int, *begin: Assignment, term: int = 1, digest: str = "map",
     keep: tuple[tuple[str, int], ...] = (), sensor: dict[str, object] | None = None,
     repeat_after: int | None = None,
-) -> Event:  # fmt: skip
+) -> WorkerEvent:  # fmt: skip
     """An order; its question has its number."""
     settings = msgspec.to_builtins(SETTINGS) | ({"sensor": sensor} if sensor else {})
     order = work_order(
@@ -291,7 +288,7 @@ def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     ],
 )  # fmt: skip
 def test_an_order_whose_map_cannot_be_used_is_refused_and_the_next_one_fetches_it_again(
-    fresh: Worker, events: list[Event], cause: str, problem: str
+    fresh: Worker, events: list[WorkerEvent], cause: str, problem: str
 ) -> None:
     refused = handled(fresh, asked(1, track("c0", cloud())), *events)
     assert causes(refused) == [cause]
@@ -353,7 +350,7 @@ def test_invalid_settings_are_refused_and_supersede_no_order(tracking: Worker) -
 
 def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
-    refused = handled(fresh, refuse(3, error))
+    refused = fresh.refuse(3, error)
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
 
@@ -420,7 +417,7 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(behind: Worker) -> None:
 
 
 def test_a_new_coordinator_gets_jobs_and_terms(tracking: Worker) -> None:
-    assert handled(tracking, on_checkpoint(checkpoint(1))) == []
+    assert tracking.on_checkpoint(checkpoint(1)) == []
     (answer,) = handled(tracking, on_state_query(9, TakeOver(sender="next", term=2)))
     state = answer.message
     assert state.term == 2
