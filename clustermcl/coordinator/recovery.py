@@ -123,9 +123,10 @@ class LastPlace(msgspec.Struct, frozen=True):
         The motion by odometry is added, unless the odometry was reset; then the robot has probably
         not moved.
         """
-        pose = self.pose
-        if not _was_reset(self.odom_from_robot, scan.odom_from_robot):
-            pose = moved_pose(pose, self.odom_from_robot, scan.odom_from_robot)
+        pose, before, now = self.pose, self.odom_from_robot, scan.odom_from_robot
+        was_reset = _is_near_origin(now) and not _is_near_origin(before)
+        if not was_reset:
+            pose = moved_pose(pose, before, now)
         spread = covariance_matrix(self.covariance) + covariance_matrix(MOVED_BY_HAND)
         return PriorPose(
             step=scan.step,
@@ -136,13 +137,9 @@ class LastPlace(msgspec.Struct, frozen=True):
         )
 
 
-def _was_reset(before: PoseTuple, now: PoseTuple) -> bool:
+def _is_near_origin(pose: PoseTuple) -> bool:
     near_m, near_rad = ODOMETRY_STARTS_WITHIN
-
-    def near_origin(pose: PoseTuple) -> bool:
-        return math.hypot(pose[0], pose[1]) < near_m and abs(pose[2]) < near_rad
-
-    return near_origin(now) and not near_origin(before)
+    return math.hypot(pose[0], pose[1]) < near_m and abs(pose[2]) < near_rad
 
 
 ASK_AGAIN_NS = 200_000_000
@@ -242,22 +239,14 @@ class StateRecovery(Part):
 
     def questions(self, term: int, now_ns: int) -> list[AskState | FetchScans]:
         """Return the queries that are due now."""
-        due = [
-            worker
-            for worker, asked_ns in sorted(self.asked_ns.items())
-            if asked_ns is None or now_ns - asked_ns >= ASK_AGAIN_NS
-        ]
+        due = [worker for worker, ns in sorted(self.asked_ns.items()) if _is_due(ns, now_ns)]
         self.asked_ns |= dict.fromkeys(due, now_ns)
         question = TakeOver(sender=self.sender, term=term)
-        questions = [AskState(worker, question) for worker in due]
-        return [*questions, *self._question_to_bridge(now_ns)]
-
-    def _question_to_bridge(self, now_ns: int) -> list[FetchScans]:
-        scan, asked_ns = self.kept_scan, self.scan_asked_ns
-        if scan is None or (asked_ns is not None and now_ns - asked_ns < ASK_AGAIN_NS):
-            return []
-        self.scan_asked_ns = now_ns
-        return [FetchScans(scan.step, scan.step)]
+        questions: list[AskState | FetchScans] = [AskState(worker, question) for worker in due]
+        if self.kept_scan is not None and _is_due(self.scan_asked_ns, now_ns):
+            self.scan_asked_ns = now_ns
+            questions.append(FetchScans(self.kept_scan.step, self.kept_scan.step))
+        return questions
 
     def is_over(self, now_ns: int) -> bool:
         """Return whether to begin without waiting for more workers.
@@ -274,3 +263,7 @@ class StateRecovery(Part):
         else:
             wait_ns = SILENT_NS
         return not self.asked_ns or waited_ns >= wait_ns
+
+
+def _is_due(asked_ns: int | None, now_ns: int) -> bool:
+    return asked_ns is None or now_ns - asked_ns >= ASK_AGAIN_NS

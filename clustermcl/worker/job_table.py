@@ -40,11 +40,8 @@ class RecentReports:
         self._of: dict[str, deque[Report]] = {}
 
     def add(self, report: Report) -> None:
-        kept = self._of.get(report.job_id)
-        if kept is None:
-            is_search = isinstance(report, SearchReport)
-            kept = deque(maxlen=KEPT_SEARCH_STEPS if is_search else KEPT_STEPS)
-            self._of[report.job_id] = kept
+        most = KEPT_SEARCH_STEPS if isinstance(report, SearchReport) else KEPT_STEPS
+        kept = self._of.setdefault(report.job_id, deque(maxlen=most))
         if kept and isinstance(last := kept[-1], TrackReport) and last.snapshot is not None:
             kept[-1] = replace(last, snapshot=None)
         kept.append(report)

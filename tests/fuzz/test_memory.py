@@ -5,14 +5,13 @@ Each file is written and read in processes of their own, of which the system mea
 
 import gzip
 import lzma
+import multiprocessing
 import os
 import resource
-import subprocess
-import sys
-import traceback
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
@@ -179,66 +178,36 @@ CASES: dict[str, tuple[Write, Callable[[Path], object]]] = {
 }  # fmt: skip
 
 
-def write_and_read(name: str, path: Path) -> str:
-    """Return what is wrong with how a case is read; empty: nothing."""
-    write, read = CASES[name]
-    if problem := in_child(lambda: write(path))[0]:
-        return f"not written: {problem}"
-    if (size := max(file.stat().st_blocks * 512 for file in path.parent.rglob("*"))) > SMALL_BYTES:
-        return f"a file of {size} bytes"
-    problem, used = in_child(lambda: read(path))
-    memory_mb, used_s = used.ru_maxrss / 1024, used.ru_utime + used.ru_stime
-    if problem or memory_mb > MOST_MB or used_s > MOST_S:
-        return f"{memory_mb:.0f} MB, {used_s:.1f} s; {problem}"
-    return ""
+def measured(name: str, path: Path, *, writes: bool, results: Connection) -> None:
+    """Write or read a case in this process; send what it used."""
+    resource.setrlimit(resource.RLIMIT_CPU, (3 * MOST_S, 3 * MOST_S))
+    resource.setrlimit(resource.RLIMIT_AS, (2**33, 2**33))
+    with suppress(ClusterMclError):
+        CASES[name][not writes](path)
+    results.send(resource.getrusage(resource.RUSAGE_SELF))
 
 
-def in_child(do: Callable[[], object]) -> tuple[str, resource.struct_rusage]:
-    """Run in a process of its own; return why it failed, and what it used."""
-    child = os.fork()
-    if not child:
-        resource.setrlimit(resource.RLIMIT_CPU, (3 * MOST_S, 3 * MOST_S))
-        resource.setrlimit(resource.RLIMIT_AS, (2**33, 2**33))
-        code = 1
-        try:
-            with suppress(ClusterMclError):
-                do()
-            code = 0
-        except BaseException:  # noqa: BLE001 - MemoryError too; the test shows it
-            traceback.print_exc()
-        finally:
-            os._exit(code)
-    _, status, used = os.wait4(child, 0)
-    return f"ended with {status}" if status else "", used
-
-
-def serve() -> None:
-    """Answer each line of a case and a path with a line."""
-    for line in sys.stdin:
-        name, path = line.strip().split("|")
-        sys.stdout.write(f"{write_and_read(name, Path(path))}\n")
-        sys.stdout.flush()
-
-
-@pytest.fixture(scope="module")
-def reader() -> Iterator["subprocess.Popen[str]"]:
-    """A process that has imported all readers, and so starts one for each case fast."""
-    program = "from tests.fuzz.test_memory import serve; serve()"
-    pipe = subprocess.PIPE
-    with subprocess.Popen(
-        [sys.executable, "-c", program], text=True, stdin=pipe, stdout=pipe
-    ) as it:
-        yield it
-        assert it.stdin is not None
-        it.stdin.close()
+def used_in_child(name: str, path: Path, *, writes: bool) -> resource.struct_rusage:
+    """Use a process that has imported all readers, and nothing else."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    results, of_child = context.Pipe(duplex=False)
+    how = {"writes": writes, "results": of_child}
+    child = context.Process(target=measured, args=(name, path), kwargs=how)
+    child.start()
+    of_child.close()
+    try:
+        used: resource.struct_rusage = results.recv()
+    finally:
+        child.join()
+    return used
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_small_file_takes_neither_a_gigabyte_nor_a_minute(
-    tmp_path: Path, reader: "subprocess.Popen[str]", name: str
-) -> None:
-    assert reader.stdin is not None
-    assert reader.stdout is not None
-    reader.stdin.write(f"{name}|{tmp_path}/{7:017d}-000001.mcap\n")
-    reader.stdin.flush()
-    assert reader.stdout.readline() == "\n"
+def test_a_small_file_takes_neither_a_gigabyte_nor_a_minute(tmp_path: Path, name: str) -> None:
+    path = tmp_path / f"{7:017d}-000001.mcap"
+    used_in_child(name, path, writes=True)
+    assert max(file.stat().st_blocks * 512 for file in tmp_path.rglob("*")) <= SMALL_BYTES
+    used = used_in_child(name, path, writes=False)
+    assert used.ru_maxrss / 1024 <= MOST_MB
+    assert used.ru_utime + used.ru_stime <= MOST_S

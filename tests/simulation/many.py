@@ -1,9 +1,7 @@
 """Many schedules, on all cores: each is a world of its own."""
 
-import os
 import traceback
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from multiprocessing import get_context
 from multiprocessing.pool import Pool
@@ -14,11 +12,9 @@ from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room
 
 
-@contextmanager
-def processes(count: int | None = None) -> Iterator[Pool]:
+def processes(count: int | None = None) -> Pool:
     """Processes that run schedules; None: one a core."""
-    with get_context("spawn").Pool(count or os.cpu_count()) as pool:
-        yield pool
+    return get_context("spawn").Pool(count)
 
 
 def broken(pool: Pool, seeds: Iterable[int]) -> Iterator[str]:
