@@ -1,39 +1,36 @@
 """Instructions of a coordinator, which `Loop` carries out."""
 
-from dataclasses import dataclass
 from typing import TypeAlias
+
+import msgspec
 
 from clustermcl.protocol.answers import Belief, CommandDone, PoseAnswer
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.protocol.work import Checkpoint, TakeOver, WorkOrder
 
 
-@dataclass(frozen=True)
-class SendOrder:
+class SendOrder(msgspec.Struct, frozen=True):
     """Send a work order to a worker."""
 
     worker: str
     order: WorkOrder
 
 
-@dataclass(frozen=True)
-class AskState:
+class AskState(msgspec.Struct, frozen=True):
     """Query a worker for its jobs, its reports and the terms that it knows."""
 
     worker: str
     question: TakeOver
 
 
-@dataclass(frozen=True)
-class PublishBelief:
+class PublishBelief(msgspec.Struct, frozen=True):
     """Publish the belief, and the pose that follows from it."""
 
     belief: Belief
     pose: PoseAnswer
 
 
-@dataclass(frozen=True)
-class FetchScans:
+class FetchScans(msgspec.Struct, frozen=True):
     """Request the scans of lost steps from the bridge."""
 
     first: int
@@ -41,8 +38,7 @@ class FetchScans:
     """None: up to the newest scan."""
 
 
-@dataclass(frozen=True)
-class FetchMap:
+class FetchMap(msgspec.Struct, frozen=True):
     """Request the map from the bridge; `MapArrived` contains its free ground."""
 
 

@@ -1,7 +1,6 @@
 """Releases steps in order, each once its reports have arrived or its deadline has passed."""
 
 from collections.abc import Callable, Container, Iterable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import msgspec
@@ -48,8 +47,7 @@ def without_snapshot(report: Report) -> Report:
     return report
 
 
-@dataclass(frozen=True)
-class ReadyStep:
+class ReadyStep(msgspec.Struct, frozen=True):
     """A step that can be applied."""
 
     scan: Scan

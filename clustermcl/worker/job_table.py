@@ -2,8 +2,8 @@
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 
+import msgspec
 from msgspec.structs import replace
 
 from clustermcl.filter.laser.sensor_model import SensorModel
@@ -24,8 +24,7 @@ KEPT_SEARCH_STEPS = 16
 a step that all shards have reported, and shards are seldom further apart."""
 
 
-@dataclass(frozen=True)
-class MissingScans:
+class MissingScans(msgspec.Struct, frozen=True):
     """Steps that a job needs, to be fetched from the bridge's history."""
 
     first: int

@@ -1,7 +1,6 @@
 """The decisions of one worker, whose methods take events and return instructions."""
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import msgspec
@@ -31,45 +30,39 @@ KEPT_TERMS = 16
 """Number of remembered terms, more than coordinators that compete for a take-over."""
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(msgspec.Struct, frozen=True):
     """Answer a query, once."""
 
     question: Any
     message: work.OrderAnswer | work.WorkerState | Advice
 
 
-@dataclass(frozen=True)
-class FetchMap:
+class FetchMap(msgspec.Struct, frozen=True):
     """Query the bridge for the map, for `on_map` or `on_map_failure`."""
 
 
-@dataclass(frozen=True)
-class BuildModel:
+class BuildModel(msgspec.Struct, frozen=True):
     """Compute or read a map's sensor model in up to a minute, for `on_model`; see `FetchMap`."""
 
     map: MapMessage
     settings: SensorSettings
 
 
-@dataclass(frozen=True)
-class FetchScans:
+class FetchScans(msgspec.Struct, frozen=True):
     """Query the bridge for past steps, for `on_history` or `on_no_history`."""
 
     missing: MissingScans
     timeout_s: float
 
 
-@dataclass(frozen=True)
-class Warn:
+class Warn(msgspec.Struct, frozen=True):
     """Count a fault, and log each cause at most once a period."""
 
     cause: AnyCause
     detail: str
 
 
-@dataclass(frozen=True)
-class Advise:
+class Advise(msgspec.Struct, frozen=True):
     """Compute the answer to a query for advice; see `Adviser`."""
 
     question: Any
@@ -131,8 +124,7 @@ class TermFence:
         return True
 
 
-@dataclass(frozen=True)
-class _WaitingOrder:
+class _WaitingOrder(msgspec.Struct, frozen=True):
     """An order that waits for its sensor model."""
 
     question: Any

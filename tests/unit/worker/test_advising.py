@@ -1,4 +1,3 @@
-import dataclasses
 import multiprocessing
 import time
 from collections.abc import Callable
@@ -206,7 +205,7 @@ def test_other_settings_get_another_child_process(node: Node) -> None:
     unsure = replace(SETTINGS, belief=replace(SETTINGS.belief, localized_probability=0.999))
     with closing(Adviser(node)) as adviser:
         for settings in (SETTINGS, unsure):
-            adviser.advise(dataclasses.replace(task(asked, query), settings=settings))
+            adviser.advise(replace(task(asked, query), settings=settings))
             turn_until(lambda: bool(query.answers), node)
             assert query.answers.pop() == advice(asked, SCAN, MODEL, settings, "worker-0")
             assert len(multiprocessing.active_children()) == 1
