@@ -77,12 +77,6 @@ def test_a_state_that_cannot_be_used_is_refused_with_the_reason(
         from_bytes(changed(state, **changes))
 
 
-@pytest.mark.parametrize("length", [0, 1, -3])
-def test_an_incomplete_state_is_refused(state: CheckpointState, length: int) -> None:
-    with pytest.raises(ValueError, match="not a coordinator's state"):
-        from_bytes(to_bytes(state)[:length])
-
-
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
     broken = checkpoint(5, state=data)

@@ -45,11 +45,6 @@ def tracking(*workers: str, clusters: int = 1) -> Placement:
     return made
 
 
-def test_an_order_that_was_answered_is_not_repeated() -> None:
-    made = tracking("a")
-    assert due(made, 10 * SECOND) == []
-
-
 def test_an_order_without_answer_is_repeated_with_the_same_epoch() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})

@@ -39,15 +39,6 @@ def test_the_oldest_files_are_removed_when_the_ring_is_full(tmp_path: Path) -> N
     assert recorded.recorder.lost == {}
 
 
-def test_files_of_an_older_coordinator_are_removed_first(tmp_path: Path) -> None:
-    old = tmp_path / f"{1:017d}-000000.mcap"
-    old.write_bytes(bytes(58_000))
-    (tmp_path / "notes.txt").write_bytes(bytes(100_000))
-    RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
-    assert [file.name for file in files_in(tmp_path)] == [f"{7:017d}-000000.mcap"]
-    assert (tmp_path / "notes.txt").exists()
-
-
 def test_after_the_clock_was_set_back_the_old_files_are_removed_first(tmp_path: Path) -> None:
     recordings = Recordings(tmp_path, 60_000)
     for term in (2_000, 70, 900):  # a boot in 1970, then another
@@ -101,18 +92,6 @@ def test_a_folder_that_cannot_be_written_is_logged_once_and_tried_again(
     assert len(events_in(folder)) + recorded.recorder.lost[Cause.NOT_RECORDED] == 22
 
 
-def test_a_disk_that_becomes_full_is_logged_and_localization_continues(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
-    """/dev/full takes nothing."""
-    ring = Ring(Path("/dev/full"), 7, 60_000)
-    recorded = RecordedCoordinator(STARTED, ring)
-    with caplog.at_level(logging.WARNING):
-        recorded.handle(TimePassed(), 0)
-    assert recorded.recorder.lost == {Cause.NOT_RECORDED: 1}
-    assert len(caplog.records) == 1
-
-
 def test_a_full_disk_is_not_filled_with_empty_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,13 +122,6 @@ def test_the_recorders_thread_writes_while_the_loop_runs_and_the_rest_at_its_end
     assert len(events_in(tmp_path)) == 101
 
 
-def test_nothing_is_recorded_without_a_folder() -> None:
-    recorder = FlightRecorder(STARTED.coordinator(), None)
-    with recorder.running():
-        recorder.handle(TimePassed(), 0)
-    assert recorder.lost == {}
-
-
 def test_only_particles_and_beams_are_left_out_of_a_recording() -> None:
     where = (1.0, 2.0, 3.0)
     report = tracked("c0", 3, 0.1, where, snapshot=cloud_at(where, 3))
@@ -166,11 +138,6 @@ def test_only_particles_and_beams_are_left_out_of_a_recording() -> None:
     past = without_bulk(HistoryArrived((scan(1), scan(2))))
     assert [one.step for one in past.scans] == [1, 2]
     assert all(one.ranges.array().shape == (0,) for one in past.scans)
-
-
-def test_only_its_owner_can_read_a_recording(tmp_path: Path) -> None:
-    RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
-    assert [file.stat().st_mode & 0o777 for file in files_in(tmp_path)] == [0o600]
 
 
 def test_a_removed_folder_is_made_again_and_missing_events_are_counted(
