@@ -151,6 +151,14 @@ class Story:
         return {event.job_id: event.cause for event in found if isinstance(event, Ended)}
 
 
+def checkpoint_at(place: PoseTuple, *, live: bool = True, x_m: float = 0.0) -> Checkpoint:
+    """Of one that is nearly sure of a place, and was there at odometry `x_m`."""
+    story = Story("a")
+    story.scan(0, live=live, x_m=x_m)
+    story.finds({place: 0.9, (1.0, 1.0, 0.0): 0.1})
+    return replace(story.checkpoints[-1], term=7)
+
+
 def given(command_id: str, *pose: float, **fields: Any) -> SetPose:
     return SetPose(sender="client", command_id=command_id, pose=pose, **fields)  # type: ignore[arg-type] # three numbers
 

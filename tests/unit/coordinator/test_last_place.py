@@ -7,8 +7,7 @@ from clustermcl.coordinator.events import WorkerJoined
 from clustermcl.coordinator.recovery import LastPlace
 from clustermcl.runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import scan
-from tests.unit.coordinator.states import checkpoint_at
-from tests.unit.coordinator.test_coordinator import BOTH, Story
+from tests.unit.coordinator.test_coordinator import BOTH, Story, checkpoint_at
 
 EAST = (10.0, 5.0, math.pi / 2)
 

@@ -4,7 +4,7 @@ from clustermcl.coordinator.checkpoint import state_in, to_bytes
 from clustermcl.coordinator.replica import NewestState
 from clustermcl.protocol.work import Checkpoint
 from tests.unit.coordinator.reports import checkpoint
-from tests.unit.coordinator.states import checkpoint_at
+from tests.unit.coordinator.test_coordinator import checkpoint_at
 
 SECOND = 1_000_000_000
 KNOWN = state_in(checkpoint_at((1.0, 2.0, 0.5)))
