@@ -7,40 +7,29 @@ import msgspec
 from clustermcl.coordinator import state_file
 from clustermcl.coordinator.checkpoint import state_in
 from clustermcl.coordinator.recovery import LastPlace
-from clustermcl.protocol.work import Checkpoint
 from clustermcl.runtime.settings import BridgeSettings, CoordinatorSettings, Settings
-from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.system import SMALL, system
 from tests.integration.waiting import wait_until
 
-WORLD = "sim:cross_feature"
 
-
-def kept_in(folder: Path, source: str = WORLD) -> Settings:
+def kept_in(folder: Path) -> Settings:
     return msgspec.structs.replace(
         SMALL,
-        bridge=BridgeSettings(source=source, rate=0.0),
+        bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
         coordinator=CoordinatorSettings(lockstep_deadline_s=60.0, state_folder=str(folder)),
     )
-
-
-def kept(folder: Path) -> Checkpoint:
-    found = state_file.read(folder, "robot")
-    assert found is not None
-    return found
-
-
-def cut_the_power(tested: System) -> None:
-    for name in tested.stack.supervisor.pids():
-        tested.hurt(name)
 
 
 def test_after_a_power_cut_the_place_in_the_state_file_is_one_hypothesis(tmp_path: Path) -> None:
     with system(kept_in(tmp_path), "--steps", "400") as tested:
         wait_until(lambda: any(b.state == "localized" for b in tested.beliefs))
         tested.wait_for_steps(5)
-        cut_the_power(tested)
+        for name in tested.stack.supervisor.pids():
+            tested.hurt(name)
         reported = {belief.step: belief for belief in tested.beliefs}
-        state = state_in(kept(tmp_path))
+        kept = state_file.read(tmp_path, "robot")
+        assert kept is not None
+        state = state_in(kept)
         assert state.collector.applied is not None
         step = state.collector.applied.step
         assert abs(step - max(reported)) < 10, "one of the newest; some were still on their way"

@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -16,16 +15,12 @@ from clustermcl.protocol.answers import Belief
 from clustermcl.runtime.settings import RecorderSettings
 from clustermcl.runtime.version import VERSION
 from tests.integration.faults.live_robot import with_live_robot
-from tests.integration.faults.system import SMALL, System
+from tests.integration.faults.system import SMALL
 from tests.integration.system.commands import ran
 from tests.integration.waiting import stretched_s, wait_until
 
 LOST_S, STEPS_PER_S = 0.5, 10.0
 """A kill -9 loses the beliefs of this time, which wait for the disk; here some five a second."""
-
-
-def replay(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return ran("replay", str(folder), *words)
 
 
 def assert_same(published: list[Belief], computed: list[Belief]) -> None:
@@ -51,18 +46,14 @@ def repeated(computed: list[Belief]) -> list[int]:
     return [before[-1].step - after[0].step for before, after in pairwise(terms)]
 
 
-def kill_a_worker(tested: System) -> None:
-    killed = tested.worker_pids()[0]
-    os.kill(killed, signal.SIGKILL)
-    wait_until(lambda: len(tested.worker_pids()) == 4 and killed not in tested.worker_pids())
-
-
 def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     folder, copy = tmp_path / "flight" / "robot", tmp_path / "copy"
     recorder = RecorderSettings(folder=str(tmp_path / "flight"), max_mb=5.0)
     with with_live_robot(msgspec.structs.replace(SMALL, recorder=recorder)) as (tested, _robot):
         tested.wait_until_it_tracks()
-        kill_a_worker(tested)
+        killed = tested.worker_pids()[0]
+        os.kill(killed, signal.SIGKILL)
+        wait_until(lambda: len(tested.worker_pids()) == 4 and killed not in tested.worker_pids())
         tested.wait_for_steps(10)
         tested.restart(COORDINATOR)
         tested.wait_for_steps(10)
@@ -75,7 +66,7 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     published = list(tested.beliefs)
     assert len({belief.term for belief in published}) == 3
 
-    done = replay(folder)
+    done = ran("replay", str(folder))
     assert (done.stderr, done.returncode) == ("", 0)
     assert done.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
     happenings = [each for _, each in replayed(folder, VERSION)]
@@ -88,6 +79,6 @@ def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_pa
     kinds = {each.kind for each in happenings if isinstance(each, Happened)}
     assert {"worker joined", "worker left", "pose given"} <= kinds
 
-    while_it_ran = replay(copy)
+    while_it_ran = ran("replay", str(copy))
     assert while_it_ran.returncode == 0
     assert while_it_ran.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")

@@ -74,10 +74,8 @@ def test_a_bridge_restarted_with_another_map_begins_a_new_search_without_any_oth
 ):
     with with_live_robot() as (tested, _robot), tested.client as client:
         tested.wait_until_it_tracks()
-        before, pids = (
-            client.status(),
-            tested.stack.supervisor.pids() | {"workers": tested.worker_pids()},
-        )
+        before = client.status()
+        pids = tested.stack.supervisor.pids() | {"workers": tested.worker_pids()}
         map_file = Path(tested.settings.bridge.map)
         write_map(world("cross_feature").map, map_file.parent, map_file.stem)
         tested.restart(BRIDGE)

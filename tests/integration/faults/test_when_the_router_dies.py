@@ -13,12 +13,8 @@ OUTAGE_S = 2.5
 def test_a_restart_of_the_router_loses_only_the_steps_made_meanwhile() -> None:
     with system() as tested:
         tested.wait_until_it_tracks()
-        placed, clusters, pids = (
-            tested.jobs(),
-            tested.clusters(),
-            dict(tested.stack.supervisor.pids()),
-        )
-        workers = tested.worker_pids()
+        placed, clusters = tested.jobs(), tested.clusters()
+        pids, workers = dict(tested.stack.supervisor.pids()), tested.worker_pids()
         tested.hurt(ROUTER)
         time.sleep(OUTAGE_S)
         last_before = tested.step

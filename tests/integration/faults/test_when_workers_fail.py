@@ -6,8 +6,6 @@
 import os
 import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 import psutil
@@ -141,19 +139,13 @@ def test_without_workers_status_and_pose_report_this_until_a_worker_appears() ->
         assert tested.clusters() == clusters, "each goes on from its last state"
 
 
-@contextmanager
-def untrue_workers(tested: System) -> Iterator[list[UntrueWorker]]:
-    """Add some to the honest ones, and remove them afterwards."""
-    zenoh_settings, robot = tested.settings.zenoh, tested.settings.robot
-    with open_session(zenoh_settings, robot, StopFlag(), wait_s=PATIENCE_S) as session:
-        yield [UntrueWorker(session, name) for name in LIARS]
-
-
 def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reckoning() -> None:
     coordinator = CoordinatorSettings(step_deadline_s=1.0, stale_after_s=5.0)
     with system(replace(IMPATIENT, coordinator=coordinator)) as tested, tested.client as client:
         tested.wait_until_it_tracks()
-        with untrue_workers(tested):
+        zenoh_settings, robot = tested.settings.zenoh, tested.settings.robot
+        with open_session(zenoh_settings, robot, StopFlag(), wait_s=PATIENCE_S) as session:
+            _liars = [UntrueWorker(session, name) for name in LIARS]
             wait_until(lambda: client.pose().workers >= len(LIARS))
             step = tested.step
             client.relocalize()
@@ -197,11 +189,8 @@ def test_reports_of_steps_far_ahead_and_huge_snapshots_are_refused_and_not_kept(
             return client.status().counters.get(name, 0)
 
         tested.wait_until_it_tracks()
-        flooder, before_mb, huge = (
-            Flooder(tested),
-            resident_mb(tested),
-            particles(np.zeros((PARTICLES, 3))),
-        )
+        flooder, before_mb = Flooder(tested), resident_mb(tested)
+        huge = particles(np.zeros((PARTICLES, 3)))
         for n in range(FLOOD):
             step = (tested.step if n % 2 else 1_000_000) + n
             flooder.report(step, replace(huge, step=step))
