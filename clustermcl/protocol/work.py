@@ -140,7 +140,7 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
-    """A worker's answer to a work order, or to an empty query on ``worker/{name}/state``."""
+    """A worker's answer to a work order."""
 
     order: Number
     """The last order that the worker accepted."""

@@ -244,8 +244,7 @@ class WorkerLoop:
             self._carry_out(self._worker.on_order(asked, order))
 
     def _on_state(self, asked: Asked) -> None:
-        take_over = _with_term(asked.payload, TakeOver) if asked.payload else None
-        self._carry_out(self._worker.on_state_query(asked, take_over))
+        self._carry_out(self._worker.on_take_over(asked, _with_term(asked.payload, TakeOver)))
         self._node.heap.on_large_message(time.monotonic())
 
     def _on_advice(self, asked: Asked) -> None:

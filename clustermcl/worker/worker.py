@@ -376,12 +376,8 @@ class Worker:
             problem=problem,
         )
 
-    def on_state_query(
-        self, question: Any, take_over: work.TakeOver | None = None
-    ) -> list[Instruction]:
-        """Answer with the jobs, or with the `WorkerState` for a coordinator that takes over."""
-        if take_over is None:
-            return [Answer(question, self._answer())]
+    def on_take_over(self, question: Any, take_over: work.TakeOver) -> list[Instruction]:
+        """Answer with the `WorkerState` for a coordinator that takes over."""
         self._fence.on_term(take_over.term)
         state = work.WorkerState(
             sender=self._name,

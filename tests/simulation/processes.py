@@ -167,13 +167,13 @@ class WorkerNode(Node):
 
     def on_asked(self, asker: Asker, question: Question) -> None:
         self._read_checkpoints()
-        name = "on_order" if isinstance(question, WorkOrder) else "on_state_query"
+        name = "on_order" if isinstance(question, WorkOrder) else "on_take_over"
         self._handle(methodcaller(name, asker, question))
 
     def jobs(self) -> set[tuple[str, int]]:
         """(job id, epoch) of what it does; nothing changes by asking."""
         no_coordinator = TakeOver(sender="nobody", term=0)
-        (answer,) = self.core.on_state_query(-1, no_coordinator)
+        (answer,) = self.core.on_take_over(-1, no_coordinator)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
 
     def _read_checkpoints(self) -> None:

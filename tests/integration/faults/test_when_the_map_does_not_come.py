@@ -14,7 +14,7 @@ from clustermcl.protocol import keys
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.steps import ScanHistory
-from clustermcl.protocol.work import OrderAnswer
+from clustermcl.protocol.work import OrderAnswer, TakeOver, WorkerState
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
@@ -28,6 +28,7 @@ from tests.unit.worker.test_job_table import cloud, track
 
 NAME = "worker-0"
 SOON_S = 5.0
+ASKED = TakeOver(sender="coordinator", term=0)
 MAP = world("cross").map
 
 
@@ -77,16 +78,16 @@ def others(router: ZenohSettings, open_client: OpenClient, tmp_path: Path) -> It
             WorkerLoop(node, tmp_path, lambda _jobs: None).run()
 
     with running(work):
-        answered(made.session, keys.worker_state(NAME), OrderAnswer)
+        answered(made.session, keys.worker_state(NAME), WorkerState, ASKED)
         yield made
 
 
 def test_a_worker_that_waits_for_its_map_answers_queries_and_other_orders(others: Others) -> None:
     others.order(1, "c0")
     wait_until(lambda: others.asked)
-    timeout_s = stretched_s(SOON_S)
-    state = ask(others.session, keys.worker_state(NAME), OrderAnswer, timeout_s=timeout_s)
-    assert state.jobs == ()
+    key, timeout_s = keys.worker_state(NAME), stretched_s(SOON_S)
+    state = ask(others.session, key, WorkerState, timeout_s=timeout_s, message=ASKED)
+    assert state.holds == ()
     assert 1 not in others.answers, "it is not done"
     received = len(others.healths)
     wait_until(lambda: len(others.healths) > received + 1)

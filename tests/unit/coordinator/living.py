@@ -274,7 +274,7 @@ class Living:
         self._queue.append(happen)
 
     def state(self, name: str, take_over: work.TakeOver = NO_COORDINATOR) -> work.WorkerState:
-        (answer,) = self.workers[name].on_state_query(None, take_over)
+        (answer,) = self.workers[name].on_take_over(None, take_over)
         assert isinstance(answer.message, work.WorkerState)
         return answer.message
 

@@ -36,7 +36,7 @@ from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a
 
 on_scan = partial(methodcaller, "on_scan")
 on_order = partial(methodcaller, "on_order")
-on_state_query = partial(methodcaller, "on_state_query")
+on_take_over = partial(methodcaller, "on_take_over")
 on_map = partial(methodcaller, "on_map")
 on_map_failure = partial(methodcaller, "on_map_failure")
 on_model = partial(methodcaller, "on_model")
@@ -86,8 +86,8 @@ def causes(instructions: list[Instruction]) -> list[str]:
 
 
 def jobs(worker: Worker) -> list[str]:
-    (answer,) = answers(on_state_query(0)(worker)).values()
-    return [job_id for job_id, _, _ in answer.jobs]
+    (answer,) = worker.on_take_over(0, TakeOver(sender="nobody", term=0))
+    return [held.job_id for held in answer.message.holds]
 
 
 @pytest.fixture
@@ -240,9 +240,7 @@ def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
 
 def test_a_state_query_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
     handled(fresh, asked(4, track("c0", cloud())))
-    nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
-    assert handled(fresh, on_state_query(9)) == [Answer(9, nothing)]
-    (answer,) = handled(fresh, on_state_query(10, TakeOver(sender="next", term=2)))
+    (answer,) = fresh.on_take_over(10, TakeOver(sender="next", term=2))
     assert (answer.message.term, answer.message.holds) == (2, ())
 
 
@@ -316,9 +314,7 @@ def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) 
 def test_an_order_whose_coordinator_is_taken_over_from_while_it_waits_is_refused(
     fresh: Worker, model: SensorModel
 ) -> None:
-    handled(
-        fresh, asked(1, track("c0", cloud())), on_state_query(9, TakeOver(sender="next", term=2))
-    )
+    handled(fresh, asked(1, track("c0", cloud())), on_take_over(9, TakeOver(sender="next", term=2)))
     refused = handled(fresh, on_map(grid()), on_model("map", model))
     assert causes(refused) == ["order of an old term"]
     assert jobs(fresh) == []
@@ -418,7 +414,7 @@ def test_an_answer_to_a_repeated_query_is_not_awaited(behind: Worker) -> None:
 
 def test_a_new_coordinator_gets_jobs_and_terms(tracking: Worker) -> None:
     assert tracking.on_checkpoint(checkpoint(1)) == []
-    (answer,) = handled(tracking, on_state_query(9, TakeOver(sender="next", term=2)))
+    (answer,) = handled(tracking, on_take_over(9, TakeOver(sender="next", term=2)))
     state = answer.message
     assert state.term == 2
     assert (state.terms, state.founded) == ((1, 2), 1)
