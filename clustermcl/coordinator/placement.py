@@ -34,6 +34,9 @@ class LiveWorker(Part):
     silent_until_ns: int = 0
     """The worker gets no order before this time, because it is first asked for its state [ns]."""
 
+    def is_resend_due(self, now_ns: int) -> bool:
+        return not self.answered and now_ns - self.sent_ns >= RESEND_AFTER_NS
+
 
 class Placement(Part):
     """Spreads jobs over live workers, and takes them from workers that are gone or too slow."""
@@ -181,7 +184,7 @@ class Placement(Part):
         due = {
             name: jobs.get(name, {})
             for name in ready
-            if self._is_order_due(live[name], jobs.get(name, {}), now_ns)
+            if live[name].ordered != jobs.get(name, {}) or live[name].is_resend_due(now_ns)
         }
         make = partial(self._order, term=term, map_digest=map_digest, now_ns=now_ns)
         return [(name, make(live[name], due[name], applied_step)) for name in due]
@@ -203,10 +206,6 @@ class Placement(Part):
             for job_id, worker in zip(lone, held_by, strict=True)
             if worker is None or (worker != home and worker in trusted)
         }
-
-    def _is_order_due(self, worker: LiveWorker, jobs: dict[str, int], now_ns: int) -> bool:
-        is_unanswered = not worker.answered and now_ns - worker.sent_ns >= RESEND_AFTER_NS
-        return worker.ordered != jobs or is_unanswered
 
     def _order(
         self,

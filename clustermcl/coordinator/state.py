@@ -256,14 +256,10 @@ class CoordinatorState(Part):
         self.changed = True
         applied, history, ground = self.collector.applied, self.pose.history, self._free_ground
         outcome = self.commands.carry_out(command, self.ensemble, applied, history, ground)
-        self._remark(command, self.commands.problems[command.command_id])
+        remark = command_remark(command, self.commands.problems[command.command_id])
+        stamp_ns = applied.stamp_ns if applied else history.newest_ns or 0
+        self.event_log.add([remark], self.applied_step, stamp_ns)
         return self._follow_command(outcome, applied)
-
-    def _remark(self, command: SetPose | Relocalize, problem: str) -> None:
-        """Keep a command among the events."""
-        applied, stamp_ns = self.collector.applied, self.pose.history.newest_ns or 0
-        stamp_ns = applied.stamp_ns if applied else stamp_ns
-        self.event_log.add([command_remark(command, problem)], self.applied_step, stamp_ns)
 
     def on_steps_restarted(self, scan: Scan) -> None:
         """Search for the robot: the bridge was restarted, and numbers steps from a new start."""
@@ -372,7 +368,10 @@ class CoordinatorState(Part):
         settings, self.ensemble = self.ensemble.settings, state.ensemble
         self.ensemble.use(settings)
         self.placement.resume(state.jobs, partial(self._rebuilt, state), now_ns, term)
-        self._begin_standing_jobs(state.collector.applied)
+        applied, jobs = state.collector.applied, self.placement.jobs
+        # The other coordinator, with other settings, may not have had all standing jobs.
+        standing = self.ensemble.standing_jobs(applied.step + 1 if applied else 0)
+        jobs.begin({job_id: job for job_id, job in standing.items() if job_id not in jobs.placed})
         self.collector.resume(state.collector)
         self.commands.resume(state.commands)
         self.event_log = state.event_log
@@ -380,18 +379,11 @@ class CoordinatorState(Part):
         for cause, times in state.counters.items():
             self.counters[cause] = self.counters.get(cause, 0) + times
         self.changed = True
-        applied = state.collector.applied
         if applied is not None:
             self._use(applied.settings)
             self.pose.resume(applied, state.age_s, now_ns)
             outcome = self.ensemble.outcome(applied.step, state.missing)
             self.pose.believed(outcome, applied.odom_from_robot)
-
-    def _begin_standing_jobs(self, applied: Scan | None) -> None:
-        """Begin the standing jobs that the other coordinator, with other settings, did not have."""
-        standing = self.ensemble.standing_jobs(applied.step + 1 if applied else 0)
-        jobs = self.placement.jobs
-        jobs.begin({job_id: job for job_id, job in standing.items() if job_id not in jobs.placed})
 
     def _rebuilt(self, state: CheckpointState, job_id: str) -> TrackJob:
         """Draw a cluster from its Gaussian: its particles were lost with its worker."""

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterable
+from functools import partial
 
 import msgspec
 from msgspec.structs import replace
@@ -100,23 +101,23 @@ class JobTable:
             for job_id, job in self._jobs.items()
             if (job_id, job.assignment.epoch) in order.keep
         }
-        begun = {
-            assignment.job_id: self._same(assignment.job_id, assignment.epoch)
-            or running(
-                assignment,
-                model,
-                settings,
-                sender=self._sender,
-                snapshot_every_steps=order.snapshot_every_steps,
-                arrays=self._arrays,
-            )
-            for assignment in order.begin
-        }
-        self._jobs = kept | begun
+        begin = partial(
+            running,
+            model=model,
+            settings=settings,
+            sender=self._sender,
+            snapshot_every_steps=order.snapshot_every_steps,
+            arrays=self._arrays,
+        )
+        for given in order.begin:
+            job = self._jobs.get(given.job_id)
+            is_repeated = job is not None and job.assignment.epoch == given.epoch
+            kept[given.job_id] = job if job and is_repeated else begin(given)
+        self._jobs = kept
         if self.is_empty:
             self._recent.clear()  # old scans, once there is a job again
         for job_id, particles, first_step in order.resize:
-            if (job := self._tracked(job_id)) is not None:
+            if isinstance(job := self._jobs.get(job_id), Tracking):
                 job.size = particles, first_step
         self._searches.keep_only(self._jobs.values())
         self.reports.keep_only(self._jobs)
@@ -124,15 +125,6 @@ class JobTable:
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
         for job in self._jobs.values():
             job.use(model, settings)
-
-    def _tracked(self, job_id: str) -> Tracking | None:
-        job = self._jobs.get(job_id)
-        return job if isinstance(job, Tracking) else None
-
-    def _same(self, job_id: str, epoch: int) -> RunningJob | None:
-        """Return the job if it has begun already: an order may arrive twice."""
-        job = self._jobs.get(job_id)
-        return job if job is not None and job.assignment.epoch == epoch else None
 
     def missing(self) -> MissingScans | None:
         """Return the steps to fetch so that the jobs can catch up with the newest scan."""
@@ -186,14 +178,11 @@ class JobTable:
             newest = None
         self._step_resets.reset()
         if newest is None or scan.step > newest.step:
-            self._keep(scan)
+            self._recent.append(scan)
+            while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
+                self._recent.popleft()
             return self._advance(scan)
         return self.reports.since(scan.step - 1) + self._advance(scan)
-
-    def _keep(self, scan: Scan) -> None:
-        self._recent.append(scan)
-        while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
-            self._recent.popleft()
 
     @property
     def searches(self) -> bool:

@@ -127,7 +127,7 @@ def test_a_question_is_computed_with_the_model_and_the_scan_of_its_step() -> Non
     assert "no map" in note_of(worker.on_advice_query("no map", asked))
     worker._model, worker._ordered, worker._model_digest = MODEL, SETTINGS, CROSS.map.digest
     assert "no scan of step 0" in note_of(worker.on_advice_query("early", asked))
-    worker._table._keep(SCAN)
+    worker._table.on_scan(SCAN)
     assert "bytes of views" in note_of(worker.on_advice_query("odd", replace(asked, views=b"1")))
     assert worker.on_advice_query("good", asked) == [
         Advise("good", asked, SCAN, MODEL, SETTINGS, ())
