@@ -20,7 +20,6 @@ class OverloadDetector(Part):
     """Whether work that is not urgent is postponed."""
 
     def on_step_decided(self, waited_ns: int) -> None:
-        """Process the time from a step's scan to its decision [ns]."""
         self.waits_ns = [*self.waits_ns, waited_ns][-STEPS:]
         if len(self.waits_ns) == STEPS:
             bound_ns = IN_TIME_NS if self.is_overloaded else LATE_NS

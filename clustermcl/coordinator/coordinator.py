@@ -65,7 +65,6 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     """A state from the file of this machine, which `state_in` accepts."""
 
     def coordinator(self) -> "Coordinator":
-        """Return a coordinator that has received no event."""
         kept = state_in(self.kept) if self.kept else None
         made = Coordinator(
             self.sender,
@@ -321,7 +320,6 @@ class Coordinator(Part):
         return instructions
 
     def _begin(self, now_ns: int) -> list[do.Instruction]:
-        """Continue from a state, or search for the robot."""
         self.term.begun = True
         instructions = self._resume(self.recovery.checkpoints, now_ns)
         self.recovery.drop_checkpoints()

@@ -22,7 +22,6 @@ class EventLog(Part):
     unpublished: list[NumberedEvent] = []
 
     def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
-        """Number and keep the events of a step or a command."""
         for event in events:
             numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
             self.count += 1

@@ -111,7 +111,6 @@ class Jobs(Part):
     """Until when absent workers keep the jobs that the previous coordinator gave them [ns]."""
 
     def assignment(self, job_id: str) -> Assignment:
-        """Return a job as it is given to its worker."""
         job = self.placed[job_id]
         assert job.job is not None  # None only in a transferred state
         return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
@@ -241,7 +240,6 @@ class Jobs(Part):
         }
 
     def give_up_awaited(self, now_ns: int) -> None:
-        """Take the jobs from workers that have not appeared in time."""
         for worker in [w for w, until_ns in self.awaited_until_ns.items() if until_ns <= now_ns]:
             del self.awaited_until_ns[worker]
             self.take_from(worker)

@@ -52,7 +52,6 @@ class Placement(Part):
 
     @property
     def workers(self) -> dict[str, tuple[str, ...]]:
-        """Ids of the jobs of each live worker."""
         jobs = self.jobs.by_worker()
         return {name: tuple(jobs.get(name, ())) for name in sorted(self.live)}
 

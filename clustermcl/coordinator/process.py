@@ -62,7 +62,6 @@ def run_coordinator(invocation: Invocation) -> None:
 def follow_and_lead(
     invocation: Invocation, node: Node, replica: Replica, *, may_wait: bool
 ) -> None:
-    """Follow while the robot has a leader, then lead until stopped or deposed."""
     settings = invocation.settings
     with metrics_served(settings.metrics, settings.robot.name, lambda: node.session):
         loop = Loop(node, replica, settings.robot.radius_m)
@@ -84,7 +83,6 @@ def follow_and_lead(
 
 
 def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
-    """Lead until the process is stopped or deposed."""
     settings = invocation.settings
     robot, term = settings.robot.name, time.time_ns() // 1_000
     with ExitStack() as claims:

@@ -196,7 +196,6 @@ class StateRecovery(Part):
 
     @property
     def _counts(self) -> bool:
-        """Whether the kept state can be used."""
         kept = self.kept
         return kept is not None and self.is_of_this_run and self.founded <= kept.term
 
@@ -233,12 +232,10 @@ class StateRecovery(Part):
             self.kept = None
 
     def ask_all_again(self) -> None:
-        """Ask all workers again, in a higher term."""
         for worker in (*self.asked_ns, *self.answers):
             self.asked_ns[worker] = None
 
     def questions(self, term: int, now_ns: int) -> list[AskState | FetchScans]:
-        """Return the queries that are due now."""
         due = [worker for worker, ns in sorted(self.asked_ns.items()) if _is_due(ns, now_ns)]
         self.asked_ns |= dict.fromkeys(due, now_ns)
         question = TakeOver(sender=self.sender, term=term)

@@ -49,7 +49,6 @@ class Replica:
         return "leading" if self.coordinator.term.begun else "recovering"
 
     def follow(self, now_ns: int) -> None:
-        """Watch another coordinator, which was present a moment ago."""
         self.coordinator: Coordinator | None = None
         self._detector = FailureDetector(self._take_over_after_s, now_ns)
 
@@ -208,7 +207,6 @@ class SelfFencing:
         self._last_turn_ns = now_ns
 
     def listen(self, now_ns: int) -> None:
-        """Hold back instructions for `LISTEN_NS`."""
         self._until_ns = now_ns + LISTEN_NS
 
     def is_listening(self, now_ns: int) -> bool:

@@ -108,7 +108,6 @@ class CoordinatorState(Part):
         return max(newest.step, self.applied_step) if newest else self.applied_step
 
     def _use(self, live: LiveSettings) -> None:
-        """Continue with the settings of a scan."""
         if live != self.live:
             self.live = live
             settings = filter_with(self.filter_settings, live)
@@ -162,7 +161,6 @@ class CoordinatorState(Part):
         return applied is not None and self._carry_out_waiting(applied)
 
     def on_report(self, report: Report, worker: str, now_ns: int) -> None:
-        """Process a worker's report."""
         if refusal := self.placement.jobs.refusal_of(report, worker):
             self.count(refusal)
             return
@@ -299,7 +297,6 @@ class CoordinatorState(Part):
             self._follow(self.ensemble.relocalize(scan.step - 1, cause), scan)
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
-        """Carry out what follows from the outcome of a step or a command."""
         self.changed = True
         self.founded |= len(self.ensemble.clusters) > 0
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)

@@ -130,7 +130,6 @@ class Tracking(RunningJob):
         """Number of particles, and the first step that may resample to it."""
 
     def advance(self, scan: Scan) -> work.TrackReport:
-        """Move and weigh the particles; report the cluster's evidence."""
         scan = self._arrays.mirror_image(scan) if self._mirrored else scan
         rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
         after = np.array(scan.odom_from_robot)
@@ -229,7 +228,6 @@ class Searching(RunningJob):
         self._odom_from_robot: Pose | None = None
 
     def advance(self, scan: Scan) -> work.SearchReport:
-        """Move and weigh the hypotheses; report the places that are possible."""
         return finished(self.slices(scan))
 
     def slices(self, scan: Scan) -> Slices[work.SearchReport]:

@@ -13,7 +13,6 @@ from clustermcl.protocol.steps import Observation, PositionField, Seen
 
 
 def from_wire(message: Observation | Seen, share: float = 1.0) -> Observed:
-    """Return what a checked message says."""
     mean, size = np.array(message.mean), len(message.mean)
     covariance = np.reshape(message.covariance, (size, size))
     measured = mean, covariance, message.outlier_probability, share

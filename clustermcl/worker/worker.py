@@ -314,14 +314,12 @@ class Worker:
         return self._refuse_waiting(error)
 
     def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
-        """Use the sensor model that `BuildModel` requested."""
         self._preparing, self._model, self._model_digest = False, model, map_digest
         if self._map is not None:
             self._landmarks = self._map.landmarks
         return self._continue()
 
     def on_map(self, message: MapMessage) -> list[Instruction]:
-        """Use the map that `FetchMap` requested."""
         self._preparing = False
         wanted = self._wanted()
         if wanted is None:

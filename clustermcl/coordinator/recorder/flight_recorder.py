@@ -67,12 +67,10 @@ class FlightRecorder:
 
     @property
     def lost(self) -> dict[str, int]:
-        """Number of events that were not recorded, by cause."""
         count = self._dropped + self._unwritten
         return {Cause.NOT_RECORDED: count} if count else {}
 
     def handle(self, event: Event, now_ns: int) -> list[Instruction]:
-        """Pass an event to the coordinator; as `Coordinator.handle`."""
         if self._ring is None:
             return self._coordinator.handle(event, now_ns)
         self._enqueue(event, now_ns)

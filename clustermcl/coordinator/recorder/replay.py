@@ -181,7 +181,6 @@ def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
 
 
 def files_at(path: Path) -> list[Path]:
-    """Return the files of the recording at a path, oldest first."""
     if path.is_file():
         beside = files_in(path.parent)
         return beside if path in beside else [path]  # any other kind is refused when it is read

@@ -38,7 +38,6 @@ class Ring:
 
     @property
     def is_full(self) -> bool:
-        """Whether the next file is due."""
         return self.log is not None and self.log.size >= self._file_bytes
 
     def begin(self, head: Head) -> RunLog:
@@ -75,7 +74,6 @@ class Ring:
                 raise FileNotFoundError(f"its file was removed from {self._folder}")
 
     def close(self) -> None:
-        """Finish the file, if there is one."""
         log, self.log = self.log, None
         if log is not None:
             with suppress(OutputError):  # a file without an index is readable to its last chunk
@@ -103,5 +101,4 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def series_of(path: Path) -> str:
-    """Return the series of a file of `files_in`."""
     return path.name.partition("-")[0]
