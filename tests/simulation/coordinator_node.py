@@ -112,7 +112,6 @@ class CoordinatorNode(Node):
             self.later(TICK_S, self._tick)
 
     def _step_down(self) -> None:
-        """Begin again as a follower."""
         self._simulation.network.undeclare(self)
         self.life += 1
         self.session += 1
@@ -155,7 +154,6 @@ class CoordinatorNode(Node):
             self.pass_on(events.WorkerStateArrived(worker, reported))
 
     def on_pose_asked(self) -> None:
-        """Answer an observer; the answer is compared with the truth."""
         if self._life is not None and self._replica.may_answer(self.now_ns):
             self.laws.on_pose(self._life, self.coordinator.pose(self.now_ns))
 

@@ -47,8 +47,6 @@ class Decided:
 
 @dataclass(eq=False)
 class Life:
-    """One coordinator from its beginning to its end."""
-
     laws: "Laws"
     name: str
     started: Started
@@ -148,8 +146,6 @@ class Life:
 
 
 class WatchedState(CoordinatorState, dict=True):
-    """A state that reports to a `Life` what it continues from and decides."""
-
     if TYPE_CHECKING:
         life: Life  # not a field of the state: it is not encoded
 
@@ -165,8 +161,6 @@ class WatchedState(CoordinatorState, dict=True):
 
 
 class Laws:
-    """Told of everything that leaves a coordinator."""
-
     def __init__(self, clock: Clock, *, replays: bool, live: bool) -> None:
         self.clock, self.replays, self.live = clock, replays, live
         self.published: dict[tuple[int, int], tuple[Life, bytes]] = {}
@@ -193,7 +187,6 @@ class Laws:
         return life
 
     def carried_out(self, life: Life | None, instruction: Instruction) -> None:
-        """A coordinator does what it has decided."""
         assert life is not None
         match instruction:
             case Checkpoint():

@@ -22,8 +22,6 @@ def ns(seconds: float) -> int:
 
 
 class Clock:
-    """True time, and what is to happen when."""
-
     def __init__(self) -> None:
         self.now_ns = 0
         self._due: list[tuple[int, int, Action]] = []
@@ -33,7 +31,6 @@ class Clock:
         heapq.heappush(self._due, (self.now_ns + ns(delay_s), next(self._numbers), action))
 
     def step(self) -> None:
-        """Go on to what is due next, and let it happen."""
         self.now_ns, _, action = heapq.heappop(self._due)
         action()
 
@@ -60,7 +57,6 @@ class Node:
 
     @property
     def now_ns(self) -> int:
-        """By the monotonic clock of its machine."""
         return self.clock.now_ns + self._offset_ns
 
     def take(self, action: Action) -> None:
@@ -74,7 +70,6 @@ class Node:
         self.clock.after(delay_s, lambda: self.take(action) if self.life == life else None)
 
     def thaw(self) -> None:
-        """Go on where it was stopped."""
         self.is_frozen = False
         while self._held and not self.is_frozen:
             session, action = self._held.popleft()
@@ -108,7 +103,6 @@ class Asker:
 
     @classmethod
     def now(cls, node: Node) -> "Asker":
-        """A node as it is."""
         return cls(node.name, node.session)
 
     def waiting(self, node: Node, action: Action) -> Action:
@@ -128,7 +122,6 @@ class Network:
         self.least_s, self.jitter_s = 0.0005, 0.002
 
     def send(self, source: Node, target: Node, action: Action) -> None:
-        """A message, or half a query."""
         for _ in range(2 if self._rng.random() < self.doubled else 1):
             if not (source.cut_out or self._rng.random() < self.loss):
                 delay_s = self._delay_s() + source.slow_s
@@ -147,7 +140,6 @@ class Network:
             self._notify_others(node, token, alive=True)
 
     def undeclare(self, node: Node) -> None:
-        """A process gives its token up."""
         self._forget(node)
         node.token = None
 

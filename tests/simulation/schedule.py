@@ -44,7 +44,6 @@ class Schedule:
         self.calm_at_s = at_s + 0.5
 
     def offset_s(self, rng: random.Random) -> float:
-        """What a machine's monotonic clock shows at the start."""
         return rng.choice((0.0, 1.0, 1e4)) + rng.random()
 
 
@@ -66,7 +65,6 @@ def _bridge(_rng: random.Random) -> Victims:
 
 
 def _killed(*choices: Callable[[random.Random], Victims], away_s: Sequence[float]) -> FaultMaker:
-    """Kill them, and start each again after one of these times."""
 
     def maker(rng: random.Random) -> Fault:
         chosen, away = [choose(rng) for choose in choices], rng.choice(away_s)

@@ -64,7 +64,6 @@ class Simulation:
     # --- a schedule
 
     def run(self) -> None:
-        """Live through the faults and the calm after them."""
         try:
             self._run()
         except LawBrokenError as error:

@@ -59,8 +59,6 @@ IMPATIENT = msgspec.structs.replace(SMALL, coordinator=CoordinatorSettings())
 
 
 class System:
-    """Everything of one robot, in processes of its own; the test looks after them."""
-
     def __init__(self, settings: Settings, stack: Stack, folder: Path, session: zenoh.Session):
         self.settings, self.stack, self.folder = settings, stack, folder
         self.session = session

@@ -84,8 +84,6 @@ def scan_of(step: int) -> Scan:
 
 
 class Living:
-    """Everything of one robot; events run one after the other."""
-
     def __init__(
         self,
         model: SensorModel,
@@ -150,7 +148,6 @@ class Living:
         self.settle()
 
     def drive_on(self, until: int) -> "Living":
-        """All steps before this one that are still to come."""
         for step in range(len(self.scans), until):
             self.drive(step)
         return self
@@ -182,7 +179,6 @@ class Living:
             self._queue.popleft()()
 
     def _handle(self, event: events.Event) -> None:
-        """Let something happen to the coordinator in its turn."""
         self._queue.append(lambda: self._handle_now(event))
 
     def _handle_now(self, event: events.Event) -> None:

@@ -61,7 +61,6 @@ class Story:
             self.handle(events.WorkerJoined(worker))
 
     def handle(self, event: events.Event, at_s: float = 0.0) -> list[do.Instruction]:
-        """Something happens, and so does what the coordinator makes of it."""
         instructions = self.coordinator.handle(event, int(at_s * SECOND))
         self.follow(instructions)
         return instructions
