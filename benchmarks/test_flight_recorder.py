@@ -23,11 +23,12 @@ from clustermcl.coordinator.events import (
     WorkerJoined,
     WorkerStateArrived,
 )
-from clustermcl.coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
+from clustermcl.coordinator.instructions import AskState, Instruction, SendOrder
 from clustermcl.coordinator.recorder.flight_recorder import FlightRecorder
 from clustermcl.coordinator.recorder.records import freeze
 from clustermcl.coordinator.recorder.ring import Ring, files_in
 from clustermcl.filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.found_places import FoundPlaces
 from clustermcl.protocol.steps import OdometryReading, Scan
 from clustermcl.protocol.work import OrderAnswer, SearchReport, TrackReport, WorkerState
@@ -101,7 +102,7 @@ class Run:
     def _follow(self, instructions: list[Instruction]) -> None:
         for instruction in instructions:
             match instruction:
-                case PublishBelief():
+                case Belief():
                     self.beliefs += 1
                 case AskState(worker=worker):
                     state = WorkerState(sender=worker, term=0, holds=())
@@ -176,7 +177,7 @@ def test_handing_on_a_step(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
     """The recorder's own work in the loop's thread: 21 events and a belief."""
     run = Run(None)
     events, orders = run.events(), [SendOrder("w", order())] * 3
-    still = Still([*orders, PublishBelief(MESSAGES["belief of 10 clusters"], MESSAGES["pose"])])
+    still = Still([*orders, MESSAGES["belief of 10 clusters"], MESSAGES["pose"]])
     recorder = FlightRecorder(still, Ring(tmp_path, 1, 50_000_000))
     recorder._begin_file = False  # a stub has no snapshot
     recorder._recording = True

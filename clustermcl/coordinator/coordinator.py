@@ -21,6 +21,7 @@ from clustermcl.coordinator.state import CoordinatorState
 from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.advice import Advice, AdviceQuestion, advice_question
 from clustermcl.protocol.answers import (
+    Belief,
     CommandDone,
     Hypotheses,
     PoseAnswer,
@@ -447,7 +448,7 @@ class Coordinator(Part):
     def events(self) -> JobEvents:
         return self._to_message(tuple(self.state.event_log.kept))
 
-    def _publication(self, now_ns: int) -> list[JobEvents | do.PublishBelief]:
+    def _publication(self, now_ns: int) -> list[JobEvents | Belief | PoseAnswer]:
         """Return what is published after a step or a command; nothing before the first step.
 
         Events are published before the belief to which they belong.
@@ -458,7 +459,7 @@ class Coordinator(Part):
         belief = belief_after(scan, self.state.pose.outcome, self.sender, self.term.number)
         news = self.state.event_log.news()
         first = [self._to_message(news)] if news else []
-        return [*first, do.PublishBelief(belief, self.pose(now_ns))]
+        return [*first, belief, self.pose(now_ns)]
 
     def _to_message(self, events: tuple[NumberedEvent, ...]) -> JobEvents:
         return JobEvents(sender=self.sender, events=events, term=self.term.number)

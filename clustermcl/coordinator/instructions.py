@@ -23,13 +23,6 @@ class AskState(msgspec.Struct, frozen=True):
     question: TakeOver
 
 
-class PublishBelief(msgspec.Struct, frozen=True):
-    """Publish the belief, and the pose that follows from it."""
-
-    belief: Belief
-    pose: PoseAnswer
-
-
 class FetchScans(msgspec.Struct, frozen=True):
     """Request the scans of lost steps from the bridge."""
 
@@ -43,13 +36,7 @@ class FetchMap(msgspec.Struct, frozen=True):
 
 
 Instruction: TypeAlias = (
-    SendOrder
-    | AskState
-    | PublishBelief
-    | FetchScans
-    | FetchMap
-    | Checkpoint
-    | JobEvents
-    | CommandDone
-)
-"""A checkpoint and events are published; the answer to a command goes to its client."""
+    SendOrder | AskState | FetchScans | FetchMap
+    | Checkpoint | JobEvents | Belief | PoseAnswer | CommandDone
+)  # fmt: skip
+"""Messages are published, but the answer to a command goes to its client."""

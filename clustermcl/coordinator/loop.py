@@ -25,7 +25,7 @@ from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Link, Received, Token, alive
 from clustermcl.protocol import keys, work
 from clustermcl.protocol.advice import USUAL_RADIUS_M, Advice, AdviceQuestion
-from clustermcl.protocol.answers import CommandDone, Relocalize, SetPose, Status
+from clustermcl.protocol.answers import Belief, CommandDone, PoseAnswer, Relocalize, SetPose, Status
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.errors import MapMismatchError, printable
@@ -300,10 +300,11 @@ class Loop:
                     self._events.put(instruction)
                     for text in event_texts(instruction.events):
                         _log.info("%s", text)
-                case do.PublishBelief(belief, pose):
+                case Belief():
                     self._node.health.happened("beliefs")
-                    self._belief.put(belief)
-                    self._pose.put(pose)
+                    self._belief.put(instruction)
+                case PoseAnswer():
+                    self._pose.put(instruction)
                 case CommandDone():
                     pass  # see `_on_command`
 

@@ -10,6 +10,7 @@ from clustermcl.coordinator import instructions as do
 from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.replica import Replica
 from clustermcl.coordinator.report_checks import without_malformed_jobs
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.steps import Scan
 from clustermcl.protocol.terms import check_term
@@ -174,9 +175,9 @@ class CoordinatorNode(Node):
         simulation = self._simulation
         self.laws.carried_out(self._life, instruction)
         match instruction:
-            case do.PublishBelief(belief):
-                self.laws.believed(belief)
-                simulation.publish_belief(self, belief)
+            case Belief():
+                self.laws.believed(instruction)
+                simulation.publish_belief(self, instruction)
             case Checkpoint():
                 self._keep_later(instruction)
                 simulation.publish_checkpoint(self, instruction)

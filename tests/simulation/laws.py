@@ -12,7 +12,6 @@ from clustermcl.coordinator.checkpoint import arrival, state_in
 from clustermcl.coordinator.coordinator import Coordinator, Started
 from clustermcl.coordinator.instructions import (
     Instruction,
-    PublishBelief,
     SendOrder,
 )
 from clustermcl.coordinator.recorder.records import without_bulk
@@ -129,16 +128,16 @@ class Life:
                     self.unknown_s.setdefault(scan.stamp_ns, self.laws.age_s(scan.stamp_ns))
         if self.laws.replays:
             self.reported.append((now_ns, without_bulk(event)))
-            self.output += [do.belief for do in done if isinstance(do, PublishBelief)]
+            self.output += [do for do in done if isinstance(do, Belief)]
 
     def replay(self) -> None:
         """A coordinator with the same events gives the same instructions."""
         again = without_bulk(self.started).coordinator()
         output = [
-            do.belief
+            do
             for now_ns, event in self.reported
             for do in again.handle(event, now_ns)
-            if isinstance(do, PublishBelief)
+            if isinstance(do, Belief)
         ]
         demand(
             [*map(encode, output)] == [*map(encode, self.output)], "a replay gives the same beliefs"

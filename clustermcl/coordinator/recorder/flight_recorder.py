@@ -15,9 +15,10 @@ import numpy as np
 
 from clustermcl.coordinator.coordinator import Coordinator
 from clustermcl.coordinator.events import Event, HistoryArrived, ScanArrived
-from clustermcl.coordinator.instructions import Instruction, PublishBelief
+from clustermcl.coordinator.instructions import Instruction
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, Ring
+from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import JobEvents
 from clustermcl.recordings.foxglove import Json, grid, log_line
@@ -38,7 +39,7 @@ RETRY_S = 10.0
 MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded at a lower resolution, because each file begins with the map."""
 
-_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | list[PublishBelief | JobEvents]
+_Entry: TypeAlias = records.Head | records.RecordedEvent | Json | list[Belief | JobEvents]
 
 _log = logging.getLogger(__name__)
 
@@ -75,7 +76,7 @@ class FlightRecorder:
             return self._coordinator.handle(event, now_ns)
         self._enqueue(event, now_ns)
         instructions = self._coordinator.handle(event, now_ns)
-        decisions = [do for do in instructions if isinstance(do, (PublishBelief, JobEvents))]
+        decisions = [do for do in instructions if isinstance(do, (Belief, JobEvents))]
         if decisions and self._recording:
             self._queue.append(decisions)
         return instructions
@@ -198,12 +199,12 @@ class FlightRecorder:
                     log.on_scan(scan, self._at_ns)
         self._write_lines(log, records.happened(recorded.event))
 
-    def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | JobEvents]) -> None:
+    def _write_decisions(self, log: RunLog, decisions: list[Belief | JobEvents]) -> None:
         for decision in decisions:
             match decision:
-                case PublishBelief(belief):
+                case Belief():
                     self._write_batch(log)  # a replay expects a belief after its event
-                    log.on_belief(belief, self._at_ns)
+                    log.on_belief(decision, self._at_ns)
                 case JobEvents():
                     log.write(JOB_EVENTS, decision, self._at_ns)
         self._write_lines(log, records.happened_to(decisions))

@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 import msgspec
 
 from clustermcl.coordinator.coordinator import Coordinator
-from clustermcl.coordinator.instructions import Instruction, PublishBelief
+from clustermcl.coordinator.instructions import Instruction
 from clustermcl.coordinator.recorder import records
 from clustermcl.coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from clustermcl.protocol import conversion
@@ -117,7 +117,7 @@ def _replay(
 
 
 def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Believed]:
-    beliefs = [do.belief for do in instructions if isinstance(do, PublishBelief)]
+    beliefs = [do for do in instructions if isinstance(do, Belief)]
     for index, belief in enumerate(beliefs):
         same = [encode(belief)] == [encode(one) for one in entry.beliefs[index : index + 1]]
         yield Believed(belief, same if entry.is_followed else None)
@@ -205,5 +205,5 @@ def nothing_in(folder: Path) -> str:
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
     """Return the start of a coordinator; a first belief shows that it took over."""
     checkpoint = next(do for do in instructions if isinstance(do, Checkpoint))
-    steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
+    steps = [do.step for do in instructions if isinstance(do, Belief)]
     return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)

@@ -202,8 +202,8 @@ class Living:
 
     def _carry_out(self, instruction: do.Instruction) -> None:
         match instruction:
-            case do.PublishBelief(belief=belief):
-                self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
+            case Belief(step=step):
+                self.beliefs.setdefault(step, []).append(decode(encode(instruction), Belief))
             case work.Checkpoint():
                 self._keep(instruction)
                 payload = encode(instruction)

@@ -68,9 +68,9 @@ class Story:
     def follow(self, instructions: list[do.Instruction]) -> None:
         for instruction in instructions:
             match instruction:
-                case do.PublishBelief(belief=belief):
-                    self.beliefs.append(decode(encode(belief), Belief))
-                    self.reported.append(belief)
+                case Belief():
+                    self.beliefs.append(decode(encode(instruction), Belief))
+                    self.reported.append(instruction)
                 case Checkpoint():
                     self.checkpoints.append(instruction)
                 case JobEvents():
@@ -538,7 +538,7 @@ def test_a_scan_that_a_busy_bridge_sends_late_is_not_lost() -> None:
         events.ScanArrived(scan(last + 2)), 10 * SECOND
     )
     waiting = decide(events.TimePassed(), 11 * SECOND)
-    assert not any(isinstance(one, do.PublishBelief) for one in waiting)
+    assert not any(isinstance(one, Belief) for one in waiting)
     story.handle(events.HistoryArrived((scan(last + 1),)), 11.1)
     story.tick(at_s=12.0)
     assert [belief.step for belief in story.beliefs[-2:]] == [last + 1, last + 2]
