@@ -19,7 +19,6 @@ from clustermcl.coordinator.recorder.replay import (
     CoordinatorActs,
     Happening,
     files_at,
-    nothing_in,
     replayed,
 )
 from clustermcl.protocol.answers import Belief
@@ -200,10 +199,7 @@ def _print_why(path: Path, place: int | None, shown: Shown) -> None:
 
 def _beliefs(path: Path) -> Iterator[tuple[int, Belief]]:
     """Yield all beliefs with the wall clock [ns]; they are those that were published."""
-    files = files_at(path)
-    if not files:
-        raise RecordingError(path, nothing_in(path))
-    for file in files:
+    for file in files_at(path):
         for message in RunLogReader(file).messages():
             if message.topic == BELIEF:
                 yield message.at_ns, decoded(message, Belief, file)

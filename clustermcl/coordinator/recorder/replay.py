@@ -51,10 +51,8 @@ def replayed(folder: Path, version: str) -> Iterator[tuple[int, Happening]]:
     Raises:
         RecordingError: there is no recording, an unreadable one, or one of another version.
     """
-    files, is_empty = files_at(folder), True
-    if not files:
-        raise RecordingError(folder, nothing_in(folder))
-    for _, series in groupby(files, series_of):
+    is_empty = True
+    for _, series in groupby(files_at(folder), series_of):
         coordinator = yield from _replayed_series(series, version)
         is_empty = is_empty and coordinator is None
     if is_empty:
@@ -181,25 +179,26 @@ def _unpacked(path: Path, what: str, data: bytes, kind: type[T]) -> T:
 
 
 def files_at(path: Path) -> list[Path]:
+    """Return the files of a recording, oldest first.
+
+    Raises:
+        RecordingError: there is none at the path, or more than one.
+    """
     if path.is_file():
         beside = files_in(path.parent)
         return beside if path in beside else [path]  # any other kind is refused when it is read
     if found := files_in(path):
         return found
-    below = [files_in(each) for each in path.iterdir() if each.is_dir()] if path.is_dir() else []
-    recordings = [files for files in below if files]
-    return recordings[0] if len(recordings) == 1 else []
-
-
-def nothing_in(folder: Path) -> str:
-    if not folder.is_dir():
-        return (
-            "neither a folder nor a file" if folder.exists() else "no such folder; check the path"
-        )
-    robots = [each.name for each in sorted(folder.iterdir()) if each.is_dir() and files_in(each)]
+    if not path.is_dir():
+        problem = "neither a folder nor a file" if path.exists() else "no such folder"
+        raise RecordingError(path, f"{problem}; check the path")
+    robots = [each for each in sorted(path.iterdir()) if each.is_dir() and files_in(each)]
+    if len(robots) == 1:
+        return files_in(robots[0])
     if robots:
-        return f"it contains several flight recordings: name one of {', '.join(robots)}"
-    return "it contains no flight recording"
+        names = ", ".join(each.name for each in robots)
+        raise RecordingError(path, f"it contains several flight recordings: name one of {names}")
+    raise RecordingError(path, "it contains no flight recording")
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
