@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Annotated, ClassVar
 
-import msgspec
 from msgspec import Meta
 
 from clustermcl.protocol.answers import Hypothesis
@@ -13,6 +12,7 @@ from clustermcl.protocol.message import (
     Finite,
     Message,
     NotNegative,
+    Part,
     PoseTuple,
     Probability,
     ScanStep,
@@ -61,16 +61,9 @@ def advice_question(
     radius_m: float,
     sender: str,
 ) -> AdviceQuestion:
-    """Return the question for ways that distinguish the places of a belief.
+    """Return the question for ways that distinguish places of a belief, most probable first.
 
-    Args:
-        places: the places of the belief after the scan, the most probable first.
-        elsewhere_probability: probability that the robot is at none of them.
-        scan: the newest scan.
-        views: the robot's earlier views, as in `clustermcl.filter.cluster.view_memory`.
-        gate: distance [m] and turn [rad] between two steps.
-        radius_m: radius of the robot [m].
-        sender: name of the process.
+    `gate` is the distance [m] and turn [rad] between two steps; others as in `AdviceQuestion`.
     """
     probable = (place for place in places if place.probability >= LEAST_PROBABILITY)
     return AdviceQuestion(
@@ -86,7 +79,7 @@ def advice_question(
     )
 
 
-class Way(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Way(Part, frozen=True, kw_only=True):
     """A way that is free at all places, and its expected information."""
 
     poses: tuple[PoseTuple, ...]

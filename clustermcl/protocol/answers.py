@@ -21,6 +21,7 @@ from clustermcl.protocol.message import (
     Finite,
     Id,
     Message,
+    Part,
     PoseTuple,
     Stamp,
 )
@@ -69,7 +70,7 @@ class HasPose:
         return float(pose[index])
 
 
-class Hypothesis(HasPose, msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Hypothesis(HasPose, Part, frozen=True, kw_only=True):
     """One place where the robot may be."""
 
     cluster: int

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Annotated, TypeAlias
 
-import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
@@ -22,7 +21,7 @@ from clustermcl.protocol.answers import (
     PoseAnswer,
 )
 from clustermcl.protocol.errors import printable
-from clustermcl.protocol.message import Circle, Coordinate, Corners, Finite, PoseTuple
+from clustermcl.protocol.message import Circle, Coordinate, Corners, Finite, Part, PoseTuple
 
 MAX_LINKS = 256
 FloorName: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_FLOOR_CHARACTERS)]
@@ -30,7 +29,7 @@ Position: TypeAlias = tuple[Coordinate, Coordinate]
 """x [m], y [m]."""
 
 
-class Floor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Floor(Part, frozen=True):
     """One floor, and its part of the atlas."""
 
     name: FloorName
@@ -48,7 +47,7 @@ class Floor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return max(left - x, x - right, low - y, y - high, 0.0)
 
 
-class Link(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Link(Part, frozen=True):
     """A lift, a ramp or stairs: within the radius, a robot may change its floor."""
 
     name: FloorName
@@ -57,7 +56,7 @@ class Link(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     radius_m: Annotated[float, Meta(gt=0.0, le=20.0)] = 1.5
 
 
-class Floors(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Floors(Part, frozen=True):
     """The floors of a building and their links; empty for a single map."""
 
     floors: Annotated[tuple[Floor, ...], Meta(max_length=MAX_FLOORS)] = ()

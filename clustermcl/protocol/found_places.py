@@ -7,18 +7,17 @@ decoding a list of structures than on using the places.
 from collections.abc import Sequence
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from clustermcl.protocol.arrays import ArrayBlob, WireType
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
+from clustermcl.protocol.message import MAX_POSE_M, Part, PoseTuple
 
 _MAX_SHARE = 1.000001  # shares are sums of rounded weights
 
 
-class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FoundPlaces(Part, frozen=True, kw_only=True):
     """P places, most probable first, each with particles from which it can be tracked."""
 
     odom_from_robot: PoseTuple
@@ -46,15 +45,7 @@ class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         covariance: ArrayLike,
         particles: Sequence[NDArray[np.floating]],
     ) -> "FoundPlaces":
-        """Pack places.
-
-        Args:
-            odom_from_robot: odometry at the scan.
-            share: (P,) most probable first.
-            mean: (P, 3).
-            covariance: (P, 3, 3) or (P, 9).
-            particles: an (n, 3) array for each place.
-        """
+        """Pack places; `covariance` is (P, 3, 3) or (P, 9), `particles` (n, 3) for each place."""
         return cls(
             odom_from_robot=odom_from_robot,
             share=ArrayBlob.of(np.reshape(share, -1), "float64"),

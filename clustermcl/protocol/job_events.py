@@ -4,42 +4,25 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
-import msgspec
 from msgspec import Meta
 
-from clustermcl.protocol.message import LIST_BYTES, Id, Message, Number, Probability
+from clustermcl.protocol.message import LIST_BYTES, Id, Message, Number, Part, Probability
 
 MAX_DETAIL_CHARACTERS = 400
 
 BeganCause: TypeAlias = Literal[
     "first search", "restart", "observed", "prior pose", "given", "split", "ride"
 ]
-"""Found by the first search; found by a later one; allowed by
-an observation; taken from the last pose; given by a command;
-part of a cluster that split; at the other end of a link. An older release refuses a message with a
-cause it does not know."""
+"""An older release refuses a message with a cause that it does not know; texts are in `_BEGAN`."""
 
 EndedCause: TypeAlias = Literal[
-    "merged",
-    "improbable",
-    "pushed out",
-    "split",
-    "forgotten",
-    "steps restarted",
-    "own robot found",
-    "new map",
-    "search over",
-    "search stopped",
-]
-"""Merged into another cluster; below `belief.least_probability`; replaced by a better candidate;
-split into several; forgotten by a command; the bridge restarted its count of steps, so the robot's
-motion is unknown; the scans showed parts of the robot itself; the bridge has another map. A search
-is complete, or a command replaced it."""
+    "merged", "improbable", "pushed out", "split", "forgotten", "steps restarted",
+    "own robot found", "new map", "search over", "search stopped",
+]  # fmt: skip
+"""Texts are in `_ENDED`; below `belief.least_probability` a cluster is improbable."""
 
 
-class Began(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="began"
-):
+class Began(Part, frozen=True, tag_field="event", tag="began"):
     """The start of a cluster."""
 
     job_id: Id
@@ -50,9 +33,7 @@ class Began(
     """Its probability at the start."""
 
 
-class Ended(
-    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="ended"
-):
+class Ended(Part, frozen=True, tag_field="event", tag="ended"):
     """The end of a cluster or a search."""
 
     job_id: Id
@@ -65,14 +46,7 @@ class Ended(
     """Its last probability; 0 for a search."""
 
 
-class Remark(
-    msgspec.Struct,
-    frozen=True,
-    kw_only=True,
-    forbid_unknown_fields=True,
-    tag_field="event",
-    tag="remark",
-):
+class Remark(Part, frozen=True, kw_only=True, tag_field="event", tag="remark"):
     """Something else that explains a belief: a command, or a fault of the robot's sensors."""
 
     cause: Id
@@ -94,7 +68,7 @@ def probability_of(event: JobEvent) -> float:
     return 1.0 if isinstance(event, Remark) or is_of_search(event) else event.probability
 
 
-class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class NumberedEvent(Part, frozen=True, kw_only=True):
     """A job event with its number, step and time."""
 
     number: Number

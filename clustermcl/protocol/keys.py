@@ -47,31 +47,15 @@ def scan_history(first: int, last: int | None) -> str:
     return f"{SCAN_HISTORY}?first={first}{end}"
 
 
-def worker_alive(name: str) -> str:
-    return f"worker/{name}/alive"
-
-
-def worker_order(name: str) -> str:
-    """Return the key of queries that carry a work order."""
-    return f"worker/{name}/order"
-
-
-def worker_state(name: str) -> str:
-    """Return the key of queries for a worker's jobs, and of a `TakeOver`."""
-    return f"worker/{name}/state"
-
-
-def worker_advice(name: str) -> str:
-    """Return the key of queries that carry an `AdviceQuestion`."""
-    return f"worker/{name}/advice"
-
-
-def worker_report(name: str) -> str:
-    return f"worker/{name}/report"
-
-
-def worker_health(name: str) -> str:
-    return f"worker/{name}/health"
+worker_alive = "worker/{}/alive".format
+worker_report = "worker/{}/report".format
+worker_health = "worker/{}/health".format
+worker_order = "worker/{}/order".format
+"""Key of queries that carry a work order."""
+worker_state = "worker/{}/state".format
+"""Key of queries for a worker's jobs, and of a `TakeOver`."""
+worker_advice = "worker/{}/advice".format
+"""Key of queries that carry an `AdviceQuestion`."""
 
 
 def worker_name(key: str) -> str:

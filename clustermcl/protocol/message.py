@@ -68,13 +68,14 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
     """Name of the sending process."""
 
 
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base class of structures in messages that are refused with an unknown field."""
+
+
 def ellipse_axes(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
     """Return the long and the short standard deviation of a position, and the long one's direction.
 
-    Args:
-        xx: variance of x [m²].
-        xy: covariance of x and y [m²].
-        yy: variance of y [m²].
+    `xx` and `yy` are the variances of x and y, `xy` is their covariance [m²].
     """
     middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
     long_m, short_m = (math.sqrt(max(v, 0.0)) for v in (middle + apart, middle - apart))

@@ -4,31 +4,16 @@ from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
 
 MAX_AHEAD_US = 100 * 365 * 86_400 * 1_000_000
-"""How far a term may be ahead of the local clock [us].
-
-A hundred years: a machine without a battery-backed clock starts in 1970 and must still accept a
-coordinator's term of today. The largest valid number, `2**53`, is the year 2255, so a coordinator
-can always choose a valid term above any accepted one.
-"""
-
-
+"""How far a term may be ahead of the local clock [us]: a machine without a battery starts in 1970
+and must accept a term of today. The limit of valid terms, `2**53`, is the year 2255."""
 MAX_RELAYED_AHEAD_US = 3 * MAX_AHEAD_US // 4
-"""The same for a term that a worker relays. A new coordinator can then still choose a higher term
-below `MAX_AHEAD_US`, even if a worker relays a false one."""
+"""The same for a term that a worker relays, so that a new coordinator can choose a higher one."""
 
 
 def check_term(
     message: WorkOrder | OrderAnswer | Checkpoint | TakeOver | WorkerState, clock_ns: int
 ) -> None:
-    """Refuse a message with a term that no coordinator can have.
-
-    Args:
-        message: message from the wire.
-        clock_ns: local time since 1970.
-
-    Raises:
-        MalformedMessageError: its term is too far ahead of the clock.
-    """
+    """Raise `MalformedMessageError` for a term too far ahead of the clock, the time since 1970."""
     clock_us = clock_ns // 1_000
     is_relayed = isinstance(message, OrderAnswer | WorkerState)
     most_us = MAX_RELAYED_AHEAD_US if is_relayed else MAX_AHEAD_US

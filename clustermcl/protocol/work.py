@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, TypeAlias
 
-import msgspec
 from msgspec import Meta
 
 from clustermcl.protocol.arrays import ArrayBlob
@@ -19,6 +18,7 @@ from clustermcl.protocol.message import (
     NotNegative,
     Number,
     NumberOrNone,
+    Part,
     PoseTuple,
     Probability,
 )
@@ -26,12 +26,11 @@ from clustermcl.protocol.message import (
 MAX_PARTICLES = 1_000_000
 """Particles of one cluster."""
 
-
 ParticleCount: TypeAlias = Annotated[int, Meta(gt=0, le=MAX_PARTICLES)]
 """A number of particles that a cluster can have."""
 
 
-class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Particles(Part, frozen=True, kw_only=True):
     """A weighted particle set after one step."""
 
     step: Number
@@ -42,14 +41,7 @@ class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     """(N,) log weights, not normalised."""
 
 
-class TrackJob(
-    msgspec.Struct,
-    frozen=True,
-    kw_only=True,
-    forbid_unknown_fields=True,
-    tag_field="kind",
-    tag="track",
-):
+class TrackJob(Part, frozen=True, kw_only=True, tag_field="kind", tag="track"):
     """Track one cluster, starting from a particle set."""
 
     cluster: Number
@@ -64,14 +56,7 @@ class TrackJob(
     """Use the mirrored scans: the job of a decoy."""
 
 
-class SearchJob(
-    msgspec.Struct,
-    frozen=True,
-    kw_only=True,
-    forbid_unknown_fields=True,
-    tag_field="kind",
-    tag="search",
-):
+class SearchJob(Part, frozen=True, kw_only=True, tag_field="kind", tag="search"):
     """Run one shard of a global search."""
 
     search: Number
@@ -86,14 +71,7 @@ class SearchJob(
     """Use the mirrored scans: the job of a decoy."""
 
 
-class ElsewhereJob(
-    msgspec.Struct,
-    frozen=True,
-    kw_only=True,
-    forbid_unknown_fields=True,
-    tag_field="kind",
-    tag="elsewhere",
-):
+class ElsewhereJob(Part, frozen=True, kw_only=True, tag_field="kind", tag="elsewhere"):
     """Compute each scan's likelihood, averaged over poses spread evenly over the whole map."""
 
     first_step: NumberOrNone
@@ -103,7 +81,7 @@ class ElsewhereJob(
 Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
 
 
-class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Assignment(Part, frozen=True, kw_only=True):
     """One job for one worker. The epoch increases each time another worker gets the job."""
 
     job_id: Id
@@ -152,7 +130,7 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """The highest term that the worker knows."""
 
 
-class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Place(Part, frozen=True, kw_only=True):
     """One place where the robot may be, with particles to start a cluster from.
 
     It is a result of a search, a part of a cluster that split, or a given pose.

@@ -23,10 +23,9 @@ READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"
 def all_keys() -> list[str]:
     """Every key, a worker's with a name of one; selectors without parameters."""
     found = [value for name, value in vars(keys).items() if name.isupper() and name[0] != "_"]
-    for name, function in inspect.getmembers(keys, inspect.isfunction):
-        if function.__module__ == keys.__name__ and name not in ("scan_history", "worker_name"):
-            found.append(function("worker-0"))
-    return found
+    of_workers = [value for value in vars(keys).values() if inspect.isbuiltin(value)]
+    assert len(of_workers) == 6
+    return [*found, *(key("worker-0") for key in of_workers)]
 
 
 def granted(right: str) -> list[str]:
