@@ -27,9 +27,8 @@ def metrics_served(
 ) -> Iterator[None]:
     """Serve ``/metrics`` within the block, if a port is set.
 
-    Each scrape queries the status like any client and shares no state with the coordinator's
-    loop; a loop that hangs shows as ``clustermcl_up 0``. While the port is in use the server
-    logs it once and retries; localization continues.
+    Each scrape queries the status like any client: a loop that hangs shows as ``clustermcl_up 0``.
+    While the port is in use the server logs it once and retries; localization continues.
 
     Raises:
         SettingsError: the port is set, but prometheus-client is not installed.

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -45,11 +45,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Call:
-    """A function to call in the loop, requested by another thread."""
+    """A function to call in the loop, requested by another thread or for a peer's reply."""
 
     act: Callable[[], object]
     from_peer: bool = False
-    """Whether it handles something that was received."""
 
 
 class Subscription:
@@ -136,20 +135,20 @@ class Node:
             StoppedError: the stop flag was set before there was a router.
         """
         with ExitStack() as opening:
-            session = opening.enter_context(self._opening(wait_s))
+            session = self._opened_in(opening, wait_s)
             self._use(session, opening.pop_all())
         if self._shared is None and (certificate := self._settings.zenoh.tls_certificate):
-            role, robot = self.health.role, self._settings.robot.name
-            roles = ROLES.get(role, (role,))
-            if doubt := doubt_of_certificate(certificate, roles, self.name, robot):
+            roles = ROLES.get(self.health.role, (self.health.role,))
+            if doubt := doubt_of_certificate(certificate, roles, self.name, self.robot):
                 why = "a router with access control drops the messages of this process"
                 _log.warning("%s: %s; %s", certificate, doubt, why)
         return session
 
-    def _opening(self, wait_s: float | None) -> AbstractContextManager[zenoh.Session]:
+    def _opened_in(self, stack: ExitStack, wait_s: float | None) -> zenoh.Session:
         if self._shared is not None:
-            return nullcontext(self._shared)
-        return open_session(self._settings.zenoh, self._settings.robot, self.stop, wait_s)
+            return self._shared
+        settings = self._settings
+        return stack.enter_context(open_session(settings.zenoh, settings.robot, self.stop, wait_s))
 
     def close(self) -> None:
         self._opened.close()
@@ -349,8 +348,7 @@ class Node:
         self._causes.warn(log, cause, detail, time.monotonic())
 
     def _handle(self, event: object) -> None:
-        is_call = isinstance(event, Call) and event.from_peer
-        if is_call or isinstance(event, wire.Received | wire.Asked | wire.Token | wire.Link):
+        if isinstance(event, wire.Event) or (isinstance(event, Call) and event.from_peer):
             self._stale.on_event(event, time.monotonic_ns())
         match event:
             case None:
@@ -370,21 +368,18 @@ class Node:
                 self.on_other(event)
 
     def replace_stale_session(self) -> bool:
-        """Replace a session that has received nothing since its link came back, if another session
-        sees peers; return whether it was replaced. See `turn`.
-        """
+        """Replace a session that is silent since its link came back, if another one sees peers."""
         return self._stale.is_armed and self._replace_session()
 
     def _replace_session(self) -> bool:
         """Open another session; keep it if it sees peers."""
-        if self.peers is None:
-            return False
         with ExitStack() as opening, suppress(UnreachableError):
-            session = opening.enter_context(self._opening(LOOK_S))
-            if wire.is_alive(session, self.peers, LOOK_S):
-                _log.warning(STALE)
-                self._use(session, opening.pop_all())
-                return True
+            if self.peers is not None:
+                session = self._opened_in(opening, LOOK_S)
+                if wire.is_alive(session, self.peers, LOOK_S):
+                    _log.warning(STALE)
+                    self._use(session, opening.pop_all())
+                    return True
         return False
 
     def _use(self, session: zenoh.Session, opened: ExitStack) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import zenoh
 
 from clustermcl.link.configuration import (
+    UNSCOUTED,
     Configuration,
     as_zenoh,
     readable,
@@ -31,7 +32,13 @@ MAX_FAILURES = 3
 MIN_PROBES = 12
 """Probes before a lock-up may be reported. Otherwise an attacker who blocks the listener with
 silent connections could have the router restarted repeatedly, although it serves its clients."""
+LOOK_EVERY_S, _PATIENCE = 5.0, 0.8
+"""Interval of probes, and the time-out of one as a fraction of it."""
+_IN_USE = ("Address already in use", "Unable to acquire lock")
 _ANYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
+
+
+_log = logging.getLogger(__name__)
 
 
 class RouterProbe:
@@ -83,20 +90,7 @@ def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
     endpoint, _, _ = (endpoints or [""])[0].partition("#")
     for anywhere, here in _ANYWHERE.items():
         endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
-    transport = transport_configuration()
-    transport["link"]["tls"] = _as_client(json.loads(router.get_json("transport/link/tls")))
-    return {
-        "mode": "client",
-        "connect": {
-            "endpoints": [endpoint] if endpoint else [],
-            "timeout_ms": int(patience_s * 1000),
-        },
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": transport,
-    }
-
-
-def _as_client(tls: dict[str, object]) -> dict[str, object]:
+    tls = json.loads(router.get_json("transport/link/tls"))
     used = {
         "root_ca_certificate": tls.get("root_ca_certificate"),
         "connect_certificate": tls.get("listen_certificate"),
@@ -104,15 +98,15 @@ def _as_client(tls: dict[str, object]) -> dict[str, object]:
         "enable_mtls": tls.get("enable_mtls"),
         "verify_name_on_connect": False,
     }
-    return {name: value for name, value in used.items() if value is not None}
-
-
-_log = logging.getLogger(__name__)
-
-LOOK_EVERY_S = 5.0
-_PATIENCE = 0.8
-"""Time-out of a probe, as a fraction of the interval."""
-_IN_USE = ("Address already in use", "Unable to acquire lock")
+    transport = transport_configuration()
+    transport["link"]["tls"] = {name: used[name] for name in used if used[name] is not None}
+    timeout_ms = int(patience_s * 1000)
+    return {
+        "mode": "client",
+        "connect": {"endpoints": [endpoint] if endpoint else [], "timeout_ms": timeout_ms},
+        "scouting": UNSCOUTED,
+        "transport": transport,
+    }
 
 
 def run_router(invocation: Invocation) -> None:
@@ -124,11 +118,10 @@ def run_router(invocation: Invocation) -> None:
     else:
         config = _read(file)
         endpoints = config.get_json("listen/endpoints")
-    every_s: float = invocation.arguments.look_every
-    probe = RouterProbe(config, _PATIENCE * every_s)
+    probe = RouterProbe(config, _PATIENCE * LOOK_EVERY_S)
     with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
-        while not invocation.stop.wait(every_s):
+        while not invocation.stop.wait(LOOK_EVERY_S):
             trim_heap()
             probe.probe()
             if probe.is_locked_up:
@@ -137,23 +130,13 @@ def run_router(invocation: Invocation) -> None:
 
 
 def main() -> None:
-    process_main(
-        "router", run_router, describe="Router of one machine.", add_arguments=_add_arguments
-    )
+    about = "Router of one machine."
+    process_main("router", run_router, describe=about, add_arguments=_add_arguments)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="Zenoh configuration (JSON5), used unchanged")
-    look = f"interval of probing whether clients can connect (default: {LOOK_EVERY_S:g} s)"
-    add("--look-every", type=_seconds, default=LOOK_EVERY_S, metavar="S", help=look)
-
-
-def _seconds(words: str) -> float:
-    seconds = float(words)
-    if not 0.1 <= seconds <= 3600.0:
-        raise argparse.ArgumentTypeError(f"{words}: between 0.1 and 3600 s")
-    return seconds
+    config = "Zenoh configuration (JSON5), used unchanged"
+    parser.add_argument("--config", type=Path, metavar="FILE", help=config)
 
 
 def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
@@ -170,9 +153,8 @@ def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
                 advice="share that router by 'clustermcl up --robot NAME --set "
                 "zenoh.start_router=false', stop it, or set zenoh.router",
             ) from error
-        raise SettingsError(
-            key="zenoh.router", problem=f"cannot listen at {endpoints}: {problem}"
-        ) from error
+        problem = f"cannot listen at {endpoints}: {problem}"
+        raise SettingsError(key="zenoh.router", problem=problem) from error
 
 
 def _read(file: Path) -> zenoh.Config:

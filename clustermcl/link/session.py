@@ -9,22 +9,18 @@ from contextlib import contextmanager
 
 import zenoh
 
-from clustermcl.link.configuration import (
-    CONNECT_TRY_MS,
-    Configuration,
-    as_zenoh,
-    client_configuration,
-)
+from clustermcl.link.configuration import CONNECT_TRY_MS, as_zenoh, client_configuration
 from clustermcl.protocol.errors import UnreachableError
 from clustermcl.runtime.settings import RobotSettings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
 
+_log = logging.getLogger(__name__)
+
+_PAUSE_S = 0.2
 VARIABLE = "ZENOH_RUNTIME"
 """Environment variable, the only way to set Zenoh's number of receiving threads."""
-
 ONE_LINK = "(rx: (worker_threads: 1))"
 """A client has one link; each message would wake a second thread for nothing."""
-
 MANY_LINKS = "(rx: (worker_threads: 16))"
 """For a router: more threads than a machine has links.
 
@@ -58,23 +54,17 @@ def receiving_threads(runtime: str) -> Iterator[None]:
             _read = True
 
 
-_log = logging.getLogger(__name__)
-
-_PAUSE_S = 0.2
-
-
-@contextmanager
 def open_session(
     settings: ZenohSettings,
     robot: RobotSettings | None,
     stop: StopFlag,
     wait_s: float | None,
-) -> Iterator[zenoh.Session]:
-    """Open this process's session, as a client of the router.
+) -> zenoh.Session:
+    """Open this process's session, as a client of the router, to be closed by ``with``.
 
     An open session survives the loss of its router: it reconnects and declares everything again.
-    The context manager closes it, because an open session hangs the interpreter at exit. Fork
-    before opening a session: a child forked later cannot open its own.
+    Close it, because an open session hangs the interpreter at exit. Fork before opening a session:
+    a child forked later cannot open its own.
 
     Args:
         robot: its name prefixes all keys; None: no prefix.
@@ -86,14 +76,6 @@ def open_session(
         StoppedError: `stop` was set before there was a router.
     """
     configuration = client_configuration(settings, robot)
-    with _connect(configuration, settings, stop, wait_s) as session:
-        _log.debug("connected to the router at %s", settings.router)
-        yield session
-
-
-def _connect(
-    configuration: Configuration, settings: ZenohSettings, stop: StopFlag, wait_s: float | None
-) -> zenoh.Session:
     started_s = time.monotonic()
     deadline_s = started_s + wait_s if wait_s is not None else float("inf")
     logged = ""

@@ -7,12 +7,12 @@ import re
 import socket
 import ssl
 import stat
-import time
 from _ssl import _test_decode_cert  # type: ignore[attr-defined] # the only parser in Python
 from contextlib import suppress
 from pathlib import Path
 
 from clustermcl.protocol.errors import SettingsError
+from clustermcl.runtime.compressed import os_problem
 from clustermcl.runtime.settings import ZenohSettings
 
 _PROBE_S = 1.0
@@ -25,7 +25,7 @@ _REFUSALS = {
     "TLSV1_ALERT_DECRYPT_ERROR": _UNKNOWN_AUTHORITY,
     "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the router requires a certificate: set "
     "zenoh.tls_certificate and zenoh.tls_private_key",
-    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired",  # or is not valid yet
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired, or is not valid yet by the clock",
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is not a client's certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the router cannot read it",
 }
@@ -62,8 +62,6 @@ def why_refused(settings: ZenohSettings) -> str | None:
         return f"the router's certificate is not trusted: {error.verify_message}"
     except ssl.SSLError as error:
         meaning = _REFUSALS.get(error.reason or "", f"TLS fails with {error.reason}")
-        if error.reason == "SSLV3_ALERT_CERTIFICATE_EXPIRED":
-            meaning = _not_yet_valid(settings.tls_certificate) or meaning
         given = f"zenoh.tls_certificate = {settings.tls_certificate!r}"
         refused = given if settings.tls_certificate else "a client without a certificate"
         return f"the router refuses {refused}: {meaning}"
@@ -97,15 +95,6 @@ def common_name(certificate: str) -> str:
     return ""
 
 
-def _not_yet_valid(certificate: str) -> str:
-    """Return when a certificate becomes valid, if that is in the future; TLS has no such alert."""
-    with suppress(OSError, ValueError):
-        begin = str(_test_decode_cert(certificate)["notBefore"])
-        if ssl.cert_time_to_seconds(begin) > time.time():
-            return f"it is not valid before {begin}: is this machine's clock right?"
-    return ""
-
-
 def _address(endpoint: str) -> tuple[str, int]:
     """Return host and port of an endpoint ``PROTOCOL/HOST:PORT``; a ValueError: it has no port."""
     host, _, port = endpoint.partition("/")[2].rpartition(":")
@@ -113,21 +102,17 @@ def _address(endpoint: str) -> tuple[str, int]:
 
 
 def _check_readable(name: str, file: str) -> None:
-    key, given = f"zenoh.{name}", f"zenoh.{name} = {file!r}"
+    given = f"zenoh.{name} = {file!r}"
+    kind = "private key" if name == "tls_private_key" else "certificate"
     try:
         text = Path(file).read_text(encoding="ascii", errors="replace")
         mode = Path(file).stat().st_mode
-    except FileNotFoundError as error:
-        raise SettingsError(key=key, problem=f"{given}: no such file") from error
     except OSError as error:
-        raise SettingsError(key=key, problem=f"{given}: {error.strerror}") from error
-    kind = "PRIVATE KEY" if name == "tls_private_key" else "CERTIFICATE"
-    if not re.search(rf"-----BEGIN [A-Z ]*{kind}-----", text):
-        article = "private key" if kind == "PRIVATE KEY" else "certificate"
-        raise SettingsError(key=key, problem=f"{given}: there is no {article} in it (PEM)")
-    if kind == "PRIVATE KEY" and mode & stat.S_IRWXO:
-        problem = f"{given}: others may read or write it; run chmod o= on it"
-        raise SettingsError(key=key, problem=problem)
+        raise SettingsError(f"{given}: {os_problem(error)}") from error
+    if not re.search(rf"-----BEGIN [A-Z ]*{kind.upper()}-----", text):
+        raise SettingsError(f"{given}: there is no {kind} in it (PEM)")
+    if kind == "private key" and mode & stat.S_IRWXO:
+        raise SettingsError(f"{given}: others may read or write it; run chmod o= on it")
 
 
 def _context(settings: ZenohSettings) -> ssl.SSLContext:
@@ -135,21 +120,15 @@ def _context(settings: ZenohSettings) -> ssl.SSLContext:
     try:
         context = ssl.create_default_context(cafile=authority or None)
     except ssl.SSLError as error:
-        raise SettingsError(
-            key="zenoh.tls_ca_certificate",
-            problem=f"zenoh.tls_ca_certificate = {authority!r}: not a certificate: {error.reason}",
-        ) from error
+        problem = f"zenoh.tls_ca_certificate = {authority!r}: not a certificate: {error.reason}"
+        raise SettingsError(problem) from error
     certificate, key = settings.tls_certificate, settings.tls_private_key
     if certificate:
         try:
             context.load_cert_chain(certificate, key, password="")  # never asks at the terminal
         except ssl.SSLError as error:
-            problem = f"do not match: {error.reason or 'not readable'}"
-            if error.reason == "KEY_VALUES_MISMATCH":
-                problem = "do not match: the key belongs to another certificate"
-            raise SettingsError(
-                key="zenoh.tls_private_key",
-                problem=f"zenoh.tls_certificate = {certificate!r} and "
-                f"zenoh.tls_private_key = {key!r} {problem}",
-            ) from error
+            is_other = error.reason == "KEY_VALUES_MISMATCH"
+            why = "the key belongs to another certificate" if is_other else error.reason
+            given = f"zenoh.tls_private_key = {key!r} and zenoh.tls_certificate = {certificate!r}"
+            raise SettingsError(f"{given} do not match: {why or 'not readable'}") from error
     return context

@@ -23,7 +23,6 @@ ENCODING = "application/msgpack"
 M = TypeVar("M")
 T = TypeVar("T")
 
-
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
 """Consolidation of replies; with the default, the first waits until all queryables replied."""
 _TIMED_OUT = "Timeout"
@@ -126,18 +125,16 @@ def subscribe(
 ) -> zenoh.Subscriber[None]:
     """Put what is published on `key` into the inbox, as states of one kind.
 
-    `message` is the class of the messages, or a union; a payload beyond its limit is refused
-    before it is copied.
+    `message` is a class or a union; a payload beyond its limit is refused before it is copied.
     """
     most = max_bytes(message)
 
     def on_sample(sample: zenoh.Sample) -> None:
         if len(sample.payload) > most:
             inbox.count_refused(kind)
-        else:
-            payload = sample.payload.to_bytes()
-            received = Received(str(sample.key_expr), payload, time.monotonic_ns(), kind)
-            inbox.put_newest(kind, received)
+            return
+        key, payload = str(sample.key_expr), sample.payload.to_bytes()
+        inbox.put_newest(kind, Received(key, payload, time.monotonic_ns(), kind))
 
     origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
     return session.declare_subscriber(key, directly(on_sample), allowed_origin=origin)
@@ -176,14 +173,12 @@ def serve(
     """
 
     def on_query(query: zenoh.Query) -> None:
-        name, payload = str(query.key_expr), b""
-        if query.payload is not None:
-            if len(query.payload) > limit_bytes:
-                inbox.count_refused("query")
-                Asked(name, b"", query).refuse("too large")
-                return
-            payload = query.payload.to_bytes()
-        asked = Asked(name, payload, query)
+        given, name = query.payload, str(query.key_expr)
+        if given is not None and len(given) > limit_bytes:
+            inbox.count_refused("query")
+            Asked(name, b"", query).refuse("too large")
+            return
+        asked = Asked(name, given.to_bytes() if given is not None else b"", query)
         if not inbox.put(asked):
             asked.refuse("too busy; ask again")
 

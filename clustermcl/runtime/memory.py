@@ -9,15 +9,18 @@ SETTLED_S = 5.0
 """Wait this long after a large message, until its memory has been freed [s]."""
 
 
+def _glibc(function: str, *numbers: int) -> None:
+    if sys.platform == "linux" and (found := getattr(ctypes.CDLL(None), function, None)):
+        found(*numbers)
+
+
 def share_arenas() -> None:
     """Limit glibc to `ARENAS` malloc arenas; call it before threads allocate.
 
     The default is eight per core, and each keeps its peak size: Zenoh's threads fill one after
     the other. Does nothing without glibc.
     """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
-    if mallopt is not None:
-        mallopt(_M_ARENA_MAX, ARENAS)
+    _glibc("mallopt", _M_ARENA_MAX, ARENAS)
 
 
 def trim_heap() -> None:
@@ -26,10 +29,7 @@ def trim_heap() -> None:
     By itself glibc shrinks a heap only from its end. Where many threads allocate and free, the
     rest grows with every burst of large messages and looks like a leak.
     """
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)
+    _glibc("malloc_trim", 0)
 
 
 class HeapTrimmer:

@@ -13,7 +13,7 @@ import msgspec
 
 from clustermcl.protocol.conversion import converted
 from clustermcl.protocol.errors import InputFileError, SettingsError
-from clustermcl.runtime.compressed import os_problem
+from clustermcl.runtime.compressed import first_bytes
 from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_table import TABLE, SettingInfo
 
@@ -69,11 +69,7 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
 
 def content_of(path: Path) -> bytes:
     """Read a settings file of at most `MAX_FILE_BYTES`; an `InputFileError` says why not."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise InputFileError(path, os_problem(error)) from error
+    content = first_bytes(path, MAX_FILE_BYTES + 1, InputFileError)
     if len(content) > MAX_FILE_BYTES:
         raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: not a settings file")
     return content
@@ -103,7 +99,6 @@ def _read(path: Path) -> dict[str, Any]:
     for name, value in tables.items():
         if isinstance(value, dict):
             leaves |= {f"{name}.{key}": leaf for key, leaf in value.items()}
-            _check_section(name, str(path))
         else:
             leaves[name] = value
     for name in leaves:
@@ -131,12 +126,6 @@ def _parse_value(setting: str, text: str) -> object:
     value = parsed["value"]
     bare = len(parsed) > 1 or (TABLE[setting].kind is str and not isinstance(value, str))
     return text if bare else value
-
-
-def _check_section(name: str, where: str) -> None:
-    if name not in _SECTIONS:
-        problem = f"unknown section [{name}]{_hint(name, _SECTIONS)}"
-        raise SettingsError(key=name, problem=problem, where=where)
 
 
 def _check_known(name: str, where: str) -> None:

@@ -62,6 +62,8 @@ class Backoff:
 
 ReportJobs: TypeAlias = Callable[[int], None]
 """Reports to the supervisor how many jobs a child has."""
+ForkedWork: TypeAlias = Callable[[StopFlag, ReportJobs], None]
+"""Work of a forked child, called with its own stop flag."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ class ChildSpec:
     """Program and arguments; see `python_module`."""
     log: Path | None = None
     """File for its output (appended); None: this process's standard error."""
-    fork: Callable[[StopFlag, ReportJobs], None] | None = None
-    """Work of a forked child, in place of a command; called with the child's own stop flag."""
+    fork: ForkedWork | None = None
+    """In place of a command."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,6 @@ class Supervisor:
 
     def add(self, spec: ChildSpec) -> None:
         """Start a child, whose name no other one has, and keep it alive."""
-        if any(child.spec.name == spec.name for child in self._children):
-            raise ValueError(f"there is a child {spec.name!r} already")
         child = _Child(spec, self._hung_after_s)
         self._children.append(child)
         child.start()
@@ -120,10 +120,8 @@ class Supervisor:
     def wait(self, stop: StopFlag) -> bool:
         """Wait until `poll` may have something to do; return whether the stop flag is set."""
         children = [*self._children, *self._leaving]
-        files: list[int | HasFile] = [stop]
-        for child in children:
-            files += child.files()
-        # A `HangDetector` expects several calls in the time after which a child hangs.
+        files = [stop, *(file for child in children for file in child.files())]
+        # A `Listener` expects several calls in the time after which a child hangs.
         longest_s = min(_LONGEST_POLL_S, self._hung_after_s / 8)
         is_settled = not self._leaving and all(child.end is not None for child in children)
         wait_until_readable(files, longest_s if is_settled else _POLL_S)
@@ -279,9 +277,7 @@ def _executed(spec: ChildSpec, variables: dict[str, str]) -> _Process:
         )
 
 
-def _forked(
-    name: str, work: Callable[[StopFlag, ReportJobs], None], variables: dict[str, str]
-) -> _Process:
+def _forked(name: str, work: ForkedWork, variables: dict[str, str]) -> _Process:
     """Fork; in the child, do the work and exit."""
     parent_pid = os.getpid()
     sys.stdout.flush()
@@ -295,12 +291,7 @@ def _forked(
     return _Fork(pid)
 
 
-def _run_fork(
-    name: str,
-    work: Callable[[StopFlag, ReportJobs], None],
-    variables: dict[str, str],
-    parent_pid: int,
-) -> NoReturn:
+def _run_fork(name: str, work: ForkedWork, variables: dict[str, str], parent_pid: int) -> NoReturn:
     code = 1
     try:
         die_with_parent(parent_pid)

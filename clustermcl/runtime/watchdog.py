@@ -59,37 +59,21 @@ class SignsOfLife:
             self.give()
 
 
-class HangDetector:
-    """Detects a process without a sign of life for `hung_after_s` after the first one.
-
-    A paused container stops both the process and its observer. So after a gap between two calls
-    of `hangs`, the silence is measured from the second one. Times are `time.monotonic` [s].
-    """
-
-    def __init__(self, hung_after_s: float) -> None:
-        self._hung_after_s = hung_after_s
-        self._sign_s = self._looked_s = float("inf")
-        self._since_s = 0.0
-
-    def on_sign(self, at_s: float) -> None:
-        self._sign_s = at_s
-
-    def hangs(self, now_s: float) -> bool:
-        gap_s, self._looked_s = now_s - self._looked_s, now_s
-        if gap_s > self._hung_after_s / _SIGNS_AN_INTERVAL:
-            self._since_s = now_s
-        return now_s - max(self._sign_s, self._since_s) > self._hung_after_s
-
-
 class Listener:
-    """Receives the signs of life of one child; Linux only."""
+    """Receives the signs of life of one child, and detects its hang; Linux only.
+
+    It hangs without a sign of life for `hung_after_s` after the first one. A paused container stops
+    both the process and its observer. So after a gap between two calls of `is_hung`, the silence is
+    measured from the second one. Times are `time.monotonic` [s].
+    """
 
     def __init__(self, hung_after_s: float) -> None:
         self._hung_after_s = hung_after_s
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind("")  # an abstract address chosen by the kernel, without a file
-        self._detector = HangDetector(hung_after_s)
+        self._sign_s = self._looked_s = float("inf")
+        self._since_s = 0.0
         self.jobs: int | None = None
         """The number of jobs that the child reported last; None: it has not reported any."""
 
@@ -102,11 +86,14 @@ class Listener:
     def is_hung(self, now_s: float) -> bool:
         with suppress(BlockingIOError):
             while words := self._socket.recv(64):
-                self._detector.on_sign(now_s)
+                self._sign_s = now_s
                 for word in words.split(b"\n"):
                     if word.startswith(_JOBS) and word[len(_JOBS) :].isdigit():
                         self.jobs = int(word[len(_JOBS) :])
-        return self._detector.hangs(now_s)
+        gap_s, self._looked_s = now_s - self._looked_s, now_s
+        if gap_s > self._hung_after_s / _SIGNS_AN_INTERVAL:
+            self._since_s = now_s
+        return now_s - max(self._sign_s, self._since_s) > self._hung_after_s
 
     def fileno(self) -> int:
         """Return the file from which `is_hung` reads."""

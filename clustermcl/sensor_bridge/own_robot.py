@@ -4,7 +4,6 @@ A post or a cable before the laser has the same short range in nearly all scans.
 fifth of the beams, no place explains a scan.
 """
 
-import math
 from collections import deque
 from collections.abc import Iterator
 from itertools import pairwise
@@ -13,7 +12,6 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from clustermcl.filter.poses import wrap_angle
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import printable
@@ -21,6 +19,7 @@ from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.reading_checks import laser_problem
 from clustermcl.protocol.steps import LaserReading
 from clustermcl.sensor_bridge.refused import Refused
+from clustermcl.sensor_bridge.stages import moved
 
 FARTHEST_M, SAME_M = 0.45, 0.05
 """Largest range of a part of the robot, and largest difference from its median [m]."""
@@ -72,7 +71,7 @@ class OwnRobot:
             views.clear()
             self._masks.pop(name, None)
         if views:
-            moved_m, turned_rad = _motion(views[-1][0], pose)
+            moved_m, turned_rad = moved(views[-1][0], pose)
             if moved_m < APART_M and turned_rad < APART_RAD:
                 return
         views.append((pose, ranges))
@@ -86,7 +85,7 @@ class OwnRobot:
         with np.errstate(invalid="ignore"):  # infinity less infinity
             share = np.mean(np.abs(seen - usual) <= SAME_M, axis=0) * (usual < FARTHEST_M)
         mask = np.zeros(len(ranges), bool)
-        ways = np.array([_motion(a, b) for (a, _), (b, _) in pairwise(views)])
+        ways = np.array([moved(a, b) for (a, _), (b, _) in pairwise(views)])
         way_m, turn_rad = ways.sum(axis=0).tolist()
         if way_m >= LEAST_WAY_M and turn_rad >= LEAST_TURN_RAD:
             mask[candidates] = share >= FOUND
@@ -101,10 +100,6 @@ class OwnRobot:
             self.found |= bool(np.mean(mask) > HARMLESS)
             longest_m = float(usual[mask[candidates]].max())
             self._dropped.add(Cause.OWN_ROBOT, _sentence(reading, mask, longest_m))
-
-
-def _motion(before: PoseTuple, after: PoseTuple) -> tuple[float, float]:
-    return math.dist(before[:2], after[:2]), abs(wrap_angle(after[2] - before[2]))
 
 
 def _sentence(reading: LaserReading, mask: NDArray[np.bool_], longest_m: float) -> str:

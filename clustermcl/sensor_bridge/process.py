@@ -136,7 +136,6 @@ def serve_robot(
     """Publish the steps of a source and serve the map until the process is stopped.
 
     Args:
-        invocation: settings, arguments and stop flag of the process.
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
         extend: adds to the node what a source needs; returns what to call with each step.
@@ -144,10 +143,9 @@ def serve_robot(
     Raises:
         AlreadyRunningError: the robot has a bridge.
     """
-    settings = invocation.settings
-    name, stop, shared = invocation.process, invocation.stop, invocation.session
-    peers = keys.COORDINATOR_ALIVE
-    with closing(Node(name, "bridge", settings, stop, peers=peers, session=shared)) as node:
+    settings, of, peers = invocation.settings, invocation, keys.COORDINATOR_ALIVE
+    new = Node(of.process, "bridge", settings, of.stop, peers=peers, session=of.session)
+    with closing(new) as node:
         session = node.open()
         if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
             raise AlreadyRunningError(
@@ -204,15 +202,14 @@ class Bridge:
         node.serve(keys.CONFIGURE, self._on_configure)
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
-        key, take_seen = keys.OBSERVATION_READING, self._on_observation
-        node.subscribe(key, Observation, take_seen, kind="observation", kept=64, own=False)
+        key, take, seen = keys.OBSERVATION_READING, self._on_reading, self._on_observation
+        node.subscribe(key, Observation, seen, kind="observation", kept=64, own=False)
         self._observations = node.publisher(key)
         """Of a source, for other processes."""
         if source is None:
-            take, follow = self._on_reading, self._on_map_reading
             node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
             node.subscribe(keys.LASER_READING, LaserReading, take, kind="laser", kept=16)
-            node.subscribe(keys.MAP_READING, MapReading, follow, kind="map", kept=1)
+            node.subscribe(keys.MAP_READING, MapReading, self._on_map_reading, kind="map", kept=1)
         self._changed = node.publisher(keys.CHANGES)
         node.serve(keys.CHANGES, self._on_changes_query)
         node.announce(keys.BRIDGE_ALIVE)
@@ -308,8 +305,7 @@ class Bridge:
 
     def _finish(self) -> None:
         """Send the source's last steps, which may still wait for later odometry."""
-        scan = self._maker.finish() if self._maker else None
-        if scan is not None:
+        if self._maker and (scan := self._maker.finish()):
             self._send(scan)
             return
         self._source = None

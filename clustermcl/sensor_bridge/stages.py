@@ -71,13 +71,17 @@ Lasers: TypeAlias = dict[str, Laser]
 """By name, in the order of their first scan."""
 
 
+def moved(start: PoseTuple, end: PoseTuple) -> tuple[float, float]:
+    """Return the distance [m] and the turn [rad] between two poses."""
+    return math.dist(start[:2], end[:2]), abs(wrap_angle(end[2] - start[2]))
+
+
 def is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
     """Return whether the motion between two poses is faster than any robot's."""
     elapsed_s = (after_ns - before_ns) / 1e9
     if elapsed_s < -_MAX_BACK_S:
         elapsed_s = 0.0  # the clock was set back; the time between is unknown
-    moved_m = math.dist(start[:2], end[:2])
-    turned_rad = abs(wrap_angle(end[2] - start[2]))
+    moved_m, turned_rad = moved(start, end)
     return (
         moved_m > min(MAX_JUMP_M, _SLACK_M + MAX_SPEED_M_PER_S * abs(elapsed_s))
         or turned_rad > _SLACK_RAD + MAX_TURN_RATE_RAD_PER_S * abs(elapsed_s)
@@ -95,9 +99,7 @@ def _jumps(before: Reading | None, reading: Reading) -> bool:
 def _apart(before: Reading, reading: Reading) -> float:
     """Return the distance and turn between two readings, [m] plus [rad]; infinite without poses."""
     start, end = before.odom_from_robot, reading.odom_from_robot
-    if start is None or end is None:
-        return math.inf
-    return math.dist(start[:2], end[:2]) + abs(wrap_angle(end[2] - start[2]))
+    return math.inf if start is None or end is None else sum(moved(start, end))
 
 
 class Clock:
@@ -256,11 +258,7 @@ class OdometryContinuity:
         pose = reading.odom_from_robot
         if pose is None:
             return [reading]
-        last = self._last
-        if self.jumped(reading.stamp_ns, pose) and last is not None:
-            moved_m, turned = math.dist(last[1][:2], pose[:2]), wrap_angle(pose[2] - last[1][2])
-            detail = f"by {moved_m:.2f} m and {abs(math.degrees(turned)):.0f} deg"
-            self._dropped.add(Cause.ODOMETRY_JUMPED, detail)
+        self.jumped(reading.stamp_ns, pose)
         if self._ours_from_theirs is None:
             return [reading]
         return [replace(reading, odom_from_robot=self.continuous(pose))]
@@ -274,6 +272,9 @@ class OdometryContinuity:
         last, self._last = self._last, (stamp_ns, odom_from_robot)
         if last is None or not is_jump(*last, stamp_ns, odom_from_robot):
             return False
+        moved_m, turned_rad = moved(last[1], odom_from_robot)
+        detail = f"by {moved_m:.2f} m and {math.degrees(turned_rad):.0f} deg"
+        self._dropped.add(Cause.ODOMETRY_JUMPED, detail)
         ours = np.array(self.continuous(last[1]))
         correction = compose(ours, inverse(np.array(odom_from_robot)))
         self._ours_from_theirs = pose_tuple(correction)

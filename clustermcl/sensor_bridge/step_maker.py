@@ -1,6 +1,5 @@
 """Makes numbered steps from a robot's readings: checks, synchronises and gates them."""
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
@@ -9,7 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import asdict, replace
 
-from clustermcl.filter.poses import between, compose, wrap_angle
+from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import section_with
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
@@ -39,6 +38,7 @@ from clustermcl.sensor_bridge.stages import (
     OdometryContinuity,
     OutlierFilter,
     Synchroniser,
+    moved,
 )
 
 STANDS = 0.25
@@ -67,13 +67,9 @@ class MotionGate:
         """Open for the next scan, however little the robot has moved."""
         self._is_open = True
 
-    def reset(self) -> None:
-        """Treat the next scan as the first."""
-        self._last, self._is_open = None, False
-
-    def resume(self, last: PoseTuple) -> None:
-        """Continue after a step whose odometry pose was `last`."""
-        self._last = last
+    def resume(self, last: PoseTuple | None) -> None:
+        """Continue after a step with this odometry pose; None: the next scan is the first."""
+        self._last, self._is_open = last, False
 
     def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
         """Return whether a robot at this pose still stands where it was at the last step."""
@@ -92,9 +88,7 @@ class MotionGate:
     def _has_moved(self, odom_from_robot: PoseTuple, share: float = 1.0) -> bool:
         if self._last is None:
             return True
-        gate = self.settings
-        driven_m = math.dist(odom_from_robot[:2], self._last[:2])
-        turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
+        gate, (driven_m, turned_rad) = self.settings, moved(self._last, odom_from_robot)
         return driven_m >= share * gate.gate_distance_m or turned_rad >= share * gate.gate_turn_rad
 
 
@@ -102,20 +96,11 @@ class StepMaker:
     """Makes numbered steps from a robot's readings; each reading passes several stages.
 
     A scan without an odometry pose waits for the first odometry after it, so `on_reading` may
-    answer an odometry reading with the step of an earlier scan.
+    answer an odometry reading with the step of an earlier scan. Of several lasers, the first scan
+    that passes the gate makes a step, and the newest scans of the others join it.
 
-    Of several lasers, the first scan that passes the gate makes a step, and the newest scans of
-    the others join it.
-
-    Args:
-        settings: the motion gate.
-        map_digest: put into every step, so that processes with another map notice.
-        sender: put into every step.
-        first_step: number of the first step.
-        lockstep: put into every step: the sender waits for the belief before it sends the next.
-        live: put into every step: stamps are of a robot's own clock.
-        landmarks: landmarks of the map; others cannot be observed.
-        floors: floors of the map, put into every step.
+    The arguments are the motion gate's settings and what is put into every step, from `first_step`
+    on; only `landmarks` can be observed.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry, restarts of the
@@ -146,7 +131,7 @@ class StepMaker:
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
         self._own_robot = OwnRobot(self.dropped)
         self.gate = MotionGate(settings)
-        self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
+        self._observed = PendingObservations(landmarks, self.dropped, map_digest)
         self._use_stages = (
             OdometryContinuity(self.dropped),
             clock,
@@ -172,19 +157,19 @@ class StepMaker:
         except ValueError as error:
             self.dropped.add(Cause.UNKNOWN_FLOOR, str(error))
             return
-        self._pending_observations.on_observation(observation)
+        self._observed.on_observation(observation)
 
     @property
     def sources(self) -> Sources:
         """The sources of observations, which learn from each step's belief."""
-        return self._pending_observations.sources
+        return self._observed.sources
 
     def on_belief(self, belief: Belief) -> None:
         """Learn how often sources of observations are wrong."""
         self.sources.on_belief(self._floors.drawn(belief))
 
     def _move(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        if self._pending_observations.moved(stamp_ns, odom_from_robot):
+        if self._observed.moved(stamp_ns, odom_from_robot):
             self.gate.open_next()
 
     def finish(self) -> Scan | None:
@@ -219,8 +204,8 @@ class StepMaker:
     ) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest, self._floors = map_digest, floors
-        self._pending_observations = PendingObservations(landmarks, self.dropped, map_digest)
-        self.gate.reset()
+        self._observed = PendingObservations(landmarks, self.dropped, map_digest)
+        self.gate.resume(None)
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
         """Continue after the last step of an earlier process."""
@@ -238,23 +223,23 @@ class StepMaker:
         if not self.gate.on_scan(pose):
             self._lasers[reading.laser].unused = reading
             return
-        beams, seen = beams_of(reading), self._pending_observations.take(self._next_step, pose)
-        self._next_step += 1
+        step, seen = self._next_step, self._observed.take(self._next_step, pose)
         found, self._own_robot.found = self._own_robot.found, False
+        self._next_step += 1
         yield Scan(
             sender=self._sender,
-            step=self._next_step - 1,
+            step=step,
             stamp_ns=reading.stamp_ns,
             odom_from_robot=pose,
-            **asdict(beams),
+            **asdict(beams_of(reading)),
             map_digest=self._map_digest,
             lockstep=self._lockstep,
             live=self._live,
             others=tuple(self._others(reading, pose)),
             settings=self._live_settings,
             observations=seen,
-            landmarks=self._pending_observations.landmarks_of(seen),
-            own_robot_found=found and self._next_step > 1,
+            landmarks=self._observed.landmarks_of(seen),
+            own_robot_found=found and step > 0,
             remarks=self.dropped.remarks(reading.stamp_ns),
             floors=self._floors,
         )
@@ -266,8 +251,8 @@ class StepMaker:
             if other is None or other.odom_from_robot is None or name == reading.laser:
                 continue
             if abs(other.stamp_ns - reading.stamp_ns) <= MAX_APART_NS:
-                moved = between(np.array(odom_from_robot), np.array(other.odom_from_robot))
-                mount = pose_tuple(compose(moved, np.array(other.robot_from_laser)))
+                motion = between(np.array(odom_from_robot), np.array(other.odom_from_robot))
+                mount = pose_tuple(compose(motion, np.array(other.robot_from_laser)))
                 yield replace(beams_of(other), robot_from_laser=mount)
 
 

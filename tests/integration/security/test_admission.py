@@ -62,17 +62,14 @@ def test_certificates_of_unknown_authorities_are_refused_by_router_and_client(
     assert "it is not signed by the router's authority" in refusal(theirs)
 
 
-@pytest.mark.parametrize(
-    ("begin_days", "end_days", "expected"),
-    [(-9, -1, "it has expired"), (1, 9, "it is not valid before "), (1, 9, "clock right?")],
-)
+@pytest.mark.parametrize(("begin_days", "end_days"), [(-9, -1), (1, 9)])
 def test_a_certificate_of_another_time_is_refused(
-    client_of: ClientOf, scratch: Path, begin_days: int, end_days: int, expected: str
+    client_of: ClientOf, scratch: Path, begin_days: int, end_days: int
 ) -> None:
     with_lifetime(scratch, "viewer", timedelta(days=begin_days), timedelta(days=end_days))
     settings = client_with(scratch, "viewer", client_of("viewer").router)
     output = refusal(settings)
-    assert expected in output
+    assert "it has expired, or is not valid yet" in output
     assert settings.tls_certificate in output
 
 

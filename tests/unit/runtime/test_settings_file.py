@@ -154,7 +154,7 @@ def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, mes
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[motoin]\nmodel = 1", "unknown section [motoin], did you mean motion?"),
+        ("[motoin]\nmodel = 1", "unknown setting motoin.model, did you mean motion.model?"),
         ("[motion]\nmodle = 1", "unknown setting motion.modle, did you mean motion.model?"),
         ("motion = 3", "motion is a section: give motion.KEY"),
         ("seed = 'x'", "seed = 'x': expected a whole number >= 0"),

@@ -1,16 +1,23 @@
+import socket
+from contextlib import closing
+
 import pytest
 
-from clustermcl.runtime.watchdog import HangDetector
+from clustermcl.runtime.watchdog import SOCKET_VARIABLE, Listener
 
 
 def first_hang(signs: set[int], asked: range | list[int], hung_after_s: float = 10.0) -> int | None:
-    detector = HangDetector(hung_after_s)
-    for now_s in asked:
-        if now_s in signs:
-            detector.on_sign(now_s)
-        if detector.hangs(now_s):
-            return now_s
-    return None
+    with (
+        closing(Listener(hung_after_s)) as listener,
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as child,
+    ):
+        child.connect(listener.variables()[SOCKET_VARIABLE].replace("@", "\0"))
+        for now_s in asked:
+            if now_s in signs:
+                child.send(b"WATCHDOG=1")
+            if listener.is_hung(now_s):
+                return now_s
+        return None
 
 
 @pytest.mark.parametrize(("signs", "asked", "hangs_at"), [
