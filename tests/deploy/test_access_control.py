@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from clustermcl.link.access_control import ROLES, WORKER_PROCESSES, access_control, rights_of
+from clustermcl.link.access_control import ROLES, access_control, rights_of
 from clustermcl.link.configuration import as_zenoh
 from clustermcl.link.secure_router import (
     DEFAULT_CERTIFICATES,
@@ -69,14 +69,6 @@ def test_the_rules_of_a_robot_name_that_robot_and_no_other() -> None:
         assert robots == ({robot} if robot else {"r-1", "r-2"})
     plain = {s["id"] for s in control["subjects"] if "." not in s["id"]}
     assert plain == {"viewer", "operator"}
-
-
-def test_the_rules_of_a_worker_name_each_of_its_processes() -> None:
-    control = access_control([], ["worker-a"])
-    (tokens,) = [r for r in control["rules"] if r["messages"] == ["liveliness_token"]
-                 and r["id"].startswith("worker-a announces")]  # fmt: skip
-    assert len(tokens["key_exprs"]) == WORKER_PROCESSES
-    assert all("$*" not in key for key in tokens["key_exprs"])
 
 
 @pytest.mark.parametrize(

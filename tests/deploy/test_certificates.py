@@ -39,10 +39,6 @@ def about(certificate: Path, *options: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
-def serial(certificate: Path) -> str:
-    return about(certificate, "-serial")
-
-
 def test_only_its_owner_may_read_a_private_key(made: Path) -> None:
     modes = {file.name: stat.S_IMODE(file.stat().st_mode) for file in made.glob("*.key")}
     names = ("authority", "router", "worker-3", "viewer.r-7")
@@ -78,35 +74,32 @@ def test_the_settings_of_a_client_load_and_name_its_robot(made: Path) -> None:
     assert not (made / "router.toml").exists()
 
 
-def test_a_second_run_of_the_script_keeps_valid_certificates(folder: Path) -> None:
-    before = {file.name: file.read_bytes() for file in folder.iterdir()}
-    ran = make_certificates(folder, "router", "worker-3", "viewer.r-7")
-    assert ran.stdout.count("kept, good until") == 3
-    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
-
-
-def test_a_certificate_that_expires_soon_is_renewed_and_keeps_its_hosts(folder: Path) -> None:
-    old = serial(folder / "router.pem")
-    ran = make_certificates(folder, "--renew-before", "400", "--days", "500", "router")
-    assert "router: made" in ran.stdout
-    assert serial(folder / "router.pem") != old
-    assert "DNS:router.example" in about(folder / "router.pem", "-ext", "subjectAltName")
-
-
-def test_a_new_host_renews_the_routers_certificate(folder: Path) -> None:
-    assert "made" in make_certificates(folder, "--host", "other.example", "router").stdout
+@pytest.mark.parametrize(
+    ("words", "renewed"),
+    [
+        (["router", "worker-3", "viewer.r-7"], []),
+        (["--renew-before", "400", "--days", "500", "router"], ["router"]),
+        (["--host", "other.example", "router"], ["router"]),
+        (["--force", "worker-3"], ["worker-3"]),
+    ],
+    ids=["valid", "expires soon", "another host", "forced"],
+)
+def test_a_second_run_makes_only_what_is_needed_and_keeps_hosts_and_settings(
+    folder: Path, words: list[str], renewed: list[str]
+) -> None:
+    (folder / "worker-3.toml").write_text("[worker]\ncount = 3\n")
+    before = {file: file.read_bytes() for file in folder.iterdir()}
+    ran = make_certificates(folder, *words)
+    assert re.findall("(.*): made", ran.stdout) == renewed
+    changed = {file.name for file, content in before.items() if file.read_bytes() != content}
+    assert changed == {f"{name}.{kind}" for name in renewed for kind in ("pem", "key")}
+    host = "other.example" if "--host" in words else "router.example"
+    assert f"DNS:{host}" in about(folder / "router.pem", "-ext", "subjectAltName")
 
 
 def test_a_key_that_does_not_fit_its_certificate_is_replaced(folder: Path) -> None:
     shutil.copy(folder / "router.key", folder / "worker-3.key")
     assert "worker-3: made" in make_certificates(folder, "worker-3").stdout
-
-
-def test_settings_that_were_changed_by_hand_stay(folder: Path) -> None:
-    file = folder / "worker-3.toml"
-    file.write_text("[worker]\ncount = 3\n")
-    make_certificates(folder, "--force", "worker-3")
-    assert file.read_text() == "[worker]\ncount = 3\n"
 
 
 def test_the_list_marks_expired_certificates(folder: Path) -> None:
@@ -150,12 +143,6 @@ def test_a_wrong_argument_is_reported_in_one_line(
     assert expected in ran.stderr
     assert ran.stderr.count("\n") == 1
     assert not (tmp_path / "new").exists()
-
-
-def test_help_needs_no_folder(tmp_path: Path) -> None:
-    ran = make_certificates(tmp_path / "new", "--help")
-    assert ran.returncode == 0
-    assert "usage: certificates.sh" in ran.stdout
 
 
 def test_the_script_has_the_roles_of_the_access_control() -> None:

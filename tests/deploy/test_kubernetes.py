@@ -1,9 +1,10 @@
+"""What the cluster's own programs cannot check: that the resources fit our code and settings."""
+
 import importlib.util
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ RESOURCES = [
     for resource in yaml.safe_load_all((FOLDER / name).read_text())
 ]
 POOL, SCALER = yaml.safe_load_all((FOLDER / "pool" / "pool.yaml").read_text())
+SETTINGS = load_settings(FOLDER / "settings.toml", [])
 
 Object = dict[str, Any]
 
@@ -29,128 +31,74 @@ def of_kind(*kinds: str) -> list[Object]:
     return [resource for resource in RESOURCES if resource["kind"] in kinds]
 
 
-def workloads() -> list[Object]:
-    return of_kind("Deployment", "StatefulSet")
+WORKLOADS = [*of_kind("Deployment", "StatefulSet"), POOL]
+PODS = {made["metadata"]["name"]: made["spec"]["template"]["spec"] for made in WORKLOADS}
 
 
-def pods() -> dict[str, Object]:
-    return {made["metadata"]["name"]: made["spec"]["template"]["spec"] for made in workloads()}
-
-
-def containers() -> Iterator[tuple[str, Object]]:
-    for name, pod in pods().items():
-        for container in pod["containers"]:
-            yield name, container
-
-
-def pod_labels() -> list[Object]:
-    return [made["spec"]["template"]["metadata"]["labels"] for made in workloads()]
-
-
-def selects(selector: Object, labels: Object) -> bool:
-    return selector.items() <= labels.items()
+def mounts(name: str) -> dict[str, Path]:
+    (container,) = PODS[name]["containers"]
+    return {mount["name"]: Path(mount["mountPath"]) for mount in container["volumeMounts"]}
 
 
 def test_selectors_match_the_labels_of_their_pods() -> None:
-    for made in workloads():
-        labels = made["spec"]["template"]["metadata"]["labels"]
-        assert made["spec"]["selector"]["matchLabels"] == labels
-        for spread in made["spec"]["template"]["spec"].get("topologySpreadConstraints", []):
-            assert spread["labelSelector"]["matchLabels"] == labels
+    labels = [made["spec"]["template"]["metadata"]["labels"] for made in WORKLOADS]
+    assert [made["spec"]["selector"]["matchLabels"] for made in WORKLOADS] == labels
     chosen = [made["spec"]["selector"] for made in of_kind("Service")]
-    chosen += [made["spec"]["selector"]["matchLabels"] for made in of_kind("PodDisruptionBudget")]
     policies = [made["spec"]["podSelector"] for made in of_kind("NetworkPolicy")]
-    chosen += [policy["matchLabels"] for policy in policies if policy]
-    for selector in chosen:
-        assert sum(selects(selector, labels) for labels in pod_labels()) == 1
+    policies += [made["spec"]["selector"] for made in of_kind("PodDisruptionBudget")]
+    for selector in (*chosen, *(policy["matchLabels"] for policy in policies if policy)):
+        assert sum(selector.items() <= of.items() for of in labels[:-1]) == 1
 
 
-def test_ports_lead_to_ports_of_the_pods() -> None:
+def test_ports_lead_to_ports_of_the_pods_and_are_those_of_the_settings() -> None:
     named = {
         port["name"]: port["containerPort"]
-        for _, container in containers()
-        for port in container.get("ports", [])
+        for pod in PODS.values()
+        for port in pod["containers"][0].get("ports", [])
     }
     for service in of_kind("Service"):
-        for port in service["spec"].get("ports", []):
-            assert port["targetPort"] in named
+        assert {port["targetPort"] for port in service["spec"].get("ports", [])} <= set(named)
     for policy in of_kind("NetworkPolicy"):
         for way in policy["spec"].get("ingress", []):
             assert {port["port"] for port in way["ports"]} <= set(named)
-    settings = load_settings(FOLDER / "settings.toml", [])
-    assert settings.metrics.port == named["metrics"]
-    assert settings.zenoh.router == f"tls/router:{named['zenoh']}"
+    assert SETTINGS.metrics.port == named["metrics"]
+    assert SETTINGS.zenoh.router == f"tls/router:{named['zenoh']}"
 
 
-def test_every_pod_runs_a_process_of_ours_or_the_official_router() -> None:
-    for name, container in containers():
-        if name == "router":
-            assert container["image"].startswith("docker.io/eclipse/zenoh:")
-            continue
+@pytest.mark.parametrize("name", PODS)
+def test_every_pod_runs_a_process_of_ours_with_mounted_files_and_no_rights(name: str) -> None:
+    pod = PODS[name]
+    (container,) = pod["containers"]
+    if name != "router":  # the official one
         assert container["image"] in {image["name"] for image in KUSTOMIZATION["images"]}
         assert importlib.util.find_spec(f"{container['args'][0]}.__main__") is not None
+    assert set(mounts(name)) == {volume["name"] for volume in pod["volumes"]}
+    assert not pod["automountServiceAccountToken"]
+    assert pod["securityContext"]["runAsNonRoot"]
+    assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+    assert not container["securityContext"]["allowPrivilegeEscalation"]
+    assert container["securityContext"]["readOnlyRootFilesystem"]
+    assert container["securityContext"]["capabilities"] == {"drop": ["ALL"]}
+    for volume in pod["volumes"]:
+        assert volume.get("secret", {"defaultMode": 0o440})["defaultMode"] == 0o440
 
 
-def test_every_mounted_volume_is_declared_and_every_declared_volume_is_mounted() -> None:
-    generated = {made["name"] for made in KUSTOMIZATION["configMapGenerator"]}
-    for name, pod in pods().items():
-        volumes = {volume["name"]: volume for volume in pod["volumes"]}
-        mounts = {m["name"]: m["mountPath"] for c in pod["containers"] for m in c["volumeMounts"]}
-        assert set(mounts) == set(volumes), name
-        assert volumes["certificate"]["secret"]["secretName"] == f"certificate-{name}"
-        for volume in volumes.values():
-            assert volume.get("configMap", {"name": "map"})["name"] in generated | {"map"}
-    settings = load_settings(FOLDER / "settings.toml", [])
-    mounts = {m["name"]: m["mountPath"] for m in pods()["bridge"]["containers"][0]["volumeMounts"]}
-    assert Path(settings.bridge.map).parent == Path(mounts["map"])
-    for file in (settings.zenoh.tls_certificate, settings.zenoh.tls_private_key):
-        assert Path(file).parent == Path(mounts["certificate"])
-
-
-def test_no_pod_has_more_rights_than_it_needs() -> None:
-    for name, pod in pods().items():
-        assert pod["automountServiceAccountToken"] is False, name
-        assert pod["securityContext"]["runAsNonRoot"] is True, name
-        assert pod["securityContext"]["runAsUser"] == 10001, name
-        assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, name
-        for volume in pod["volumes"]:
-            assert volume.get("secret", {"defaultMode": 0o440})["defaultMode"] == 0o440
-    for name, container in containers():
-        context = container["securityContext"]
-        assert context["allowPrivilegeEscalation"] is False, name
-        assert context["readOnlyRootFilesystem"] is True, name
-        assert context["capabilities"] == {"drop": ["ALL"]}, name
-
-
-def test_the_readiness_probe_reads_mounted_settings() -> None:
-    (container,) = pods()["coordinator"]["containers"]
-    command = container["readinessProbe"]["exec"]["command"]
-    assert command[:2] == ["clustermcl", "status"]
-    mounts = {mount["mountPath"] for mount in container["volumeMounts"]}
-    assert command[command.index("--settings") + 1] in mounts
-
-
-def test_the_routers_file_is_the_deployed_one_and_finds_its_certificates() -> None:
+def test_the_settings_and_the_router_name_mounted_files() -> None:
+    at = mounts("bridge")
+    assert Path(SETTINGS.bridge.map).parent == at["map"]
+    for file in (SETTINGS.zenoh.tls_certificate, SETTINGS.zenoh.tls_private_key):
+        assert Path(file).parent == at["certificate"]
+    (container,) = PODS["coordinator"]["containers"]
+    probe = container["readinessProbe"]["exec"]["command"]
+    assert Path(probe[probe.index("--settings") + 1]) in mounts("coordinator").values()
     text = (FOLDER / "router-secure.json5").read_text()
     assert text == (FOLDER.parent / "router-secure.json5").read_text()
     tls = json.loads(re.sub(r"^//.*\n", "", text, flags=re.MULTILINE))["transport"]["link"]["tls"]
-    (router,) = pods()["router"]["containers"]
-    mounts = {mount["mountPath"] for mount in router["volumeMounts"]}
-    assert {
-        str(Path(tls[name]).parent) for name in tls if name.endswith(("_key", "_certificate"))
-    } <= mounts
-
-
-def test_the_pool_has_the_rights_of_a_worker_and_reads_the_mounted_fleet() -> None:
-    pod, worker = POOL["spec"]["template"]["spec"], pods()["worker"]
-    for name in ("securityContext", "automountServiceAccountToken", "enableServiceLinks"):
-        assert pod[name] == worker[name]
-    (container,) = pod["containers"]
-    assert container["securityContext"] == worker["containers"][0]["securityContext"]
-    mounts = {mount["name"]: mount["mountPath"] for mount in container["volumeMounts"]}
-    assert set(mounts) == {volume["name"] for volume in pod["volumes"]}
-    assert container["args"][:3] == ["clustermcl.worker", "--fleet", mounts["fleet"]]
-    assert POOL["spec"]["selector"]["matchLabels"] == POOL["spec"]["template"]["metadata"]["labels"]
+    files = {Path(tls[name]).parent for name in tls if name.endswith(("_key", "_certificate"))}
+    assert files <= set(mounts("router").values())
+    (pool,) = POOL["spec"]["template"]["spec"]["containers"]
+    fleet = str(mounts(POOL["metadata"]["name"])["fleet"])
+    assert pool["args"][:3] == ["clustermcl.worker", "--fleet", fleet]
 
 
 def test_the_pool_scales_by_a_metric_that_coordinators_serve() -> None:
@@ -169,12 +117,10 @@ def test_kubernetes_schema_has_no_objection() -> None:
 
 
 def test_kustomize_builds_all_resources() -> None:
-    kubectl = shutil.which("kubectl")
-    if kubectl is None:
+    if (kubectl := shutil.which("kubectl")) is None:
         pytest.skip("kubectl is not installed")
-    ran = subprocess.run([kubectl, "kustomize", str(FOLDER)], capture_output=True, check=False)
+    ran = subprocess.run([kubectl, "kustomize", FOLDER], capture_output=True, check=False)
     assert ran.returncode == 0, ran.stderr
     made = list(yaml.safe_load_all(ran.stdout))
     assert len(made) == len(RESOURCES) + len(KUSTOMIZATION["configMapGenerator"])
-    images = re.findall(r"image: (\S+)", ran.stdout.decode())
-    assert "clustermcl" not in images
+    assert "clustermcl" not in re.findall(r"image: (\S+)", ran.stdout.decode())

@@ -14,10 +14,6 @@ from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.version import VERSION
 
 PACKAGE = Path(__file__).parents[2] / "ros" / "clustermcl_ros"
-MADE = (
-    *("LaunchDescription", "DeclareLaunchArgument", "OpaqueFunction", "LaunchConfiguration"),
-    *("Node", "ParameterFile", "RewrittenYaml"),
-)
 NAV2_ARGUMENTS = {
     *("namespace", "map", "use_sim_time", "params_file", "autostart", "use_respawn", "log_level")
 }
@@ -58,23 +54,27 @@ class Made:
         return "/robot1/" if self.arguments == ("namespace",) else ""
 
 
+class Launch(ModuleType):
+    """A module of ROS's launch, each of whose classes keeps its arguments."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return type(name, (Made,), {})
+
+
 def test_the_launch_file_starts_us_in_the_place_of_amcl(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ("", ".actions", ".substitutions", "_ros.actions", "_ros.descriptions")
-    for module in (
-        *(ModuleType(f"launch{name}") for name in names),
-        ModuleType("nav2_common.launch"),
-    ):
-        for made in MADE:
-            setattr(module, made, type(made, (Made,), {}))
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+    names = ("launch", "launch.actions", "launch.substitutions", "launch_ros.actions")
+    for name in (*names, "launch_ros.descriptions", "nav2_common.launch"):
+        monkeypatch.setitem(sys.modules, name, Launch(name))
     file = runpy.run_path(str(PACKAGE / "launch" / "localization.launch.py"))
     *declared, nodes = file["generate_launch_description"]().arguments[0]
     assert {one.arguments[0] for one in declared} == NAV2_ARGUMENTS
     assert Path(file["ARGUMENTS"]["params_file"][0]).is_file()
     by_program = {one.named["executable"]: one.named for one in nodes.named["function"](None)}
     assert set(by_program) == {"map_server", "amcl", "lifecycle_manager"}
-    assert by_program["amcl"]["package"] == "clustermcl_ros"
-    assert by_program["amcl"]["name"] == "amcl"
+    ours = by_program["amcl"]
+    assert (ours["package"], ours["name"]) == ("clustermcl_ros", "amcl")
     assert by_program["lifecycle_manager"]["parameters"][0]["node_names"] == ["map_server", "amcl"]
     assert all(one["namespace"] == "/robot1" for one in by_program.values())
 

@@ -45,10 +45,10 @@ def test_the_reference_has_every_message_with_its_fields() -> None:
     assert "| `covariance` | `Covariance` |" in page
 
 
-@pytest.mark.parametrize("module", [answers, health, job_events], ids=lambda m: m.__name__)
-def test_every_field_that_the_client_hands_out_is_described(module: ModuleType) -> None:
+def test_every_field_that_the_client_hands_out_is_described() -> None:
     bare = [
         (name, field)
+        for module in (answers, health, job_events)
         for name, _ in reference.structures(module)
         for field, _, meaning in reference.fields(module, name)
         if not meaning

@@ -1,24 +1,31 @@
 """`python -m tests.soak`: the command."""
 
+import json
 import sys
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from clustermcl.commands.options import Assignments, SettingsFile
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.runtime.main import EXIT_ERROR
-from clustermcl.runtime.output_files import OutputError, check_output_file, write_output_file
+from clustermcl.runtime.output_files import check_output_file, write_output_file
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.stop import StoppedError, stop_on_signals
-from tests.soak.report import Progress, as_json, print_result
+from clustermcl.runtime.version import VERSION
+from tests.soak.promises import Break
 from tests.soak.schedule import Kind
-from tests.soak.soak import SoakOptions, run_soak
+from tests.soak.soak import SoakOptions, SoakResult, run_soak
 
 EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
 _END_WITHIN_S = 60.0
+_KEPT = {True: "yes", False: "NO", None: "-"}
+_BREAKS_SHOWN = 3
 
 
 def soak(
@@ -56,11 +63,6 @@ def soak(
     """
     if output is not None:
         check_output_file(output)
-    if keep is not None:
-        try:
-            keep.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(path=keep, problem=error.strerror or str(error)) from error
     options = SoakOptions(
         minutes=minutes,
         coordinators=coordinators,
@@ -81,17 +83,54 @@ def soak(
     console = Console()
     if not console.is_terminal:
         console.width = 132
-    result = run_soak(options, settings, stop, Progress(console, minutes))
+    show = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+    result = run_soak(options, settings, stop, show)
     print_result(result, console)
     if output is not None:
-        write_output_file(output, as_json(result))
+        write_output_file(output, as_json(options, result))
     if result.is_broken:
         sys.exit(EXIT_BROKEN)
     stop.check()
 
 
-def main() -> None:
-    """Run the command; a `ClusterMclError` is printed as one line, with exit code 2."""
+def print_result(result: SoakResult, console: Console) -> None:
+    minutes = result.at_s(result.end_ns) / 60
+    table = Table(title=f"{minutes:.1f} minutes, {len(result.faults)} faults", box=None)
+    for column in ("promise", "target", "measured", "kept"):
+        table.add_column(column)
+    for verdict in result.verdicts:
+        style = "bold red" if verdict.kept is False else None
+        row = verdict.promise, verdict.target, verdict.measured, _KEPT[verdict.kept]
+        table.add_row(*row, style=style)
+    console.print(table, markup=False)
+    for verdict in result.verdicts:
+        for broken in verdict.breaks[:_BREAKS_SHOWN]:
+            text = f"  {verdict.promise}: {_text(result, broken)}"
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+        if (more := len(verdict.breaks) - _BREAKS_SHOWN) > 0:
+            console.print(f"  and {more} more times")
+
+
+def as_json(options: SoakOptions, result: SoakResult) -> str:
+    what = {
+        "version": VERSION,
+        "options": asdict(options),
+        "minutes": result.at_s(result.end_ns) / 60,
+        "kept": not result.is_broken,
+        "promises": [
+            asdict(verdict) | {"breaks": [_text(result, one) for one in verdict.breaks]}
+            for verdict in result.verdicts
+        ],
+        "faults": [asdict(fault) | {"at_s": result.at_s(fault.at_ns)} for fault in result.faults],
+    }
+    return json.dumps(what, indent=1, default=str) + "\n"
+
+
+def _text(result: SoakResult, broken: Break) -> str:
+    return f"at {result.at_s(broken.at_ns):.1f} s: {broken.what}" if broken.at_ns else broken.what
+
+
+if __name__ == "__main__":
     try:
         typer.run(soak)
     except StoppedError:
@@ -99,7 +138,3 @@ def main() -> None:
     except ClusterMclError as error:
         sys.stderr.write(f"tests.soak: {' '.join(str(error).split())}\n")
         sys.exit(EXIT_ERROR)
-
-
-if __name__ == "__main__":
-    main()

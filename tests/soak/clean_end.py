@@ -1,6 +1,5 @@
 """Promise: a clean end. No process exits by itself, and none leaves files or processes."""
 
-import os
 import re
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -8,17 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
+import pytest
 
 from clustermcl.runtime.supervisor import ChildExit
-from tests.soak.promises import Break, DoneFault, Verdict
-from tests.soak.schedule import Kind
+from tests.soak.promises import Break, Verdict
+from tests.soak.schedule import RULES, DoneFault
 
 STOP_WITHIN_S = 3.0
 _KILLED_NS = 10_000_000_000
 _TROUBLE = re.compile(r"Traceback|a bug ended|panicked at|Fatal Python error")
-_KILLS = {
-    Kind.ALL_WORKERS_KILLED, Kind.COORDINATOR_KILLED, Kind.BRIDGE_KILLED, Kind.ROUTER_KILLED,
-}  # fmt: skip
 
 
 @contextmanager
@@ -27,16 +24,11 @@ def temporary_files_in(folder: Path) -> Iterator[Path]:
 
     Files left there come from these processes alone.
     """
-    left, before = folder / "left", os.environ.get("TMPDIR")
+    left = folder / "left"
     left.mkdir()
-    os.environ["TMPDIR"] = str(left)
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(left))
         yield left
-    finally:
-        if before is None:
-            del os.environ["TMPDIR"]
-        else:
-            os.environ["TMPDIR"] = before
 
 
 def processes_left(known: Iterable[psutil.Process], folder: Path, wait_s: float = 2.0) -> list[str]:
@@ -86,5 +78,5 @@ def clean_end_verdict(
 
 
 def _explains(fault: DoneFault, at_ns: int, name: str) -> bool:
-    is_hit = fault.kind in _KILLS and fault.target == name.rpartition("/")[2]
+    is_hit = RULES[fault.kind].does == "kill" and fault.target == name.rpartition("/")[2]
     return is_hit and fault.at_ns <= at_ns <= fault.at_ns + _KILLED_NS

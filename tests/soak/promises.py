@@ -7,7 +7,7 @@ from typing import Any
 from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from clustermcl.protocol.answers import Belief, PoseAnswer
 from clustermcl.protocol.message import PoseTuple
-from tests.soak.schedule import Kind
+from tests.soak.schedule import DoneFault, Kind
 
 KEPT_BREAKS = 200
 """Breaks recorded for each promise."""
@@ -49,18 +49,6 @@ class Verdict:
     breaks: Sequence[Break] = ()
     figures: dict[str, float] = field(default_factory=dict)
     """The numbers in `measured`, for programs."""
-
-
-@dataclass(frozen=True)
-class DoneFault:
-    kind: Kind
-    at_ns: int
-    until_ns: int
-    """Equal to `at_ns` for an instantaneous fault."""
-    target: str
-    """Names of the affected processes, separated by spaces."""
-    how: str = ""
-    """Details in words."""
 
 
 class Outages:

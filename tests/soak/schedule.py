@@ -3,8 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
+
+from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS
 
 
 class Kind(StrEnum):
@@ -27,30 +30,33 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True)
-class _Rule:
+class Rule:
     copies: int
     """Number in a deck of faults."""
+    does: Literal["kill", "kill both", "freeze", "cut", "send"]
+    role: str = ""
+    """Role of the victim."""
     lasts_s: tuple[float, float] = (0.0, 0.0)
     """Shortest and longest duration [s]."""
 
 
-_RULES = {
-    Kind.WORKER_KILLED: _Rule(10),
-    Kind.WORKER_FROZEN: _Rule(4, (0.5, 5.0)),
-    Kind.ALL_WORKERS_KILLED: _Rule(1),
-    Kind.COORDINATOR_KILLED: _Rule(3),
-    Kind.WORKER_AND_COORDINATOR_KILLED: _Rule(2),
-    Kind.COORDINATOR_FROZEN: _Rule(2, (0.5, 4.0)),
-    Kind.BRIDGE_KILLED: _Rule(1),
-    Kind.ROBOT_FROZEN: _Rule(2, (1.5, 4.0)),
-    Kind.ROBOT_KIDNAPPED: _Rule(1),
-    Kind.ROUTER_KILLED: _Rule(1),
-    Kind.ROUTER_FROZEN: _Rule(1, (0.5, 10.0)),
-    Kind.SLOW_NETWORK: _Rule(2, (3.0, 6.0)),
-    Kind.WORKER_LINKS_CUT: _Rule(2, (1.0, 60.0)),
-    Kind.COORDINATOR_LINK_CUT: _Rule(1, (1.0, 10.0)),
-    Kind.MALFORMED_MESSAGES: _Rule(2),
-    Kind.WRONG_READINGS: _Rule(1),
+RULES = {
+    Kind.WORKER_KILLED: Rule(10, "kill", WORKER),
+    Kind.WORKER_FROZEN: Rule(4, "freeze", WORKER, (0.5, 5.0)),
+    Kind.ALL_WORKERS_KILLED: Rule(1, "kill", WORKERS),
+    Kind.COORDINATOR_KILLED: Rule(3, "kill", COORDINATOR),
+    Kind.WORKER_AND_COORDINATOR_KILLED: Rule(2, "kill both"),
+    Kind.COORDINATOR_FROZEN: Rule(2, "freeze", COORDINATOR, (0.5, 4.0)),
+    Kind.BRIDGE_KILLED: Rule(1, "kill", BRIDGE),
+    Kind.ROBOT_FROZEN: Rule(2, "freeze", ROBOT, (1.5, 4.0)),
+    Kind.ROBOT_KIDNAPPED: Rule(1, "send"),
+    Kind.ROUTER_KILLED: Rule(1, "kill", ROUTER),
+    Kind.ROUTER_FROZEN: Rule(1, "freeze", ROUTER, (0.5, 10.0)),
+    Kind.SLOW_NETWORK: Rule(2, "freeze", ROUTER, (3.0, 6.0)),
+    Kind.WORKER_LINKS_CUT: Rule(2, "cut", WORKER, (1.0, 60.0)),
+    Kind.COORDINATOR_LINK_CUT: Rule(1, "cut", COORDINATOR, (1.0, 10.0)),
+    Kind.MALFORMED_MESSAGES: Rule(2, "send"),
+    Kind.WRONG_READINGS: Rule(1, "send"),
 }
 _NEAREST, _FARTHEST = 0.4, 1.6
 """Interval between faults as a multiple of the mean: the consequences of some overlap."""
@@ -67,16 +73,28 @@ class Fault:
     """In [0, 1): selects the victim among the candidates at that time."""
 
 
+@dataclass(frozen=True)
+class DoneFault:
+    kind: Kind
+    at_ns: int
+    until_ns: int
+    """Equal to `at_ns` for an instantaneous fault."""
+    target: str
+    """Names of the affected processes, separated by spaces."""
+    how: str = ""
+    """Details in words."""
+
+
 def planned(
     seed: int, *, first_s: float, last_s: float, every_s: float, only: Sequence[Kind] = ()
 ) -> tuple[Fault, ...]:
     """Return all faults of a soak, dealt from shuffled decks; the first has one of each kind."""
     rng = np.random.default_rng([seed, 0xFA017])
-    deck = _deck(rng, only or tuple(_RULES))
+    deck = _deck(rng, only or tuple(RULES))
     faults, at_s = [], first_s
     while at_s <= last_s:
         kind = next(deck)
-        low, high = _RULES[kind].lasts_s
+        low, high = RULES[kind].lasts_s
         faults.append(Fault(at_s, kind, float(rng.uniform(low, high)), float(rng.random())))
         at_s += every_s * float(rng.uniform(_NEAREST, _FARTHEST))
     return tuple(faults)
@@ -84,6 +102,6 @@ def planned(
 
 def _deck(rng: np.random.Generator, kinds: Sequence[Kind]) -> Iterator[Kind]:
     yield from (kinds[index] for index in rng.permutation(len(kinds)))
-    cards = [kind for kind in kinds for _ in range(_RULES[kind].copies)]
+    cards = [kind for kind in kinds for _ in range(RULES[kind].copies)]
     while True:
         yield from (cards[index] for index in rng.permutation(len(cards)))

@@ -5,8 +5,7 @@ import shutil
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import psutil
@@ -19,11 +18,11 @@ from clustermcl.runtime.stop import StopFlag
 from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_files_in
 from tests.soak.eight_rooms import PLACES, eight_rooms
 from tests.soak.fleet import Fleet
-from tests.soak.injector import Injector, Targets
+from tests.soak.injector import Injector
 from tests.soak.leak_promise import NothingLeaks, open_without_namespace
 from tests.soak.observer import Observer
-from tests.soak.report import Progress, SoakResult
-from tests.soak.schedule import Fault, Kind, planned
+from tests.soak.promises import Verdict
+from tests.soak.schedule import DoneFault, Kind, planned
 
 _TURN_S = 0.02
 _ROUTER_WITHIN_S, _READY_WITHIN_S = 30.0, 120.0
@@ -47,28 +46,45 @@ class SoakOptions:
     """Folder to which logs and flight recordings are copied."""
 
 
+@dataclass
+class SoakResult:
+    faults: list[DoneFault]
+    start_ns: int = 0
+    """End of the first search."""
+    end_ns: int = 0
+    verdicts: list[Verdict] = field(default_factory=list)
+
+    @property
+    def is_broken(self) -> bool:
+        return any(verdict.kept is False for verdict in self.verdicts)
+
+    def at_s(self, at_ns: int) -> float:
+        return (at_ns - self.start_ns) / 1e9
+
+
 class NotReadyError(ClusterMclError):
     """The processes run, but the first search does not find all places."""
 
 
 def run_soak(
-    options: SoakOptions, settings: Settings, stop: StopFlag, progress: Progress
+    options: SoakOptions, settings: Settings, stop: StopFlag, show: Callable[[str], None]
 ) -> SoakResult:
     if options.world == eight_rooms.__name__ and settings.belief.max_clusters < PLACES:
-        raise SettingsError(
-            key="belief.max_clusters",
-            problem=f"belief.max_clusters = {settings.belief.max_clusters}: eight rooms alike need "
-            f"{PLACES}; or choose another --world",
-        )
+        problem = f"belief.max_clusters = {settings.belief.max_clusters}: eight rooms alike need "
+        raise SettingsError(f"{problem}{PLACES}; or choose another --world")
     with temporary_folder() as folder, temporary_files_in(folder) as left:
         kept_in = folder / "kept"
         kept_in.mkdir()
-        robot = _files_in(kept_in, meeting_in(folder, settings))
+        robot = replace(
+            meeting_in(folder, settings),
+            coordinator=replace(settings.coordinator, state_folder=str(kept_in / "state")),
+            recorder=replace(settings.recorder, folder=str(kept_in / "flights")),
+        )
         fleet = Fleet(
             [robot], folder, world=options.world, rate_hz=options.rate_hz,
             coordinators=options.coordinators, cables=options.chaos,
         )  # fmt: skip
-        soak = _Soak(options, robot, fleet, stop, progress)
+        soak = _Soak(options, robot, fleet, stop, show)
         try:
             fleet.start()
             soak.run()
@@ -79,25 +95,13 @@ def run_soak(
                 for log in fleet.log_files():
                     shutil.copy(log, kept_in)
                 shutil.copytree(kept_in, options.keep, dirs_exist_ok=True)
+        running = processes_left(soak.known, folder)
         clean_end = clean_end_verdict(
-            fleet.exits,
-            soak.result.faults,
-            fleet.log_files(),
-            processes_left(soak.known, folder),
-            left,
-            stop_s,
+            fleet.exits, soak.result.faults, fleet.log_files(), running, left, stop_s
         )
     faulthandler.cancel_dump_traceback_later()  # all that can hang is closed
     soak.result.verdicts.append(clean_end)
     return soak.result
-
-
-def _files_in(folder: Path, settings: Settings) -> Settings:
-    return replace(
-        settings,
-        coordinator=replace(settings.coordinator, state_folder=str(folder / "state")),
-        recorder=replace(settings.recorder, folder=str(folder / "flights")),
-    )
 
 
 class _Soak:
@@ -109,72 +113,55 @@ class _Soak:
         robot: Settings,
         fleet: Fleet,
         stop: StopFlag,
-        progress: Progress,
+        show: Callable[[str], None],
     ) -> None:
-        self._options, self._robot, self._fleet = options, robot, fleet
-        self._stop, self._progress = stop, progress
+        self._minutes, self._robot, self._fleet = options.minutes, robot, fleet
+        self._stop, self._show = stop, show
         self._observer, self._leaks = Observer(robot, options.world, stop), NothingLeaks()
-        self.result = SoakResult(options, self._observer.outages.faults)
+        self.result = SoakResult(self._observer.outages.faults)
         self.known: set[psutil.Process] = set()
-        self.injector = Injector(
-            self._planned(),
-            Targets(
-                parts=fleet.parts,
-                trackers=self._observer.trackers,
-                leader=lambda: self._observer.leader,
-                seen=self._observer.seen,
-                set_cables=fleet.set_cables,
-                publish=self._observer.publish,
-                query=self._observer.query,
-            ),
+        faults = planned(
+            robot.seed,
+            first_s=_FIRST_FAULT_S,
+            last_s=options.minutes * 60.0 - _LAST_FAULT_S,
+            every_s=options.fault_every_s,
+            only=options.only,
         )
+        self.injector = Injector(faults if options.chaos else (), fleet, self._observer)
 
     def run(self) -> None:
         observer, result = self._observer, self.result
         with closing(observer.node) as node:
             node.open(_ROUTER_WITHIN_S)
-            self._wait_until_ready()
+            deadline_s = time.monotonic() + _READY_WITHIN_S
+            while not observer.is_ready:
+                self._stop.check()
+                self._turn()
+                if time.monotonic() > deadline_s:
+                    problem = f"the places were not found within {_READY_WITHIN_S:.0f} s"
+                    raise NotReadyError(f"{problem}; the logs say why: --keep DIR keeps them")
             with open_without_namespace(self._robot) as router:
                 result.start_ns = result.end_ns = time.time_ns()
                 observer.is_judging = True
-                every = (
-                    _Every(0.2, observer.ask_pose),
-                    _Every(3.0, self._sample),
-                    _Every(20.0, partial(self._leaks.count_router_keys, router)),
-                    _Every(1.0, self._show),
-                )
-                until_ns = result.start_ns + int(self._options.minutes * 60e9)
+                every = {
+                    0.2: observer.ask_pose,
+                    3.0: self._sample,
+                    20.0: lambda: self._leaks.count_router_keys(router),
+                    30.0: self._show_progress,
+                }
+                due_ns = dict.fromkeys(every, 0)
+                until_ns = result.start_ns + int(self._minutes * 60e9)
                 while (now_ns := time.time_ns()) < until_ns and not self._stop.is_set():
                     for fault in self.injector.tick(now_ns, result.start_ns):
                         result.faults.append(fault)
-                        self._progress.on_fault(fault, result.at_s(fault.at_ns))
+                        self._show_fault(fault)
                     self._turn()
-                    for timer in every:
-                        timer.tick(now_ns)
+                    for period_s, act in every.items():
+                        if now_ns >= due_ns[period_s]:
+                            due_ns[period_s] = now_ns + int(period_s * 1e9)
+                            act()
         result.end_ns = time.time_ns()
         result.verdicts += [*observer.verdicts(result.end_ns), self._leaks.verdict()]
-
-    def _wait_until_ready(self) -> None:
-        deadline_s = time.monotonic() + _READY_WITHIN_S
-        while not self._observer.is_ready:
-            self._stop.check()
-            self._turn()
-            if time.monotonic() > deadline_s:
-                raise NotReadyError(
-                    f"the places were not found within {_READY_WITHIN_S:.0f} s; "
-                    "the logs say why: --keep DIR keeps them"
-                )
-
-    def _planned(self) -> tuple[Fault, ...]:
-        if not self._options.chaos:
-            return ()
-        return planned(
-            self._robot.seed,
-            first_s=_FIRST_FAULT_S,
-            last_s=self._options.minutes * 60.0 - _LAST_FAULT_S,
-            every_s=self._options.fault_every_s,
-            only=self._options.only,
-        )
 
     def _turn(self) -> None:
         self._fleet.poll()
@@ -186,18 +173,13 @@ class _Soak:
         self._leaks.sample((part.name, part.process, part.own_name == leader) for part in parts)
         self.known.update(self._fleet.processes())
 
-    def _show(self) -> None:
-        elapsed_s = self.result.at_s(time.time_ns())
-        self._progress.on_turn(elapsed_s, self._observer.summary, len(self.result.faults))
+    def _show_progress(self) -> None:
+        minutes, faults = self.result.at_s(time.time_ns()) / 60, len(self.result.faults)
+        now = f"{minutes:.1f} of {self._minutes:g} min"
+        self._show(f"{now}: {self._observer.summary}, {faults} faults")
 
-
-@dataclass
-class _Every:
-    period_s: float
-    act: Callable[[], object]
-    due_ns: int = 0
-
-    def tick(self, now_ns: int) -> None:
-        if now_ns >= self.due_ns:
-            self.due_ns = now_ns + int(self.period_s * 1e9)
-            self.act()
+    def _show_fault(self, fault: DoneFault) -> None:
+        lasts_s = (fault.until_ns - fault.at_ns) / 1e9
+        lasts = f" for {lasts_s:.1f} s" if lasts_s else ""
+        at_s = self.result.at_s(fault.at_ns)
+        self._show(f"{at_s:7.1f} s  {fault.kind}{lasts}: {fault.target} {fault.how}".rstrip())

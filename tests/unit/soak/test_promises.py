@@ -21,13 +21,12 @@ from tests.soak.promises import (
     FOUND_WITHIN_S,
     AgeTrue,
     Answered,
-    DoneFault,
     Outages,
     Question,
     StepsOnce,
     TruthHeld,
 )
-from tests.soak.schedule import Kind, planned
+from tests.soak.schedule import DoneFault, Kind, planned
 from tests.unit.view import messages
 
 SECOND = 1_000_000_000
