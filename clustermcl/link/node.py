@@ -185,9 +185,7 @@ class Node:
         """Call `handler` with each message on `key`, decoded and as received.
 
         Args:
-            kind: name of its kind of state in the inbox and among the dropped messages; keys
-                with the same handler may share it.
-            kept: most messages queued.
+            kind: its kind in the inbox and among the dropped messages, `kept` of which are queued.
             own: also receive what this process publishes.
             paused: receive nothing until `Subscription.pause(False)`.
         """
@@ -259,11 +257,8 @@ class Node:
     ) -> None:
         """Query without blocking; one of two functions is called in a later turn.
 
-        Args:
-            on_answer: takes the first answer.
-            on_failure: takes the reason; empty: no process answered.
-            repeat_for_s: repeat a failed query for this time [s]. Just after a link came up,
-                a query may find no queryable yet.
+        `on_failure` takes the reason; empty: no process answered. A failed query is repeated for
+        `repeat_for_s` [s]: just after a link came up, it may find no queryable yet.
         """
         until_s = time.monotonic() + repeat_for_s
 

@@ -250,9 +250,7 @@ def ask_later(
 ) -> None:
     """Query without blocking; one of the two callbacks runs on a Zenoh thread.
 
-    Args:
-        on_answer: takes the first answer, not decoded.
-        on_failure: takes the text of the last error reply; empty: the query timed out.
+    `on_answer` takes the first answer, `on_failure` the last error; empty: the query timed out.
     """
     answered, refused = False, ""
 

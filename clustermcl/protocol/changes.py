@@ -83,15 +83,9 @@ class Changes(Message, frozen=True, kw_only=True, tag="changes/1"):
         return gone, new, moved
 
     def seen_min(self) -> NDArray[np.int32]:
-        """Return (rows, cols) when each cell was last seen, or 0 everywhere.
-
-        Raises:
-            MalformedMessageError: the bytes are no such array.
-        """
-        shape = self.rows, self.cols
-        if not self.zlib_seen_min:
-            return np.zeros(shape, np.int32)
-        return unpacked_minutes(self.zlib_seen_min, shape)
+        """Return (rows, cols) when each cell was last seen, or 0; errors as `unpacked_minutes`."""
+        shape, packed = (self.rows, self.cols), self.zlib_seen_min
+        return unpacked_minutes(packed, shape) if packed else np.zeros(shape, np.int32)
 
     def centres_m(self) -> NDArray[np.float64]:
         """Return the (N, 2) centres of the cells in the map [m]."""

@@ -13,11 +13,7 @@ _preparing = Lock()
 
 
 def converted(value: object, kind: type[T], *, strict: bool = True) -> T:
-    """Do as `msgspec.convert`, in any thread.
-
-    Raises:
-        msgspec.ValidationError: a field is missing, of the wrong type or out of its range.
-    """
+    """Do as `msgspec.convert`, in any thread."""
     prepare(kind)
     return msgspec.convert(value, kind, strict=strict)  # noqa: TID251 - prepared
 
@@ -26,10 +22,6 @@ def decoded(data: bytes | str, kind: type[T], encoding: ModuleType = msgspec.msg
     """Do as `msgspec.msgpack.decode` or that of another encoding, in any thread.
 
     Only for data whose size was checked, and that no other process can send: see `codec.decode`.
-
-    Raises:
-        msgspec.DecodeError: the data is not of this encoding, or not a valid `kind`.
-        RecursionError: it is nested too deeply.
     """
     prepare(kind)
     value: T = encoding.decode(data, type=kind)

@@ -100,11 +100,7 @@ class OldTermError(ClusterMclError):
 class UnreachableError(ClusterMclError):
     """The router, or a process behind it, did not answer in time.
 
-    Args:
-        peer: the router, a process, or the key of the query.
-        problem: a sentence that names it.
-        waited_s: how long the caller waited for an answer [s].
-        endpoint: endpoint of the router; None: unknown.
+    `peer` is the router, a process, or the key of the query, to which `problem` is a sentence.
     """
 
     def __init__(
@@ -129,11 +125,7 @@ class CommandRefusedError(ClusterMclError):
 class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
 
-    Args:
-        what: the process that is already running, such as ``a coordinator``.
-        endpoint: endpoint of the router.
-        advice: a remedy for the user.
-        robot: the robot's name; None for a router.
+    `what` is such as ``a coordinator``, `advice` a remedy; without a `robot` it is a router.
     """
 
     def __init__(self, *, what: str, endpoint: str, advice: str, robot: str | None = None) -> None:

@@ -1,7 +1,4 @@
-"""Convert poses and covariances between wire tuples and arrays.
-
-`np.array(pose)` converts a tuple to a pose array.
-"""
+"""Convert poses and covariances between wire tuples and arrays."""
 
 import math
 
@@ -29,16 +26,12 @@ def covariance_matrix(covariance: Covariance) -> NDArray[np.float64]:
 
 
 def checked_pose(name: str, pose: ArrayLike, *, in_one_turn: bool = True) -> PoseTuple:
-    """Return a pose as a tuple.
+    """Return a pose, (3,) x [m], y [m], heading [rad], as a tuple.
 
-    Args:
-        name: name of the argument, for the error.
-        pose: (3,) x [m], y [m], heading [rad].
-        in_one_turn: refuse a heading beyond a full turn, which is probably in degrees.
+    `in_one_turn` refuses a heading beyond a full turn, which is probably in degrees.
 
     Raises:
-        ValueError: it is not three finite numbers, is farther than 1e8 m, or the heading is
-            beyond a full turn.
+        ValueError: it is not three finite numbers, or out of range; with the argument's `name`.
     """
     values = np.asarray(pose, np.float64)
     if values.shape != (3,):
@@ -54,5 +47,4 @@ def checked_pose(name: str, pose: ArrayLike, *, in_one_turn: bool = True) -> Pos
 def check_angle(name: str, angle_rad: float) -> None:
     """Raise ValueError if an angle is beyond a full turn."""
     if not abs(angle_rad) <= math.tau:
-        problem = f"{name} is {angle_rad:g}, beyond a full turn (6.28): give radians"
-        raise ValueError(problem)
+        raise ValueError(f"{name} is {angle_rad:g}, beyond a full turn (6.28): give radians")

@@ -323,10 +323,7 @@ def use_one_thread_for_arithmetic() -> None:
 class ChildCount:
     """How many children to run: one for each job, within limits.
 
-    Args:
-        least: a second child takes over at once if the only other one dies.
-        most: more children than processor cores make every step slower.
-        idle_s: a child is not needed after this time without work [s].
+    `idle_s` is the time without work after which a child is not needed [s].
     """
 
     def __init__(self, least: int, most: int, idle_s: float = 30.0) -> None:
@@ -354,12 +351,9 @@ def run_forked(
 ) -> None:
     """Keep forked children, called ``name-index``, alive until `stop` is set, then end them.
 
-    Args:
-        count: decides how many children run. Only children without a job are ended.
-        child_main: the work of one child, given its index from 0, its own stop flag, and a
-            function that reports its number of jobs. It opens its own Zenoh session; the parent
-            must never have opened one.
-        hung_after_s: a child that does not check its stop flag for this time is killed [s].
+    Only children without a job are ended before. `child_main` gets the index from 0, the child's
+    stop flag and what reports its jobs. It opens its own Zenoh session; the parent
+    must never have opened one. A child that does not check its flag for `hung_after_s` is killed.
 
     Raises:
         RuntimeError: this process has threads, so a fork is not safe.

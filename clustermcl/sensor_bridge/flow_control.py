@@ -19,9 +19,6 @@ class FlowControl:
 
     In lockstep (rate 0) each step waits for the belief of the one before. A live robot gets
     back-pressure: an overloaded system makes fewer steps rather than dropping some later.
-
-    Args:
-        rate: speed of a recording or simulation relative to its stamps; 0: lockstep.
     """
 
     def __init__(self, rate: float) -> None:

@@ -106,12 +106,7 @@ def run_bridge(invocation: Invocation) -> None:
 
 
 def source_of(settings: BridgeSettings) -> Source | None:
-    """Return the source of readings; None: a robot publishes them.
-
-    Raises:
-        SettingsError: the source is a simulation.
-        RecordingError: the recording cannot be used.
-    """
+    """Return the source of readings; None: a robot publishes them."""
     match parsed_source(settings.source):
         case Live():
             return None

@@ -28,11 +28,7 @@ class Source:
 
 
 def recorded_source(path: str, settings: BridgeSettings) -> Source:
-    """Return the readings of a recording.
-
-    Raises:
-        RecordingError: it cannot be used.
-    """
+    """Return the readings of a recording; errors as `steps_of`."""
     recording = opened(path, settings)
     steps = sum(1 for _ in steps_of(recording, settings, map_digest=""))
     return Source(iter(recording.readings), steps)

@@ -166,13 +166,10 @@ def test_each_process_has_the_rights_of_its_unit_and_no_more(robot: Robot) -> No
     assert robot.run("ls /var/lib/clustermcl/flight-recorder/robot")
 
 
-def test_the_service_starts_with_the_machine(robot: Robot) -> None:
+def test_the_service_starts_with_the_machine_and_after_a_power_cut(robot: Robot) -> None:
     begin_s = time.monotonic()
     robot.reboot()
     robot.comes_back("shut down and booted", begin_s)
-
-
-def test_the_service_starts_after_a_power_cut(robot: Robot) -> None:
     begin_s = time.monotonic()
     robot.cut_power()
     robot.boot()
@@ -189,26 +186,6 @@ def test_the_commands_of_the_page_upgrade_the_service(robot: Robot) -> None:
     versions = {process["version"] for process in robot.ask("status")["processes"]}
     assert versions == {"0.1.99"}
     assert "count = 4" in robot.run(f"cat {SETTINGS}")
-
-
-def test_a_full_disk_stops_the_recording_and_not_the_robot(robot: Robot) -> None:
-    state = "/var/lib/private/clustermcl"
-    begin_s = time.monotonic()
-    robot.run(
-        "systemctl stop clustermcl-coordinator\n"
-        f"mount -t tmpfs -o size=256k tmpfs {state}\n"
-        f"head --bytes=256K /dev/zero > {state}/full || true\n"
-        "systemctl start clustermcl-coordinator"
-    )
-    step = robot.ask("status").get("step", 0)
-    robot.comes_back("coordinator on a full disk", begin_s, step)
-    wait_until(lambda: "the flight recorder cannot write" in robot.journal(), 60.0)
-    robot.run(f"rm {state}/full")
-    wait_until(lambda: robot.run(f"find {state}/flight-recorder -type f -size +0"), 120.0)
-    robot.run(
-        f"systemctl stop clustermcl-coordinator\numount {state}\n"
-        "systemctl start clustermcl-coordinator"
-    )
 
 
 def test_with_certificates_the_robot_is_localized_and_a_withdrawn_one_is_refused(

@@ -98,12 +98,8 @@ def test_the_public_host_runs_the_gates_on_every_python_that_is_named() -> None:
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     named = re.findall(r":: (3\.\d+)", "\n".join(project["classifiers"]))
     assert named == ["3.11", *jobs["other-pythons"]["strategy"]["matrix"]["python"]]
-    for form in (REPOSITORY / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml"):
-        assert {"name", "description", "body"} <= set(yaml.safe_load(form.read_text()))
 
 
-def test_the_citation_has_the_version_and_the_paper() -> None:
-    cited = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
-    assert cited["version"] == VERSION
-    assert cited["references"][0]["title"].startswith("Robust Global Localization")
+def test_citation_and_changelog_have_the_version() -> None:
+    assert yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())["version"] == VERSION
     assert f"## {VERSION} (" in (REPOSITORY / "CHANGELOG.md").read_text()

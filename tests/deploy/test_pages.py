@@ -115,13 +115,6 @@ def test_every_link_leads_somewhere_in_the_tree(page: Path) -> None:
             assert not anchor or found.suffix != ".md" or anchor in anchors(found), link
 
 
-def test_the_pages_stay_few_and_short() -> None:
-    pages = [REPOSITORY / "README.md", *DOCS]
-    words = [word for page in pages for word in page.read_text().split()]
-    assert len(pages) <= 28
-    assert sum(any(map(str.isalnum, word)) for word in words) <= 26_500
-
-
 @pytest.mark.parametrize("role", ["router", "bridge", "coordinator", "worker"])
 def test_the_secrets_of_kubernetes_are_made_as_printed(role: str, tmp_path: Path) -> None:
     if shutil.which("kubectl") is None:

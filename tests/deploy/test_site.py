@@ -111,10 +111,8 @@ def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
     notebook = importlib.import_module("notebook")
     executed, kept = notebook.executed(), notebook.kept()
     assert list(map(said, executed.cells)) == list(map(said, kept.cells)), "run docs/notebook.py"
-    assert said(executed.cells[-1]) == ["True"]
     page = (site / "tutorials/notebook/index.html").read_text()
     assert page.count('src="../notebook-') == 3
-    assert "localized" in page
 
 
 @pytest.mark.browser

@@ -2,14 +2,13 @@
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from clustermcl.commands.options import Assignments, SettingsFile
 from clustermcl.protocol.errors import ClusterMclError
@@ -24,7 +23,7 @@ from tests.soak.soak import SoakOptions, SoakResult, run_soak
 
 EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
 _END_WITHIN_S = 60.0
-_KEPT = {True: "yes", False: "NO", None: "-"}
+_KEPT = {True: "kept", False: "BROKEN", None: "no data"}
 _BREAKS_SHOWN = 3
 
 
@@ -80,12 +79,9 @@ def soak(
     given += [f"seed={seed}"] if seed is not None else []
     settings = load_settings(settings_file, [*given, *(assignments or ())])
     stop = stop_on_signals(exit_after_s=_END_WITHIN_S)
-    console = Console()
-    if not console.is_terminal:
-        console.width = 132
-    show = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+    show = partial(print, flush=True)
     result = run_soak(options, settings, stop, show)
-    print_result(result, console)
+    print_result(result, show)
     if output is not None:
         write_output_file(output, as_json(options, result))
     if result.is_broken:
@@ -93,22 +89,16 @@ def soak(
     stop.check()
 
 
-def print_result(result: SoakResult, console: Console) -> None:
+def print_result(result: SoakResult, show: Callable[[str], None]) -> None:
     minutes = result.at_s(result.end_ns) / 60
-    table = Table(title=f"{minutes:.1f} minutes, {len(result.faults)} faults", box=None)
-    for column in ("promise", "target", "measured", "kept"):
-        table.add_column(column)
+    show(f"{minutes:.1f} minutes, {len(result.faults)} faults")
     for verdict in result.verdicts:
-        style = "bold red" if verdict.kept is False else None
-        row = verdict.promise, verdict.target, verdict.measured, _KEPT[verdict.kept]
-        table.add_row(*row, style=style)
-    console.print(table, markup=False)
-    for verdict in result.verdicts:
+        figures = ", ".join(f"{name} {value:.4g}" for name, value in verdict.figures.items())
+        show(f"{_KEPT[verdict.kept]:>8}: {verdict.promise}: {figures}")
         for broken in verdict.breaks[:_BREAKS_SHOWN]:
-            text = f"  {verdict.promise}: {_text(result, broken)}"
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+            show(f"          {_text(result, broken)}")
         if (more := len(verdict.breaks) - _BREAKS_SHOWN) > 0:
-            console.print(f"  and {more} more times")
+            show(f"          and {more} more times")
 
 
 def as_json(options: SoakOptions, result: SoakResult) -> str:

@@ -6,13 +6,13 @@ connection, and a mended link delivers everything. A new connection over a cut l
 """
 
 import argparse
+import asyncio
 import socket
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Thread
 
 import msgspec
 
@@ -37,30 +37,11 @@ def set_cables(control: Path, pids: Iterable[int], *, to_router: bool, from_rout
         sender.sendto(msgspec.json.encode(cables), str(control))
 
 
-def main() -> None:
-    process_main(
-        "cables", _run, describe="Relay whose links can be cut.", add_arguments=_add_arguments
-    )
-
-
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--listen", type=Path, required=True, help="socket for processes")
-    parser.add_argument("--router", type=Path, required=True, help="socket of the router")
-    parser.add_argument("--control", type=Path, required=True, help="socket for commands")
-
-
-def _run(invocation: Invocation) -> None:
-    given = invocation.arguments
-    relay = Relay(given.listen, given.router, given.control)
-    while not invocation.stop.is_set():
-        relay.receive_command(_LOOK_EVERY_S)
-
-
 class _Cable:
     """The links of one process; a set event means that the direction is open."""
 
     def __init__(self) -> None:
-        self.to_router, self.from_router = Event(), Event()
+        self.to_router, self.from_router = asyncio.Event(), asyncio.Event()
         self.set(to_router=True, from_router=True)
 
     def set(self, *, to_router: bool, from_router: bool) -> None:
@@ -68,75 +49,62 @@ class _Cable:
             (event.set if whole else event.clear)()
 
 
-class Relay:
-    """All links by process id, with two threads per link."""
+async def _relay(invocation: Invocation) -> None:
+    given, cables = invocation.arguments, defaultdict[int, _Cable](_Cable)
 
-    def __init__(self, listen: Path, router: Path, control: Path) -> None:
-        self._router = router
-        self._cables: defaultdict[int, _Cable] = defaultdict(_Cable)
-        self._control = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._control.bind(str(control))
-        self._server = socket.socket(socket.AF_UNIX)
-        self._server.bind(str(listen))
-        self._server.listen()
-        self._closed = False
-        _begin(self._accept)
-
-    def receive_command(self, wait_s: float) -> None:
-        self._control.settimeout(wait_s)
-        with suppress(TimeoutError):
-            cables = msgspec.json.decode(self._control.recv(_PIECE_BYTES), type=Cables)
-            for pid in cables.pids:
-                self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
-
-    def close(self) -> None:
-        self._closed = True
-        self._server.shutdown(socket.SHUT_RDWR)
-        self._control.close()
-
-    def _accept(self) -> None:
-        with self._server:
-            while True:
-                try:
-                    link, _ = self._server.accept()
-                except OSError:
-                    if self._closed:
-                        return
-                    raise
-                _begin(self._join, link)
-
-    def _join(self, link: socket.socket) -> None:
+    async def join(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Relay both directions until both sides have closed."""
-        cable = self._cables[_pid_of(link)]
-        cable.to_router.wait()
-        with link, socket.socket(socket.AF_UNIX) as router, suppress(OSError):
-            router.connect(str(self._router))
-            back = _begin(_carry, router, link, cable.from_router)
-            _carry(link, router, cable.to_router)
-            back.join()
+        peer = writer.get_extra_info("socket")
+        size = _PEER_CREDENTIALS.size
+        credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+        cable = cables[_PEER_CREDENTIALS.unpack(credentials)[0]]
+        await cable.to_router.wait()
+        with suppress(OSError):
+            far_reader, far_writer = await asyncio.open_unix_connection(given.router)
+            await asyncio.gather(
+                _carry(reader, far_writer, cable.to_router),
+                _carry(far_reader, writer, cable.from_router),
+            )
+            far_writer.close()
+        writer.close()
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as control:
+        control.bind(given.control)
+
+        def on_command() -> None:
+            command = msgspec.json.decode(control.recv(_PIECE_BYTES), type=Cables)
+            for pid in command.pids:
+                cables[pid].set(to_router=command.to_router, from_router=command.from_router)
+
+        asyncio.get_running_loop().add_reader(control, on_command)
+        async with await asyncio.start_unix_server(join, given.listen):
+            while not invocation.stop.is_set():
+                await asyncio.sleep(_LOOK_EVERY_S)
 
 
-def _begin(work: Callable[..., None], *arguments: object) -> Thread:
-    thread = Thread(target=work, args=arguments, daemon=True)
-    thread.start()
-    return thread
-
-
-def _carry(source: socket.socket, target: socket.socket, whole: Event) -> None:
+async def _carry(
+    source: asyncio.StreamReader, target: asyncio.StreamWriter, whole: asyncio.Event
+) -> None:
     with suppress(OSError):
-        while data := source.recv(_PIECE_BYTES):
-            whole.wait()
-            target.sendall(data)
-    whole.wait()
+        while data := await source.read(_PIECE_BYTES):
+            await whole.wait()
+            target.write(data)
+            await target.drain()
+    await whole.wait()
     with suppress(OSError):  # it has ended already
-        target.shutdown(socket.SHUT_RDWR)
+        target.write_eof()
 
 
-def _pid_of(link: socket.socket) -> int:
-    credentials = link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER_CREDENTIALS.size)
-    pid: int = _PEER_CREDENTIALS.unpack(credentials)[0]
-    return pid
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--listen", required=True, help="socket for processes")
+    parser.add_argument("--router", required=True, help="socket of the router")
+    parser.add_argument("--control", required=True, help="socket for commands")
 
 
 if __name__ == "__main__":
-    main()
+    process_main(
+        "cables",
+        lambda invocation: asyncio.run(_relay(invocation)),
+        describe="Relay whose links can be cut.",
+        add_arguments=_add_arguments,
+    )

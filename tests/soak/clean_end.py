@@ -68,9 +68,6 @@ def clean_end_verdict(
         breaks.append(Break(0, f"the processes took {stop_s:.1f} s to end"))
     return Verdict(
         promise="a clean end",
-        target=f"nothing left, {STOP_WITHIN_S:g} s after the stop",
-        measured=f"{len(exits)} exits; {len(troubled)} logs with a traceback; {len(processes)} "
-        f"processes and {len(left)} files left; {stop_s:.1f} s",
         kept=not breaks,
         breaks=tuple(breaks),
         figures={"exits": len(exits), "processes": len(processes), "stop_s": stop_s},

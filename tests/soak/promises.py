@@ -1,7 +1,7 @@
 """The promises on poses, steps and places, and the outages that excuse a broken one."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from clustermcl.evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
@@ -42,13 +42,10 @@ class Break:
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
     promise: str
-    target: str
-    measured: str
     kept: bool | None
     """None: not enough data."""
+    figures: dict[str, float]
     breaks: Sequence[Break] = ()
-    figures: dict[str, float] = field(default_factory=dict)
-    """The numbers in `measured`, for programs."""
 
 
 class Outages:
@@ -102,8 +99,6 @@ class Answered:
         with_outages = 1.0 - len(self._unanswered) / self._asked if self._asked else 0.0
         return Verdict(
             promise="the pose is answered",
-            target=f">= {ANSWERED_SHARE:.1%} outside outages",
-            measured=f"{share:.2%} of {counted:,} ({with_outages:.2%} with outages)",
             kept=counted > 0 and share >= ANSWERED_SHARE,
             breaks=breaks[:KEPT_BREAKS],
             figures={"share": share, "share_with_outages": with_outages, "asked": self._asked},
@@ -143,11 +138,14 @@ class AgeTrue:
         wrong = len(self._breaks)
         return Verdict(
             promise="the pose's age is true",
-            target=f"within {ALLOWANCE_S:g} s",
-            measured=f"{wrong} of {self._checked:,} wrong; worst {self._worst_s:.2f} s",
             kept=self._checked > 0 and not wrong,
             breaks=self._breaks[:KEPT_BREAKS],
-            figures={"wrong": wrong, "wrong_fresh": self._wrong_fresh, "worst_s": self._worst_s},
+            figures={
+                "checked": self._checked,
+                "wrong": wrong,
+                "wrong_fresh": self._wrong_fresh,
+                "worst_s": self._worst_s,
+            },
         )
 
 
@@ -189,19 +187,14 @@ class StepsOnce:
 
     def verdict(self) -> Verdict:
         ordered, steps = sorted(self._delays_s), len(self._seen)
-        median_s, p99_s, longest_s = (_quantile(ordered, share) for share in (0.5, 0.99, 1.0))
         return Verdict(
             promise="each step is decided once",
-            target=f"all, within {self._longest_s:g} s",
-            measured=f"{self._lost} of {steps:,} lost, {self._excused} in outages; "
-            f"{self._repeated} repeated; delay {median_s * 1e3:.0f} ms (99 %: "
-            f"{p99_s * 1e3:.0f} ms, longest {longest_s:.2f} s)",
             kept=steps > 0 and not self._breaks,
             breaks=self._breaks[:KEPT_BREAKS],
             figures={
                 "steps": steps, "lost": self._lost, "lost_in_outages": self._excused,
-                "repeated": self._repeated, "median_s": median_s, "p99_s": p99_s,
-                "longest_s": longest_s,
+                "repeated": self._repeated, "median_s": _quantile(ordered, 0.5),
+                "p99_s": _quantile(ordered, 0.99), "longest_s": _quantile(ordered, 1.0),
             },
         )  # fmt: skip
 
@@ -263,19 +256,15 @@ class TruthHeld:
 
     def verdict(self, now_ns: int) -> Verdict:
         self._check_search(now_ns)
-        p99_m, longest_s = _quantile(sorted(self._errors_m), 0.99), max(self._found_s, default=0.0)
         return Verdict(
             promise="the true places are held, no wrong one is sure",
-            target=f"always; kidnapped: within {FOUND_WITHIN_S:g} s",
-            measured=f"not in {self._short:,} of {self._beliefs:,}; {self._sure_and_wrong} sure and"
-            f" wrong; 99 % within {p99_m:.2f} m; found again {len(self._found_s)} times in"
-            f" {longest_s:.1f} s; {self._unreported} left out",
             kept=self._beliefs > 0 and not self._breaks,
             breaks=self._breaks[:KEPT_BREAKS],
             figures={
                 "beliefs": self._beliefs, "short": self._short,
-                "sure_and_wrong": self._sure_and_wrong, "p99_m": p99_m,
-                "found": len(self._found_s), "found_longest_s": longest_s,
+                "sure_and_wrong": self._sure_and_wrong,
+                "p99_m": _quantile(sorted(self._errors_m), 0.99),
+                "found": len(self._found_s), "found_longest_s": max(self._found_s, default=0.0),
                 "unreported": self._unreported,
             },
         )  # fmt: skip

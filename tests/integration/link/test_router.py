@@ -13,8 +13,6 @@ from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
 
-ROUTER_FILE = Path(__file__).parents[3] / "deploy" / "router.json5"
-
 
 def test_a_router_ends_on_a_signal_and_a_killed_one_does_not_block_the_next(
     start_router: Callable[[], RunningProcess],
@@ -78,30 +76,6 @@ def test_an_endpoint_that_cannot_be_listened_at_is_named(endpoint: str, message:
         pass
     assert message in str(caught.value)
     assert ".rs" not in str(caught.value)
-
-
-def test_the_deployed_file_makes_a_router_that_forwards(
-    zenoh_settings: ZenohSettings,
-    tmp_path: Path,
-    start_process: StartProcess,
-    open_client: OpenClient,
-) -> None:
-    text = ROUTER_FILE.read_text()
-    assert '"tcp/0.0.0.0:7447"' in text
-    file = tmp_path / "router.json5"
-    file.write_text(text.replace('["tcp/0.0.0.0:7447"]', f'["{zenoh_settings.router}"]'))
-    process = start_process(python_module("clustermcl.link.router", "--config", str(file)))
-    process.wait_for("router listens at")
-    received: list[str] = []
-    open_client().declare_subscriber("test", lambda s: received.append(s.payload.to_string()))
-    speaker = open_client()
-
-    def put_and_look() -> list[str]:
-        speaker.put("test", "hello")
-        return received
-
-    wait_until(put_and_look)
-    assert received[0] == "hello"
 
 
 @pytest.mark.parametrize("text", [None, "{ mode: 'router', ", "{ mode: 'routre' }", "{ nod: 1 }"])

@@ -11,7 +11,7 @@ import zenoh
 
 from clustermcl.runtime.settings import ZenohSettings
 from tests.integration.conftest import OpenClient, StartProcess
-from tests.integration.processes import RunningProcess, python_script
+from tests.integration.processes import python_script
 from tests.integration.waiting import stretched_s, wait_until
 
 FORKING = Path(__file__).parent / "programs" / "forking.py"
@@ -20,13 +20,9 @@ if sys.platform != "linux":
     pytest.skip("only Linux ends children with their parent", allow_module_level=True)
 
 
-def start_forking(start_process: StartProcess, settings: ZenohSettings) -> RunningProcess:
-    return start_process(python_script(FORKING, "--set", f"zenoh.router={settings.router}"))
-
-
-def ask(session: zenoh.Session, index: int) -> list[str]:
+def ask(session: zenoh.Session, index: int, timeout_s: float = 5.0) -> list[str]:
     """Answer of a child: its process id, its parent's, a sum made by numpy; [] without one."""
-    for reply in session.get(f"child/{index}", timeout=5.0):
+    for reply in session.get(f"child/{index}", timeout=timeout_s):
         if reply.ok is not None:
             return reply.ok.payload.to_string().split()
     return []
@@ -75,18 +71,15 @@ def test_children_start_with_more_jobs_and_idle_ones_end_later(
     session.get("child/2", payload="0")
     for index in range(2):
         session.get(f"child/{index}", payload="1")
-    wait_until(lambda: not session_has(session, 2))
+    wait_until(lambda: not ask(session, 2, timeout_s=1.0))
     assert [ask(session, index) for index in (0, 1, 3)] == [first[0], first[1], first[3]]
-
-
-def session_has(session: zenoh.Session, index: int) -> bool:
-    return any(reply.ok is not None for reply in session.get(f"child/{index}", timeout=1.0))
 
 
 def test_children_that_wait_for_a_router_end_too(
     zenoh_settings: ZenohSettings, start_process: StartProcess
 ) -> None:
-    process = start_forking(start_process, zenoh_settings)
+    endpoint = f"zenoh.router={zenoh_settings.router}"
+    process = start_process(python_script(FORKING, "--set", endpoint))
     process.wait_for("forking-2: waiting for a router")
     started_s = time.monotonic()
     process.send_signal(signal.SIGINT)

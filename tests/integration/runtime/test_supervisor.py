@@ -14,7 +14,7 @@ from clustermcl.runtime import supervisor as supervisor_module
 from clustermcl.runtime.stop import StopFlag
 from clustermcl.runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from tests.integration.conftest import StartProcess
-from tests.integration.processes import RunningProcess, python_script
+from tests.integration.processes import python_script
 from tests.integration.waiting import stretched_s, wait_until
 
 PROGRAMS = Path(__file__).parent / "programs"
@@ -141,22 +141,6 @@ def test_stop_ends_all_children_within_two_seconds_even_one_that_ignores_signals
     assert supervisor.poll(time.monotonic() + 1000.0) == []
 
 
-def test_two_children_of_the_same_name_are_refused(supervisor: Supervisor) -> None:
-    supervisor.add(ChildSpec("a", python("")))
-    with pytest.raises(ValueError, match="'a' already"):
-        supervisor.add(ChildSpec("a", python("")))
-
-
-def start_supervising(start_process: StartProcess, folder: str) -> RunningProcess:
-    """A supervisor over a router, and over a parent with three forked children."""
-    endpoint = f"zenoh.router=unixsock-stream/{folder}/supervised.sock"
-    children = [
-        ["router", router_command(folder)],
-        ["forking", python_script(PROGRAMS / "forking.py", "--set", endpoint)],
-    ]
-    return start_process(python_script(PROGRAMS / "supervising.py", json.dumps(children)))
-
-
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 def test_the_compilation_of_kernels_does_not_outlive_its_parent(
     start_process: StartProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -180,7 +164,10 @@ def test_the_compilation_of_kernels_does_not_outlive_its_parent(
 def test_no_child_or_grandchild_outlives_the_supervisor(
     numbers: list[int], start_process: StartProcess, short_folder: str
 ) -> None:
-    process = start_supervising(start_process, short_folder)
+    endpoint = f"zenoh.router=unixsock-stream/{short_folder}/supervised.sock"
+    forking = python_script(PROGRAMS / "forking.py", "--set", endpoint)
+    children = [["router", router_command(short_folder)], ["forking", forking]]
+    process = start_process(python_script(PROGRAMS / "supervising.py", json.dumps(children)))
     for index in range(3):
         process.wait_for(f"child {index} is ")
     pids = [child.pid for child in psutil.Process(process.pid).children(recursive=True)]

@@ -19,7 +19,7 @@ from tests.integration.security.certificates import (
     with_lifetime,
     without_certificate,
 )
-from tests.integration.waiting import PATIENCE_S, wait_until
+from tests.integration.waiting import wait_until
 
 require_openssl()
 
@@ -38,12 +38,6 @@ def refusal(settings: ZenohSettings) -> str:
 @pytest.fixture
 def scratch(certificates: Path, tmp_path: Path) -> Path:
     return shutil.copytree(certificates, tmp_path / "certificates")
-
-
-def test_a_certificate_of_the_routers_authority_gets_in(client_of: ClientOf) -> None:
-    settings = client_of("viewer")
-    with open_session(settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
-        wait_until(session.info.routers_zid)
 
 
 def test_without_a_certificate_a_connection_is_refused(client_of: ClientOf) -> None:
@@ -85,31 +79,17 @@ def test_the_routers_certificate_makes_no_client_and_other_errors_blame_no_certi
     assert refusal(away).startswith("no router at tls/localhost:1 within")
 
 
-def test_a_process_reports_why_its_certificate_ended_the_link(
+def test_a_link_ends_with_its_certificate_which_is_reported_and_returns_with_a_new_one(
     client_of: ClientOf, scratch: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=8))
     zenoh = client_with(scratch, "viewer", client_of("viewer").router)
     settings = msgspec.structs.replace(Settings(), zenoh=zenoh)
     with closing(Node("c", "coordinator", settings, StopFlag(), peers=None)) as node:
-        node.open(wait_s=8.0)
+        session = node.open(wait_s=8.0)
         assert "viewer.pem: its role is viewer" in caplog.text
-
-        def is_reported() -> bool:
-            node.turn(0.1)
-            return "it has expired" in caplog.text
-
-        wait_until(is_reported)
-
-
-def test_a_link_ends_when_its_certificate_does_and_comes_back_with_a_new_one(
-    client_of: ClientOf, scratch: Path
-) -> None:
-    with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=8))
-    settings = client_with(scratch, "viewer", client_of("viewer").router)
-    with open_session(settings, RobotSettings(), StopFlag(), wait_s=8.0) as session:
-        wait_until(session.info.routers_zid)
-        wait_until(lambda: not session.info.routers_zid())
+        wait_until(lambda: node.turn(0.1) is None and "it has expired" in caplog.text)
+        assert not session.info.routers_zid()
         made = make_certificates(scratch, "--force", "viewer")
         assert made.returncode == 0, made.stderr
         wait_until(session.info.routers_zid)

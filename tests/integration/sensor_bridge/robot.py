@@ -10,9 +10,11 @@ from clustermcl.link.wire import Events, Received, subscribe
 from clustermcl.protocol import keys
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.health import Health
+from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import answered, wait_until
+from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 NOT_READ = (
     "reading before the map",
@@ -42,7 +44,8 @@ class Robot:
         subscribe(session, keys.BRIDGE_HEALTH, Health, self._inbox, "health")
 
     def publish(self, reading: Reading) -> None:
-        self.put(_key_of(reading), encode(reading))
+        is_laser = isinstance(reading, LaserReading)
+        self.put(keys.LASER_READING if is_laser else keys.ODOMETRY_READING, encode(reading))
 
     def wait_until_taken(self) -> None:
         """Wait until the bridge says that it has taken all readings, as it does once a second.
@@ -73,5 +76,14 @@ class Robot:
         return self._health.dropped if self._health else None
 
 
-def _key_of(reading: Reading) -> str:
-    return keys.LASER_READING if isinstance(reading, LaserReading) else keys.ODOMETRY_READING
+class Standing:
+    """Sends a scan and the odometry after it, a tenth of a second apart."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot, self._tick = robot, 0
+
+    def scan(self, pose: PoseTuple = (1.0, 2.0, 0.5)) -> None:
+        self._robot.publish(odometry_reading(self._tick / 10, pose))
+        self._robot.publish(laser_reading(self._tick / 10 + 0.01, pose))
+        self._robot.wait_until_taken()
+        self._tick += 1

@@ -16,8 +16,7 @@ from clustermcl.recordings.maps.map_message import from_reading
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from tests.integration.conftest import OpenClient
 from tests.integration.sensor_bridge.conftest import StartBridge
-from tests.integration.sensor_bridge.robot import Robot, answering
-from tests.integration.sensor_bridge.test_standing_robot import Standing
+from tests.integration.sensor_bridge.robot import Robot, Standing, answering
 from tests.integration.waiting import wait_until
 
 

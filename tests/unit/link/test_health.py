@@ -34,11 +34,3 @@ def test_ages_are_since_the_last_occurrence() -> None:
     health = process.health.health()
     assert health.ages_s == {"scans": 4.0, "steps": 3.0}
     assert (health.done["steps"], health.uptime_s) == (3, 5.0)
-
-
-def test_counts_of_the_past_do_not_grow_with_time() -> None:
-    process = Process()
-    for _ in range(10_000):
-        process.now_s += 1.0
-        process.health.happened("scans")
-    assert len(process.health._past) < 2 * RATE_OVER_S

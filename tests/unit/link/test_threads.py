@@ -1,4 +1,5 @@
 import os
+from contextlib import suppress
 
 import pytest
 
@@ -12,21 +13,11 @@ def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
 
 
-def test_the_thread_variable_is_set_only_while_a_session_opens() -> None:
-    with receiving_threads(MANY_LINKS):
+def test_the_first_session_of_a_process_alone_sets_the_variable_and_only_while_it_opens() -> None:
+    with suppress(ZeroDivisionError), receiving_threads(MANY_LINKS):
         assert os.environ[VARIABLE] == MANY_LINKS
-    assert VARIABLE not in os.environ
-
-
-def test_the_thread_variable_is_removed_if_the_session_does_not_open() -> None:
-    with pytest.raises(ZeroDivisionError), receiving_threads(ONE_LINK):
         raise ZeroDivisionError
     assert VARIABLE not in os.environ
-
-
-def test_only_the_first_session_of_a_process_sets_the_variable() -> None:
-    with receiving_threads(MANY_LINKS):
-        pass
     with receiving_threads(ONE_LINK):
         assert VARIABLE not in os.environ
 

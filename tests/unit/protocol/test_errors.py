@@ -1,10 +1,4 @@
-from clustermcl.protocol.errors import AlreadyRunningError, SettingsError
-
-
-def test_a_refused_setting_names_its_key_and_where_it_was_set() -> None:
-    error = SettingsError(key="seed", problem="seed = -1: expected >= 0", where="robot.toml")
-    assert str(error) == "robot.toml: seed = -1: expected >= 0"
-    assert (error.key, error.where) == ("seed", "robot.toml")
+from clustermcl.protocol.errors import AlreadyRunningError
 
 
 def test_an_already_running_error_has_its_facts_as_attributes() -> None:

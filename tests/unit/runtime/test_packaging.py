@@ -42,15 +42,7 @@ def test_every_package_in_a_lock_has_one_exact_version_and_hashes(lock: str) -> 
     packages = pinned(lock)
     assert len(packages) == lock.count("==") > 0
     assert all(hashes for _, hashes in packages.values())
-
-
-def test_the_lock_names_no_package_index() -> None:
-    assert not re.search(r"http|file:|^-|/", LOCKS["requirements"], re.MULTILINE)
-
-
-def test_what_builds_the_project_is_locked() -> None:
-    """Both are installed without build isolation."""
-    assert set(map(normal, PROJECT["build-system"]["requires"])) <= TESTED.keys()
+    assert not re.search(r"^ *[^# ].*(http|file:)|^-", lock, re.MULTILINE), "an index or an option"
 
 
 @pytest.mark.parametrize(
@@ -71,12 +63,6 @@ def test_a_lock_has_all_that_is_needed_in_the_tested_versions(name: str, extras:
     assert {one: version for one, (version, _) in locked.items() if one in TESTED} == {
         one: version for one, (version, _) in TESTED.items() if one in locked
     }
-
-
-@pytest.mark.parametrize("release", ["jazzy", "kilted"])
-def test_the_ros_lock_has_what_the_node_needs(release: str) -> None:
-    needed = {"ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-std-srvs"}
-    assert needed <= pinned(LOCKS[f"requirements-ros-{release}"]).keys()
 
 
 def test_the_runtime_lock_pins_the_tested_files_and_no_development_tools() -> None:

@@ -9,16 +9,11 @@ from clustermcl.runtime.supervisor import ChildSpec, Supervisor
 
 
 def body(invocation: Invocation) -> None:
-    """Supervise until stopped; every change of the process ids is one JSON line."""
     supervisor = Supervisor()
     for name, command in json.loads(sys.argv[-1]):
         supervisor.add(ChildSpec(name, command))
-    known: dict[str, int] = {}
     while not invocation.stop.wait(0.02):
         supervisor.poll(time.monotonic())
-        if (pids := supervisor.pids()) != known:
-            print(json.dumps(pids), flush=True)
-            known = pids
     supervisor.stop()
 
 
