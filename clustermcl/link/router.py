@@ -14,14 +14,7 @@ from pathlib import Path
 
 import zenoh
 
-from clustermcl.link.configuration import (
-    UNSCOUTED,
-    Configuration,
-    as_zenoh,
-    readable,
-    router_configuration,
-    transport_configuration,
-)
+from clustermcl.link import configuration
 from clustermcl.link.session import MANY_LINKS, receiving_threads
 from clustermcl.protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from clustermcl.runtime.main import EXIT_BUG, Invocation, process_main
@@ -74,7 +67,7 @@ class RouterProbe:
 
     def _look(self) -> None:
         try:
-            zenoh.open(as_zenoh(self._client)).close()  # type: ignore[no-untyped-call] # the stub's
+            zenoh.open(configuration.as_zenoh(self._client)).close()  # type: ignore[no-untyped-call] # the stub's
         except zenoh.ZError as error:
             _log.debug("a client cannot connect: %s", error)
         else:
@@ -82,7 +75,7 @@ class RouterProbe:
             _log.debug("clients can connect")
 
 
-def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
+def client_of(router: zenoh.Config, patience_s: float) -> configuration.Configuration:
     """Return the configuration of a client on the router's machine, with its certificate."""
     endpoints = json.loads(router.get_json("listen/endpoints"))
     if isinstance(endpoints, dict):  # by mode
@@ -98,13 +91,13 @@ def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
         "enable_mtls": tls.get("enable_mtls"),
         "verify_name_on_connect": False,
     }
-    transport = transport_configuration()
+    transport = configuration.transport_configuration()
     transport["link"]["tls"] = {name: used[name] for name in used if used[name] is not None}
     timeout_ms = int(patience_s * 1000)
     return {
         "mode": "client",
         "connect": {"endpoints": [endpoint] if endpoint else [], "timeout_ms": timeout_ms},
-        "scouting": UNSCOUTED,
+        "scouting": configuration.UNSCOUTED,
         "transport": transport,
     }
 
@@ -114,7 +107,10 @@ def run_router(invocation: Invocation) -> None:
     file: Path | None = invocation.arguments.config
     router = invocation.settings.zenoh.router
     if file is None:
-        config, endpoints = as_zenoh(router_configuration(invocation.settings.zenoh)), router
+        config, endpoints = (
+            configuration.as_zenoh(configuration.router_configuration(invocation.settings.zenoh)),
+            router,
+        )
     else:
         config = _read(file)
         endpoints = config.get_json("listen/endpoints")
@@ -145,7 +141,7 @@ def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
         with receiving_threads(MANY_LINKS):
             return zenoh.open(config)
     except zenoh.ZError as error:
-        problem = readable(error)
+        problem = configuration.readable(error)
         if any(phrase in problem for phrase in _IN_USE):
             raise AlreadyRunningError(
                 what="a router or another program",
@@ -163,7 +159,7 @@ def _read(file: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(file))
     except zenoh.ZError as error:
-        raise InputFileError(file, readable(error)) from error
+        raise InputFileError(file, configuration.readable(error)) from error
 
 
 if __name__ == "__main__":

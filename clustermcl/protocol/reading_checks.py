@@ -7,20 +7,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from clustermcl.protocol import steps
 from clustermcl.protocol.causes import Cause, key_of
 from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import MAX_POSE_M, PoseTuple
-from clustermcl.protocol.steps import (
-    MAX_BEAMS,
-    MAX_FIELD_SIDE,
-    LaserBeams,
-    LaserReading,
-    Observation,
-    OdometryReading,
-    PositionField,
-    Scan,
-    Seen,
-)
 
 MAX_LASERS = 16
 """Lasers of one robot."""
@@ -29,18 +19,18 @@ MAX_LASER_NAME = 128
 MIN_VARIANCE = 1e-8
 """Least variance of an observation: a standard deviation of 0.1 mm or mrad."""
 
-_Laser: TypeAlias = LaserReading | Scan | LaserBeams
+_Laser: TypeAlias = steps.LaserReading | steps.Scan | steps.LaserBeams
 _SOME = 8
 _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
-def odometry_problem(reading: OdometryReading) -> Cause | None:
+def odometry_problem(reading: steps.OdometryReading) -> Cause | None:
     """Return the defect that makes an odometry reading unusable, or None."""
     return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
-def scan_problem(scan: Scan) -> str | None:
+def scan_problem(scan: steps.Scan) -> str | None:
     """Return the defect that makes a step unusable, or None."""
     problem = stamp_problem(scan.stamp_ns) or pose_problem(scan.odom_from_robot)
     if len(scan.others) >= MAX_LASERS:
@@ -52,7 +42,7 @@ def scan_problem(scan: Scan) -> str | None:
     return next(filter(None, (_seen_problem(each, names) for each in scan.observations)), None)
 
 
-def laser_problem(reading: LaserReading) -> Cause | None:
+def laser_problem(reading: steps.LaserReading) -> Cause | None:
     """Return the defect that makes a scan unusable, or None."""
     odom_from_robot = reading.odom_from_robot or reading.robot_from_laser
     if problem := stamp_problem(reading.stamp_ns) or pose_problem(odom_from_robot):
@@ -64,11 +54,11 @@ def laser_problem(reading: LaserReading) -> Cause | None:
     return beams_problem(reading, reading.range_min_m)
 
 
-def numbers_of(reading: OdometryReading | LaserReading, problem: Cause) -> str:
+def numbers_of(reading: steps.OdometryReading | steps.LaserReading, problem: Cause) -> str:
     """Return the numbers of an unusable reading, from which its defect can be seen."""
     pose = reading.odom_from_robot
     numbers = f"stamp {reading.stamp_ns / 1e9:.3f} s" + (f", odometry {pose}" if pose else "")
-    if isinstance(reading, OdometryReading):
+    if isinstance(reading, steps.OdometryReading):
         return numbers
     count, step = math.prod(reading.ranges.shape), reading.angle_step_rad
     in_degrees = problem == Cause.BAD_GEOMETRY and 0.0 < abs(step) * (count - 1) <= 364.0
@@ -91,7 +81,7 @@ def beams_problem(laser: _Laser, range_min_m: float = 0.0) -> Cause | None:
     )
 
 
-def observation_problem(seen: Observation | Seen) -> str | None:
+def observation_problem(seen: steps.Observation | steps.Seen) -> str | None:
     """Return why an observation is impossible, or None."""
     size = len(seen.mean)
     if size > (2 if seen.landmark else 3) or len(seen.covariance) != size**2:
@@ -109,7 +99,7 @@ def observation_problem(seen: Observation | Seen) -> str | None:
     return None
 
 
-def _field_problem(seen: Observation | Seen, field: PositionField) -> str | None:
+def _field_problem(seen: steps.Observation | steps.Seen, field: steps.PositionField) -> str | None:
     if seen.landmark or len(seen.mean) != 2:
         return "a field with a landmark or a heading"
     try:
@@ -117,14 +107,15 @@ def _field_problem(seen: Observation | Seen, field: PositionField) -> str | None
     except MalformedMessageError as error:
         return error.problem
     sides = values.shape
-    if len(sides) != 2 or not all(0 < side <= MAX_FIELD_SIDE for side in sides):
-        return f"a field of {sides} cells; {MAX_FIELD_SIDE} x {MAX_FIELD_SIDE} are possible"
+    if len(sides) != 2 or not all(0 < side <= steps.MAX_FIELD_SIDE for side in sides):
+        most = steps.MAX_FIELD_SIDE
+        return f"a field of {sides} cells; {most} x {most} are possible"
     if field.log_likelihoods.dtype != "float32" or not np.isfinite(values).all():
         return "a field that is not of finite float32"
     return None
 
 
-def _seen_problem(seen: Seen, names: Set[str]) -> str | None:
+def _seen_problem(seen: steps.Seen, names: Set[str]) -> str | None:
     if seen.landmark and seen.landmark not in names:
         return "a landmark that is not on the map"
     return observation_problem(seen)
@@ -147,7 +138,7 @@ def _geometry_problem(reading: _Laser, shape: Sequence[int]) -> Cause | None:
     beams = shape[0]
     if beams == 0:
         return Cause.NO_BEAMS
-    if beams > MAX_BEAMS:
+    if beams > steps.MAX_BEAMS:
         return Cause.TOO_MANY_BEAMS
     if not (math.isfinite(reading.angle_min_rad) and math.isfinite(reading.angle_step_rad)):
         return Cause.NOT_FINITE

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from clustermcl.protocol import work
 from clustermcl.protocol.advice import AdviceQuestion
 from clustermcl.protocol.answers import SetPose
 from clustermcl.protocol.arrays import ArrayBlob
@@ -20,16 +21,6 @@ from clustermcl.protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from clustermcl.protocol.pose_arrays import covariance_matrix
 from clustermcl.protocol.reading_checks import observation_problem, pose_problem, scan_problem
 from clustermcl.protocol.steps import Observation, Scan, ScanHistory
-from clustermcl.protocol.work import (
-    Assignment,
-    ElsewhereReport,
-    Particles,
-    ReportBatch,
-    SearchReport,
-    TrackJob,
-    TrackReport,
-    WorkOrder,
-)
 
 FLATNESS = 1e-6
 """Tolerance for rounding in singular covariances, relative to the largest entry."""
@@ -50,20 +41,20 @@ def _problems(message: object) -> Iterator[str | None]:
             yield observation_problem(message)
         case ScanHistory(scans=scans):
             yield from map(scan_problem, scans)
-        case WorkOrder(begin=begin):
+        case work.WorkOrder(begin=begin):
             yield from map(assignment_problem, begin)
-        case TrackReport(snapshot=snapshot, parts=parts):
+        case work.TrackReport(snapshot=snapshot, parts=parts):
             yield _fit_problem(message)
             yield from (_particles_problem(part.sample) for part in parts)
             if snapshot is not None:
                 yield _particles_problem(snapshot)
-        case SearchReport(places=places):
+        case work.SearchReport(places=places):
             yield _fit_problem(message)
             yield found_places_problem(places)
-        case ElsewhereReport(seen=seen, places=places):
+        case work.ElsewhereReport(seen=seen, places=places):
             yield None if seen is None else _seen_problem(seen)
             yield None if places is None else found_places_problem(places)
-        case ReportBatch(reports=reports):
+        case work.ReportBatch(reports=reports):
             yield from map(problem_of, reports)
         case SetPose(pose=pose, covariance=tuple() as covariance):
             yield drawable_problem(pose, covariance)
@@ -73,7 +64,7 @@ def _problems(message: object) -> Iterator[str | None]:
             yield from (gaussian_problem(place.pose, place.covariance) for place in places)
 
 
-def _fit_problem(report: TrackReport | SearchReport) -> str | None:
+def _fit_problem(report: work.TrackReport | work.SearchReport) -> str | None:
     infinite = math.isinf(report.log_likelihood_per_beam)  # NaN: the scan had no beam to score
     return "log_likelihood_per_beam is infinite" if infinite else None
 
@@ -89,9 +80,9 @@ def _seen_problem(seen: ArrayBlob) -> str | None:
     return None if np.isfinite(ends).all() else "the end of a beam is not finite"
 
 
-def assignment_problem(given: Assignment) -> str | None:
+def assignment_problem(given: work.Assignment) -> str | None:
     """Return why the particles of an assignment are invalid, or None."""
-    return _particles_problem(given.job.start) if isinstance(given.job, TrackJob) else None
+    return _particles_problem(given.job.start) if isinstance(given.job, work.TrackJob) else None
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
@@ -117,7 +108,7 @@ def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     return None
 
 
-def _particles_problem(particles: Particles) -> str | None:
+def _particles_problem(particles: work.Particles) -> str | None:
     """Return why the arrays of a particle set are invalid, or None."""
     try:
         poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()

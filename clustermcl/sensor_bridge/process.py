@@ -18,46 +18,20 @@ from clustermcl.filter.kernels import library as kernel_library
 from clustermcl.filter.settings import SensorSettings
 from clustermcl.link.node import Node
 from clustermcl.link.wire import Asked, Received, Token, ask, is_alive
-from clustermcl.protocol import keys
+from clustermcl.protocol import errors, keys, steps
 from clustermcl.protocol.answers import Belief, CommandDone, Configure, Status, Update
 from clustermcl.protocol.causes import AnyCause, Cause
 from clustermcl.protocol.codec import decode
-from clustermcl.protocol.errors import (
-    AlreadyRunningError,
-    ClusterMclError,
-    RefusedError,
-    SettingsError,
-    UnreachableError,
-    printable,
-)
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import MAX_SCAN_STEP
-from clustermcl.protocol.steps import (
-    KEPT_STEPS,
-    LaserReading,
-    MapMessage,
-    MapReading,
-    Observation,
-    OdometryReading,
-    Reading,
-    Scan,
-    ScanHistory,
-)
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.landmarks import landmarks_of_map, load_landmarks
 from clustermcl.recordings.maps.map_file import load_map, map_file_of
 from clustermcl.recordings.maps.map_message import from_reading, to_message
+from clustermcl.runtime import sources
 from clustermcl.runtime.folders import state_folder
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.settings import BridgeSettings
-from clustermcl.runtime.sources import (
-    NO_MAP,
-    Live,
-    Recorded,
-    Simulated,
-    is_published,
-    parsed_source,
-)
 from clustermcl.sensor_bridge.flow_control import FlowControl
 from clustermcl.sensor_bridge.recorded import Source, recorded_source
 from clustermcl.sensor_bridge.refused import Refused
@@ -77,7 +51,7 @@ HELD_BACK = "scans held back"
 RENEW_CHANGES_S = 5.0
 """Least time between two looks at what has changed in the building [s]."""
 
-OnStep: TypeAlias = Callable[[Scan], None]
+OnStep: TypeAlias = Callable[[steps.Scan], None]
 
 _log = logging.getLogger(__name__)
 
@@ -94,12 +68,12 @@ def run_bridge(invocation: Invocation) -> None:
     """Run the bridge until the process is stopped."""
     settings = invocation.settings.bridge
     map_file = map_file_of(settings.map, settings.source)
-    if is_published(map_file, settings.source):
+    if sources.is_published(map_file, settings.source):
         _log.info("waiting for a map on %s/%s", invocation.settings.robot.name, keys.MAP_READING)
         serve_robot(invocation, None, None)
         return
     if not map_file:
-        raise SettingsError(key="bridge.map", problem=NO_MAP)
+        raise errors.SettingsError(key="bridge.map", problem=sources.NO_MAP)
     grid_map = load_map(map_file)
     grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
     serve_robot(invocation, grid_map, source_of(settings))
@@ -107,13 +81,13 @@ def run_bridge(invocation: Invocation) -> None:
 
 def source_of(settings: BridgeSettings) -> Source | None:
     """Return the source of readings; None: a robot publishes them."""
-    match parsed_source(settings.source):
-        case Live():
+    match sources.parsed_source(settings.source):
+        case sources.Live():
             return None
-        case Recorded(path):
+        case sources.Recorded(path):
             return recorded_source(path, settings)
-        case Simulated():
-            raise SettingsError(
+        case sources.Simulated():
+            raise errors.SettingsError(
                 key="bridge.source",
                 problem=f"{settings.source} is a simulation: start "
                 "'python -I -m clustermcl.simulator' instead",
@@ -143,7 +117,7 @@ def serve_robot(
     with closing(new) as node:
         session = node.open()
         if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
-            raise AlreadyRunningError(
+            raise errors.AlreadyRunningError(
                 what="a sensor bridge",
                 robot=settings.robot.name,
                 endpoint=settings.zenoh.router,
@@ -180,11 +154,11 @@ class Bridge:
         self._map = self._use_map(grid_map) if grid_map else None
         self._ask_map_at_s = 0.0
         self._flow = FlowControl(settings.rate if source else 1.0)
-        self._history: deque[Scan] = deque(maxlen=KEPT_STEPS)
+        self._history: deque[steps.Scan] = deque(maxlen=steps.KEPT_STEPS)
         self._maker: StepMaker | None = None
         self._refused = Counter[AnyCause]()
         self._has_coordinator = False
-        self._next: Reading | Observation | None = None
+        self._next: steps.Reading | steps.Observation | None = None
         self._steps_left = source.steps if source else None
         self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
         self._live_settings: LiveSettings | None = None
@@ -198,13 +172,17 @@ class Bridge:
         node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
         node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
         key, take, seen = keys.OBSERVATION_READING, self._on_reading, self._on_observation
-        node.subscribe(key, Observation, seen, kind="observation", kept=64, own=False)
+        node.subscribe(key, steps.Observation, seen, kind="observation", kept=64, own=False)
         self._observations = node.publisher(key)
         """Of a source, for other processes."""
         if source is None:
-            node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
-            node.subscribe(keys.LASER_READING, LaserReading, take, kind="laser", kept=16)
-            node.subscribe(keys.MAP_READING, MapReading, self._on_map_reading, kind="map", kept=1)
+            node.subscribe(
+                keys.ODOMETRY_READING, steps.OdometryReading, take, kind="odometry", kept=256
+            )
+            node.subscribe(keys.LASER_READING, steps.LaserReading, take, kind="laser", kept=16)
+            node.subscribe(
+                keys.MAP_READING, steps.MapReading, self._on_map_reading, kind="map", kept=1
+            )
         self._changed = node.publisher(keys.CHANGES)
         node.serve(keys.CHANGES, self._on_changes_query)
         node.announce(keys.BRIDGE_ALIVE)
@@ -248,18 +226,18 @@ class Bridge:
         if wait_s > 0.0:
             return min(wait_s, POLL_S)
         reading, self._next = self._next, None
-        if isinstance(reading, Observation):
+        if isinstance(reading, steps.Observation):
             self._observations.put(reading)
             self._on_observation(reading)
         else:
             self._on_reading(reading)
         return 0.0
 
-    def _on_reading(self, reading: Reading, _received: Received | None = None) -> None:
+    def _on_reading(self, reading: steps.Reading, _received: Received | None = None) -> None:
         maker, health, now_ns = self._maker_of(reading), self._node.health, time.monotonic_ns()
         if maker is None:
             return
-        is_laser = isinstance(reading, LaserReading)
+        is_laser = isinstance(reading, steps.LaserReading)
         self._flow.set_gate(maker, now_ns, is_live_scan=self._is_live and is_laser)
         held_back = maker.gate.held_back
         scan = maker.on_reading(reading)
@@ -270,12 +248,16 @@ class Bridge:
         if not is_laser and not self._flow.lockstep and maker.odometry is not None:
             stamp_ns, pose = maker.odometry
             self._odometry.put(
-                OdometryReading(sender=self._node.name, stamp_ns=stamp_ns, odom_from_robot=pose)
+                steps.OdometryReading(
+                    sender=self._node.name, stamp_ns=stamp_ns, odom_from_robot=pose
+                )
             )
         if scan is not None:
             self._send(scan)
 
-    def _on_observation(self, observation: Observation, _received: Received | None = None) -> None:
+    def _on_observation(
+        self, observation: steps.Observation, _received: Received | None = None
+    ) -> None:
         maker = self._maker_of(observation)
         if maker is None:
             return
@@ -283,7 +265,7 @@ class Bridge:
         self._node.health.happened("observations")
         self._count_refused(maker.dropped, observation.stamp_ns)
 
-    def _maker_of(self, reading: Reading | Observation) -> StepMaker | None:
+    def _maker_of(self, reading: steps.Reading | steps.Observation) -> StepMaker | None:
         if self._map is None:
             self._node.warn(_log, Cause.BEFORE_MAP, f"stamp {reading.stamp_ns} ns")
             return None
@@ -306,7 +288,7 @@ class Bridge:
         self._source = None
         _log.info("the source has ended; the map is still served")
 
-    def _send(self, scan: Scan) -> None:
+    def _send(self, scan: steps.Scan) -> None:
         if self._steps_left is not None:
             self._steps_left -= 1
             scan = replace(scan, last=self._steps_left == 0)
@@ -316,7 +298,7 @@ class Bridge:
         self._flow.on_sent(scan.step, time.monotonic_ns())
         self._on_step(scan)
 
-    def _new_maker(self, first_map: MapMessage) -> StepMaker:
+    def _new_maker(self, first_map: steps.MapMessage) -> StepMaker:
         """Return a step maker that continues after the newest step that a coordinator knows.
 
         So no number of a step is repeated. The numbers start at 0 if no coordinator answers, or if
@@ -328,7 +310,7 @@ class Bridge:
             live = live or status.settings
             known = max(status.step, status.newest_step)
             first_step = known + 1 if known < MAX_SCAN_STEP // 2 else 0
-        except ClusterMclError as error:
+        except errors.ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
         maker = StepMaker(
             self._settings,
@@ -352,8 +334,8 @@ class Bridge:
         while True:
             try:
                 return ask(self._node.session, keys.STATUS, Status, timeout_s=STATUS_TIMEOUT_S)
-            except UnreachableError as error:
-                is_there = isinstance(error, RefusedError) or self._has_coordinator
+            except errors.UnreachableError as error:
+                is_there = isinstance(error, errors.RefusedError) or self._has_coordinator
                 if not (is_there or self._flow.lockstep) or time.monotonic() > until_s:
                     raise
                 time.sleep(POLL_S)
@@ -366,10 +348,10 @@ class Bridge:
         if now_s >= self._ask_map_at_s:
             self._ask_map_at_s = now_s + ASK_MAP_EVERY_S
             self._node.ask(
-                keys.MAP_READING, MapReading, self._on_map_reading, timeout_s=ASK_MAP_EVERY_S
+                keys.MAP_READING, steps.MapReading, self._on_map_reading, timeout_s=ASK_MAP_EVERY_S
             )
 
-    def _on_map_reading(self, reading: MapReading, _received: Received | None = None) -> None:
+    def _on_map_reading(self, reading: steps.MapReading, _received: Received | None = None) -> None:
         grid_map = from_reading(reading).with_landmarks(self._landmarks)
         if self._map is not None and self._map.digest == grid_map.digest:
             return
@@ -384,7 +366,7 @@ class Bridge:
             self._history.clear()
             self._flow.on_new_map()
 
-    def _use_map(self, grid_map: GridMap) -> MapMessage:
+    def _use_map(self, grid_map: GridMap) -> steps.MapMessage:
         """Return the map as a message; collect its changes from now on."""
         self._changes = None
         node, digest = self._node, grid_map.digest
@@ -399,7 +381,7 @@ class Bridge:
         def on_begun(future: Future[ChangeKeeper]) -> None:
             try:
                 keeper = future.result()
-            except ClusterMclError as error:
+            except errors.ClusterMclError as error:
                 _log.warning("changes of the building are not collected: %s", error)
                 return
             if self._map is not None and self._map.digest == digest:
@@ -464,10 +446,10 @@ class Bridge:
             last = int(str(parameters.get("last", str(2**62))))
         except ValueError:
             asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
-            self._node.warn(_log, Cause.BAD_QUESTION, printable(str(parameters)))
+            self._node.warn(_log, Cause.BAD_QUESTION, errors.printable(str(parameters)))
             return
         scans = tuple(scan for scan in self._history if first <= scan.step <= last)
-        asked.answer(ScanHistory(sender=self._node.name, scans=scans))
+        asked.answer(steps.ScanHistory(sender=self._node.name, scans=scans))
 
     def _on_configure(self, asked: Asked) -> None:
         self._live_settings = decode(asked.payload, Configure).settings

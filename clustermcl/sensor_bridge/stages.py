@@ -15,16 +15,11 @@ from msgspec.structs import replace
 
 from clustermcl.filter.motion.trajectory import Trajectory
 from clustermcl.filter.poses import compose, inverse, wrap_angle
+from clustermcl.protocol import reading_checks
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.job_events import MAX_DETAIL_CHARACTERS
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.reading_checks import (
-    MAX_LASERS,
-    laser_problem,
-    numbers_of,
-    odometry_problem,
-)
 from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
 from clustermcl.sensor_bridge.refused import Refused
 
@@ -164,12 +159,14 @@ class OutlierFilter:
 
     def __call__(self, reading: Reading) -> list[Reading]:
         if isinstance(reading, OdometryReading):
-            problem = odometry_problem(reading)
+            problem = reading_checks.odometry_problem(reading)
             self._outliers_in_a_row = self._outliers_in_a_row if problem else 0
         else:
-            problem = laser_problem(reading) or self._problem_of_laser(reading)
+            problem = reading_checks.laser_problem(reading) or self._problem_of_laser(reading)
         if problem is not None:
-            self._dropped.add(problem, numbers_of(reading, problem)[:MAX_DETAIL_CHARACTERS])
+            self._dropped.add(
+                problem, reading_checks.numbers_of(reading, problem)[:MAX_DETAIL_CHARACTERS]
+            )
             return []
         if isinstance(reading, OdometryReading) or self._is_first(reading):
             return self._checked(reading)
@@ -189,7 +186,7 @@ class OutlierFilter:
         return reading.laser == self._first_laser
 
     def _problem_of_laser(self, reading: LaserReading) -> Cause | None:
-        if reading.laser not in self._lasers and len(self._lasers) >= MAX_LASERS:
+        if reading.laser not in self._lasers and len(self._lasers) >= reading_checks.MAX_LASERS:
             return Cause.TOO_MANY_LASERS
         if self._is_first(reading):
             self._outliers_in_a_row = 0

@@ -10,6 +10,7 @@ from msgspec.structs import asdict, replace
 
 from clustermcl.filter.poses import between, compose
 from clustermcl.filter.settings import section_with
+from clustermcl.protocol import steps
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.causes import Cause
@@ -17,15 +18,6 @@ from clustermcl.protocol.floors import ONE_MAP, Floors
 from clustermcl.protocol.live_settings import AS_STARTED, LiveSettings
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
-from clustermcl.protocol.steps import (
-    Landmark,
-    LaserBeams,
-    LaserReading,
-    Observation,
-    OdometryReading,
-    Reading,
-    Scan,
-)
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.floor_observations import in_atlas
 from clustermcl.sensor_bridge.own_robot import OwnRobot
@@ -116,7 +108,7 @@ class StepMaker:
         first_step: int = 0,
         lockstep: bool = False,
         live: bool = False,
-        landmarks: Sequence[Landmark] = (),
+        landmarks: Sequence[steps.Landmark] = (),
         floors: Floors = ONE_MAP,
     ) -> None:
         self.dropped, self._floors = Refused(), floors
@@ -125,7 +117,7 @@ class StepMaker:
         self._next_step = first_step
         self._settings, self._live_settings = settings, AS_STARTED
         self._lasers: Lasers = {}
-        self._ready: deque[Scan] = deque()
+        self._ready: deque[steps.Scan] = deque()
         clock = Clock(self.dropped)
         self._outliers = OutlierFilter(clock, self._lasers, self.dropped)
         self._synchroniser = Synchroniser(self._lasers, self.dropped)
@@ -140,17 +132,17 @@ class StepMaker:
             self._gated,
         )
 
-    def on_reading(self, reading: Reading) -> Scan | None:
+    def on_reading(self, reading: steps.Reading) -> steps.Scan | None:
         """Process the next reading; return the next step, if there is one."""
         least_m = self._settings.min_range_m
-        if isinstance(reading, LaserReading) and reading.range_min_m < least_m:
+        if isinstance(reading, steps.LaserReading) and reading.range_min_m < least_m:
             reading = replace(reading, range_min_m=least_m)
         self._pass([reading], (self._outliers, *self._use_stages))
         if self.odometry is not None:
             self._move(*self.odometry)
         return self._ready.popleft() if self._ready else None
 
-    def observe(self, observation: Observation) -> None:
+    def observe(self, observation: steps.Observation) -> None:
         """Add an observation of another sensor to the next step."""
         try:
             observation = in_atlas(observation, self._floors)
@@ -172,7 +164,7 @@ class StepMaker:
         if self._observed.moved(stamp_ns, odom_from_robot):
             self.gate.open_next()
 
-    def finish(self) -> Scan | None:
+    def finish(self) -> steps.Scan | None:
         """Make a step from each waiting scan after the last reading; call until it returns None."""
         self._pass(self._outliers.released(), self._use_stages)
         self._pass(self._synchroniser.released(at_most_waiting=0), self._use_stages[-2:])
@@ -200,22 +192,24 @@ class StepMaker:
         self.gate.settings = section_with(self._settings, live)
 
     def change_map(
-        self, map_digest: str, landmarks: Sequence[Landmark] = (), floors: Floors = ONE_MAP
+        self, map_digest: str, landmarks: Sequence[steps.Landmark] = (), floors: Floors = ONE_MAP
     ) -> None:
         """Change the map of all further steps; the next scan becomes a step."""
         self._map_digest, self._floors = map_digest, floors
         self._observed = PendingObservations(landmarks, self.dropped, map_digest)
         self.gate.resume(None)
 
-    def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
+    def resume(self, last: steps.Scan, odometry: tuple[int, PoseTuple]) -> None:
         """Continue after the last step of an earlier process."""
         self._next_step = last.step + 1
         self.gate.resume(last.odom_from_robot)
         for stamp_ns, pose in ((last.stamp_ns, last.odom_from_robot), odometry):
-            reading = OdometryReading(sender=self._sender, stamp_ns=stamp_ns, odom_from_robot=pose)
+            reading = steps.OdometryReading(
+                sender=self._sender, stamp_ns=stamp_ns, odom_from_robot=pose
+            )
             self._pass([reading], self._use_stages)
 
-    def _gated(self, reading: LaserReading) -> Iterator[Scan]:
+    def _gated(self, reading: steps.LaserReading) -> Iterator[steps.Scan]:
         """Yield the step of a scan that passes the gate; keep another for a later step."""
         pose = reading.odom_from_robot
         assert pose is not None  # of the synchroniser
@@ -226,7 +220,7 @@ class StepMaker:
         step, seen = self._next_step, self._observed.take(self._next_step, pose)
         found, self._own_robot.found = self._own_robot.found, False
         self._next_step += 1
-        yield Scan(
+        yield steps.Scan(
             sender=self._sender,
             step=step,
             stamp_ns=reading.stamp_ns,
@@ -244,7 +238,9 @@ class StepMaker:
             floors=self._floors,
         )
 
-    def _others(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Iterator[LaserBeams]:
+    def _others(
+        self, reading: steps.LaserReading, odom_from_robot: PoseTuple
+    ) -> Iterator[steps.LaserBeams]:
         """Yield the scans that other lasers add to a step; no scan is used twice."""
         for name, laser in self._lasers.items():
             other, laser.unused = laser.unused, None
@@ -256,7 +252,7 @@ class StepMaker:
                 yield replace(beams_of(other), robot_from_laser=mount)
 
 
-def beams_of(reading: LaserReading) -> LaserBeams:
+def beams_of(reading: steps.LaserReading) -> steps.LaserBeams:
     """Return a scan's beams: counter-clockwise, in float32, and 0 for ranges that are too near."""
     ranges, start, step = reading.ranges, reading.angle_min_rad, reading.angle_step_rad
     if reading.upside_down:
@@ -267,7 +263,7 @@ def beams_of(reading: LaserReading) -> LaserBeams:
         if step < 0.0:  # the last beam becomes the first
             start, step, values = start + step * (len(values) - 1), -step, values[::-1]
         ranges = ArrayBlob.of(values, "float32")
-    return LaserBeams(
+    return steps.LaserBeams(
         robot_from_laser=reading.robot_from_laser,
         angle_min_rad=start,
         angle_step_rad=step,
@@ -276,9 +272,9 @@ def beams_of(reading: LaserReading) -> LaserBeams:
     )
 
 
-def steps_from(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
+def steps_from(readings: Iterable[steps.Reading], maker: StepMaker) -> Iterator[steps.Scan]:
     """Yield all steps of a finite series of readings; `Scan.last` marks the last step."""
-    held: Scan | None = None
+    held: steps.Scan | None = None
     for scan in chain(filter(None, map(maker.on_reading, readings)), iter(maker.finish, None)):
         if held is not None:
             yield held

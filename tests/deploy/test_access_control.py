@@ -4,15 +4,9 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from clustermcl.link import secure_router
 from clustermcl.link.access_control import ROLES, access_control, rights_of
 from clustermcl.link.configuration import as_zenoh
-from clustermcl.link.secure_router import (
-    DEFAULT_CERTIFICATES,
-    DEFAULT_ENDPOINT,
-    as_commented_json5,
-    main,
-    secure_router_configuration,
-)
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import SettingsError
 
@@ -90,19 +84,19 @@ def test_names_that_would_open_too_much_are_refused(
 
 
 def test_the_deployed_file_is_what_the_program_writes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([]) == 0
+    assert secure_router.main([]) == 0
     assert capsys.readouterr().out == DEPLOYED.read_text()
 
 
 def test_zenoh_parses_the_written_file_as_intended(tmp_path: Path) -> None:
-    meant = secure_router_configuration(
-        DEFAULT_ENDPOINT, DEFAULT_CERTIFICATES, ["r-1"], ["worker-a"]
+    meant = secure_router.secure_router_configuration(
+        secure_router.DEFAULT_ENDPOINT, secure_router.DEFAULT_CERTIFICATES, ["r-1"], ["worker-a"]
     )
     file = tmp_path / "router.json5"
-    file.write_text(as_commented_json5(meant, []))
+    file.write_text(secure_router.as_commented_json5(meant, []))
     assert str(zenoh.Config.from_file(str(file))) == str(as_zenoh(meant))
 
 
 def test_a_plain_endpoint_with_certificates_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--listen", "tcp/0.0.0.0:7447"]) == 2
+    assert secure_router.main(["--listen", "tcp/0.0.0.0:7447"]) == 2
     assert "certificates need an endpoint tls/HOST:PORT" in capsys.readouterr().err

@@ -9,14 +9,9 @@ import pytest
 
 from clustermcl.link.access_control import ROLES
 from clustermcl.runtime.settings_file import load_settings
-from tests.integration.security.certificates import (
-    SCRIPT,
-    make_certificates,
-    require_openssl,
-    with_lifetime,
-)
+from tests.integration.security import certificates
 
-require_openssl()
+certificates.require_openssl()
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +19,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with certificates of a router, a worker, and a viewer of one robot."""
     folder = tmp_path_factory.mktemp("certificates")
     hosts = ("--host", "router.example", "--host", "192.0.2.7")
-    ran = make_certificates(folder, *hosts, "router", "worker-3", "viewer.r-7")
+    ran = certificates.make_certificates(folder, *hosts, "router", "worker-3", "viewer.r-7")
     assert (ran.returncode, ran.stderr) == (0, "")
     return folder
 
@@ -89,7 +84,7 @@ def test_a_second_run_makes_only_what_is_needed_and_keeps_hosts_and_settings(
 ) -> None:
     (folder / "worker-3.toml").write_text("[worker]\ncount = 3\n")
     before = {file: file.read_bytes() for file in folder.iterdir()}
-    ran = make_certificates(folder, *words)
+    ran = certificates.make_certificates(folder, *words)
     assert re.findall("(.*): made", ran.stdout) == renewed
     changed = {file.name for file, content in before.items() if file.read_bytes() != content}
     assert changed == {f"{name}.{kind}" for name in renewed for kind in ("pem", "key")}
@@ -99,12 +94,12 @@ def test_a_second_run_makes_only_what_is_needed_and_keeps_hosts_and_settings(
 
 def test_a_key_that_does_not_fit_its_certificate_is_replaced(folder: Path) -> None:
     shutil.copy(folder / "router.key", folder / "worker-3.key")
-    assert "worker-3: made" in make_certificates(folder, "worker-3").stdout
+    assert "worker-3: made" in certificates.make_certificates(folder, "worker-3").stdout
 
 
 def test_the_list_marks_expired_certificates(folder: Path) -> None:
-    with_lifetime(folder, "worker-3", -timedelta(days=9), -timedelta(days=1))
-    lines = make_certificates(folder, "--list").stdout.splitlines()
+    certificates.with_lifetime(folder, "worker-3", -timedelta(days=9), -timedelta(days=1))
+    lines = certificates.make_certificates(folder, "--list").stdout.splitlines()
     printed = dict(line.split(": ", 1) for line in lines)
     assert printed["worker-3"].endswith("(expired)")
     assert printed["router"].endswith("GMT")
@@ -112,7 +107,7 @@ def test_the_list_marks_expired_certificates(folder: Path) -> None:
 
 def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
     (folder / "authority.key").unlink()
-    ran = make_certificates(folder, "worker-4")
+    ran = certificates.make_certificates(folder, "worker-4")
     assert ran.returncode == 2
     assert "authority.key is missing" in ran.stderr
 
@@ -138,7 +133,7 @@ def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
 def test_a_wrong_argument_is_reported_in_one_line(
     tmp_path: Path, words: list[str], expected: str
 ) -> None:
-    ran = make_certificates(tmp_path / "new", *words)
+    ran = certificates.make_certificates(tmp_path / "new", *words)
     assert (ran.returncode, ran.stdout) == (2, "")
     assert expected in ran.stderr
     assert ran.stderr.count("\n") == 1
@@ -146,8 +141,8 @@ def test_a_wrong_argument_is_reported_in_one_line(
 
 
 def test_the_script_has_the_roles_of_the_access_control() -> None:
-    roles = re.search(r"^readonly ROLES='(.*)'$", SCRIPT.read_text(), re.MULTILINE)
+    roles = re.search(r"^readonly ROLES='(.*)'$", certificates.SCRIPT.read_text(), re.MULTILINE)
     assert roles is not None
     assert sorted(roles[1].split()) == sorted(ROLES)
-    usage = make_certificates(Path(), "--help").stdout.partition("Makes NAME.pem")[0]
+    usage = certificates.make_certificates(Path(), "--help").stdout.partition("Makes NAME.pem")[0]
     assert set(ROLES) <= set(re.findall(r"[a-z0-9]+", usage))

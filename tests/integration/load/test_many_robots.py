@@ -13,14 +13,7 @@ from clustermcl.protocol import keys
 from clustermcl.protocol.answers import Belief
 from clustermcl.protocol.codec import decode
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.runtime.settings import (
-    BridgeSettings,
-    CoordinatorSettings,
-    RobotSettings,
-    Settings,
-    WorkerSettings,
-    ZenohSettings,
-)
+from clustermcl.runtime import settings
 from clustermcl.runtime.stop import StopFlag
 from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.soak.driver import TRUTH_KEY, TrueMotion
@@ -29,14 +22,14 @@ from tests.soak.fleet import POOL, Fleet
 WORLD = "hall"
 RATE_HZ = 2.0
 """Scans a second, each a step. The robots' time passes a fifth as fast, at 0.12 m/s."""
-SETTINGS = Settings(
+SETTINGS = settings.Settings(
     seed=100,
     cluster=ClusterSettings(particles=300),
     search=SearchSettings(heading_step_rad=0.1, poses=8_000),
     belief=BeliefSettings(max_clusters=4),
-    bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
-    coordinator=CoordinatorSettings(state_folder="off"),
-    worker=WorkerSettings(count=2),
+    bridge=settings.BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
+    coordinator=settings.CoordinatorSettings(state_folder="off"),
+    worker=settings.WorkerSettings(count=2),
 )
 FLOOD = 20
 """Messages without a meaning that one robot publishes every few milliseconds."""
@@ -75,12 +68,12 @@ class Robot:
 def localized_robots(
     count: int, at_most_s: float, folder: Path, *, pool: bool = False
 ) -> Iterator[tuple[Fleet, dict[zenoh.Session, Robot]]]:
-    router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
+    router = settings.ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
     worker = replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     each = [
         replace(
             SETTINGS, zenoh=router, worker=worker, seed=SETTINGS.seed + number,
-            robot=RobotSettings(name=f"robot-{number}"),
+            robot=settings.RobotSettings(name=f"robot-{number}"),
         )
         for number in range(1, count + 1)
     ]  # fmt: skip

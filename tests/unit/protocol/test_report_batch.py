@@ -4,16 +4,9 @@ import msgpack
 import pytest
 from msgspec.structs import replace
 
+from clustermcl.protocol import work
 from clustermcl.protocol.codec import decode, encode
 from clustermcl.protocol.errors import MalformedMessageError
-from clustermcl.protocol.work import (
-    MAX_BATCH,
-    Report,
-    ReportBatch,
-    Reported,
-    in_few_messages,
-    reports_in,
-)
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
 PLAIN = tracked("c0", 1, 0.5, (0.0, 0.0, 0.0))
@@ -29,20 +22,24 @@ WITH_PARTICLES = replace(PLAIN, job_id="c9", snapshot=cloud_at((0.0, 0.0, 0.0), 
         pytest.param([PLAIN, elsewhere(1, -1.0), PLAIN], [3], id="a step of several jobs"),
         pytest.param([PLAIN, PLAIN, WITH_PARTICLES, PLAIN], [2, 1, 1], id="particles alone"),
         pytest.param([SEARCHED, SEARCHED], [1, 1], id="searches alone"),
-        pytest.param([PLAIN] * (2 * MAX_BATCH + 1), [MAX_BATCH, MAX_BATCH, 1], id="many steps"),
+        pytest.param(
+            [PLAIN] * (2 * work.MAX_BATCH + 1), [work.MAX_BATCH, work.MAX_BATCH, 1], id="many steps"
+        ),
     ],
 )
-def test_reports_keep_their_order_in_few_messages(reports: list[Report], sizes: list[int]) -> None:
-    messages = [decode(encode(one), Reported) for one in in_few_messages(reports)]  # type: ignore[arg-type] # a union
-    assert [len(reports_in(one)) for one in messages] == sizes
-    assert [report for one in messages for report in reports_in(one)] == reports
+def test_reports_keep_their_order_in_few_messages(
+    reports: list[work.Report], sizes: list[int]
+) -> None:
+    messages = [decode(encode(one), work.Reported) for one in work.in_few_messages(reports)]  # type: ignore[arg-type] # a union
+    assert [len(work.reports_in(one)) for one in messages] == sizes
+    assert [report for one in messages for report in work.reports_in(one)] == reports
 
 
 def batch_of(*reports: object) -> bytes:
     return msgpack.packb({"schema": "report_batch/1", "sender": "w", "reports": reports})
 
 
-def plain(report: Report | ReportBatch) -> object:
+def plain(report: work.Report | work.ReportBatch) -> object:
     return msgpack.unpackb(encode(report))
 
 
@@ -50,10 +47,10 @@ def plain(report: Report | ReportBatch) -> object:
     "data",
     [
         pytest.param(batch_of(plain(PLAIN)), id="too few"),
-        pytest.param(batch_of(*[plain(PLAIN)] * (MAX_BATCH + 1)), id="too many"),
+        pytest.param(batch_of(*[plain(PLAIN)] * (work.MAX_BATCH + 1)), id="too many"),
         pytest.param(batch_of(plain(PLAIN), plain(SEARCHED)), id="a search"),
         pytest.param(
-            batch_of(plain(PLAIN), plain(ReportBatch(sender="w", reports=(PLAIN, PLAIN)))),
+            batch_of(plain(PLAIN), plain(work.ReportBatch(sender="w", reports=(PLAIN, PLAIN)))),
             id="a batch in a batch",
         ),
         pytest.param(
@@ -68,4 +65,4 @@ def plain(report: Report | ReportBatch) -> object:
 )
 def test_an_impossible_batch_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedMessageError):
-        decode(data, Reported)  # type: ignore[arg-type] # a union
+        decode(data, work.Reported)  # type: ignore[arg-type] # a union

@@ -1,24 +1,18 @@
 import pytest
 
 from clustermcl.protocol.steps import Scan
-from clustermcl.sensor_bridge.flow_control import (
-    MAX_UNDECIDED,
-    OUTAGE_NS,
-    RESEND_AFTER_NS,
-    STANDING_STEP_NS,
-    FlowControl,
-)
+from clustermcl.sensor_bridge import flow_control
 from tests.unit.sensor_bridge.test_step_maker import a_maker, driving
 
 SECOND = 1_000_000_000
-LATER = 10 * STANDING_STEP_NS
+LATER = 10 * flow_control.STANDING_STEP_NS
 
 
 def flow_after(
     *sent: int, believed: int | None = None, searching: bool = False, rate: float = 1.0
-) -> FlowControl:
+) -> flow_control.FlowControl:
     """After these steps, and the belief of one of them, all at time 0."""
-    flow = FlowControl(rate)
+    flow = flow_control.FlowControl(rate)
     for step in sent:
         flow.on_sent(step, 0)
     if believed is not None:
@@ -26,7 +20,7 @@ def flow_after(
     return flow
 
 
-def undecided(steps: int) -> FlowControl:
+def undecided(steps: int) -> flow_control.FlowControl:
     return flow_after(*range(steps + 1), believed=0)
 
 
@@ -48,29 +42,29 @@ def test_a_belief_of_a_deposed_coordinator_is_ignored() -> None:
 
 def test_in_lockstep_a_step_without_a_belief_is_repeated() -> None:
     flow = flow_after(5, rate=0.0)
-    assert not flow.is_resend_due(RESEND_AFTER_NS - 1)
-    assert flow.is_resend_due(RESEND_AFTER_NS)
-    assert not flow.is_resend_due(RESEND_AFTER_NS + 1)
+    assert not flow.is_resend_due(flow_control.RESEND_AFTER_NS - 1)
+    assert flow.is_resend_due(flow_control.RESEND_AFTER_NS)
+    assert not flow.is_resend_due(flow_control.RESEND_AFTER_NS + 1)
 
 
 def test_back_pressure_begins_at_the_limit_of_undecided_steps() -> None:
-    assert not undecided(MAX_UNDECIDED - 1).is_full(SECOND // 2)
-    flow = undecided(MAX_UNDECIDED)
+    assert not undecided(flow_control.MAX_UNDECIDED - 1).is_full(SECOND // 2)
+    flow = undecided(flow_control.MAX_UNDECIDED)
     assert flow.is_full(SECOND // 2)
     flow.on_belief(1, 1, SECOND // 2, searching=False)
     assert not flow.is_full(SECOND // 2)
 
 
 def test_a_belief_decides_all_earlier_steps_too() -> None:
-    flow = undecided(2 * MAX_UNDECIDED)
-    flow.on_belief(2 * MAX_UNDECIDED, 1, 1, searching=False)
+    flow = undecided(2 * flow_control.MAX_UNDECIDED)
+    flow.on_belief(2 * flow_control.MAX_UNDECIDED, 1, 1, searching=False)
     assert not flow.is_full(2)
 
 
 def test_without_a_coordinator_there_is_no_back_pressure() -> None:
     assert not flow_after(*range(10)).is_full(1), "there was none yet"
-    assert undecided(9).is_full(OUTAGE_NS - 1)
-    assert not undecided(9).is_full(OUTAGE_NS), "there is none any more"
+    assert undecided(9).is_full(flow_control.OUTAGE_NS - 1)
+    assert not undecided(9).is_full(flow_control.OUTAGE_NS), "there is none any more"
 
 
 def test_scans_held_back_are_counted_and_step_numbers_have_no_gap() -> None:
@@ -90,8 +84,8 @@ def test_scans_held_back_are_counted_and_step_numbers_have_no_gap() -> None:
         (3, False, LATER, False),
         (2, True, LATER, False),
         (None, True, LATER, False),
-        (3, True, STANDING_STEP_NS - 1, False),
-        (3, True, STANDING_STEP_NS, True),
+        (3, True, flow_control.STANDING_STEP_NS - 1, False),
+        (3, True, flow_control.STANDING_STEP_NS, True),
     ],
 )
 def test_a_standing_robot_makes_a_step_in_a_search_some_time_after_the_last_one_is_decided(

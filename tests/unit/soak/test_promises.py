@@ -5,17 +5,8 @@ from msgspec.structs import replace
 
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.protocol.message import PoseTuple
+from tests.soak import promises
 from tests.soak.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
-from tests.soak.promises import (
-    BACK_WITHIN_S,
-    FOUND_WITHIN_S,
-    AgeTrue,
-    Answered,
-    Outages,
-    Question,
-    StepsOnce,
-    TruthHeld,
-)
 from tests.soak.schedule import DoneFault, Kind
 from tests.unit.view import messages
 
@@ -31,20 +22,20 @@ def at(seconds: float) -> int:
     return 1_700_000_000 * SECOND + round(seconds * SECOND)
 
 
-def outages(*faults: tuple[Kind, float, float]) -> Outages:
-    known = Outages()
+def outages(*faults: tuple[Kind, float, float]) -> promises.Outages:
+    known = promises.Outages()
     known.faults += [DoneFault(kind, at(begin), at(end), "bridge") for kind, begin, end in faults]
     return known
 
 
 def question(
     asked_s: float, age_s: float | None, stamp_s: float = 0.0, *, fresh: bool = True
-) -> Question:
+) -> promises.Question:
     freshness = "fresh" if fresh else "stale"
     answer = None
     if age_s is not None:
         answer = messages.pose(1, freshness=freshness, stamp_ns=at(stamp_s), age_s=age_s)
-    return Question(at(asked_s), at(asked_s + 0.01), answer)
+    return promises.Question(at(asked_s), at(asked_s + 0.01), answer)
 
 
 @pytest.mark.parametrize(("answers", "asked_s", "excuses", "kept"), [
@@ -52,8 +43,8 @@ def question(
     (1998, (50.0, 50.0), (), True),
     (1997, (50.0, 50.0, 51.0), (), False),
     (9, (20.0,), ((Kind.ROUTER_KILLED, 19.9, 19.9),), True),
-    (9, (12.9 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), True),
-    (9, (13.1 + BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), False),
+    (9, (12.9 + promises.BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), True),
+    (9, (13.1 + promises.BACK_WITHIN_S,), ((Kind.COORDINATOR_FROZEN, 10.0, 13.0),), False),
 ])  # fmt: skip
 def test_one_query_in_a_thousand_outside_outages_may_go_unanswered(
     answers: int,
@@ -61,7 +52,7 @@ def test_one_query_in_a_thousand_outside_outages_may_go_unanswered(
     excuses: tuple[tuple[Kind, float, float], ...],
     kept: bool,
 ) -> None:
-    promise = Answered(outages(*excuses))
+    promise = promises.Answered(outages(*excuses))
     for _ in range(answers):
         promise.on_question(question(1.0, 0.0))
     for second in asked_s:
@@ -74,7 +65,7 @@ def test_a_wrong_age_or_an_old_fresh_pose_breaks_the_promise() -> None:
         *((9.9, 0.1, True, True), (8.5, 1.5, False, True), (8.5, 1.5, True, False)),
         *((9.9, 3.0, False, False), (3610.0, 0.0, True, False)),
     ):
-        promise = AgeTrue(stale_after_s=1.0)
+        promise = promises.AgeTrue(stale_after_s=1.0)
         promise.on_question(question(10.0, age_s, stamp_s, fresh=fresh))
         assert promise.verdict().kept is kept
 
@@ -91,7 +82,7 @@ def test_a_wrong_age_or_an_old_fresh_pose_breaks_the_promise() -> None:
 def test_each_step_is_decided_once_and_in_time(
     steps: Sequence[int], delay_s: float, kind: Kind | None, broken: list[str]
 ) -> None:
-    promise = StepsOnce(outages(*([(kind, 11.5, 11.5)] if kind else [])), longest_s=2.0)
+    promise = promises.StepsOnce(outages(*([(kind, 11.5, 11.5)] if kind else [])), longest_s=2.0)
     for second, step in enumerate(steps, 10):
         promise.on_scan(at(second), step)
         promise.on_belief(at(second + delay_s), step)
@@ -111,9 +102,9 @@ def rooms(**instead: PoseTuple) -> list[Hypothesis]:
 class Robot:
     """One belief a second, with its true pose."""
 
-    def __init__(self, truth: PoseTuple, known: Outages | None = None) -> None:
+    def __init__(self, truth: PoseTuple, known: promises.Outages | None = None) -> None:
         places_of = copies_in_all_rooms if truth == START else lambda pose: (pose,)
-        self.promise = TruthHeld(known or outages(), places_of)
+        self.promise = promises.TruthHeld(known or outages(), places_of)
         self.truth = truth
 
     def believes(
@@ -152,7 +143,8 @@ def test_a_sure_belief_in_a_wrong_place_is_noticed_unless_no_worker_reported() -
 
 
 @pytest.mark.parametrize(("kind", "allowed_s"), [
-    (None, FOUND_WITHIN_S), (Kind.COORDINATOR_KILLED, FOUND_WITHIN_S + BACK_WITHIN_S),
+    (None, promises.FOUND_WITHIN_S),
+    (Kind.COORDINATOR_KILLED, promises.FOUND_WITHIN_S + promises.BACK_WITHIN_S),
 ])  # fmt: skip
 def test_a_kidnapped_robot_has_to_be_found_in_time_and_held_then(
     kind: Kind | None, allowed_s: float

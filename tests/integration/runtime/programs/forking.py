@@ -6,14 +6,9 @@ import os
 import zenoh
 
 from clustermcl.link.session import open_session
+from clustermcl.runtime import supervisor
 from clustermcl.runtime.main import Invocation, process_main
 from clustermcl.runtime.stop import StopFlag
-from clustermcl.runtime.supervisor import (
-    ChildCount,
-    ReportJobs,
-    run_forked,
-    use_one_thread_for_arithmetic,
-)
 
 
 def body(invocation: Invocation) -> None:
@@ -21,13 +16,13 @@ def body(invocation: Invocation) -> None:
 
     A query with a payload gives it that many jobs.
     """
-    use_one_thread_for_arithmetic()
+    supervisor.use_one_thread_for_arithmetic()
     import numpy as np  # noqa: PLC0415 - only now it starts no threads
 
     squares = np.arange(4.0) ** 2
     settings = invocation.settings
 
-    def child_main(index: int, stop: StopFlag, report_jobs: ReportJobs) -> None:
+    def child_main(index: int, stop: StopFlag, report_jobs: supervisor.ReportJobs) -> None:
         jobs: list[int] = []
 
         def on_query(query: zenoh.Query) -> None:
@@ -46,8 +41,8 @@ def body(invocation: Invocation) -> None:
                     report_jobs(jobs.pop(0))
 
     arguments = invocation.arguments
-    run_forked(
-        ChildCount(arguments.count, max(arguments.count, arguments.most), 0.5),
+    supervisor.run_forked(
+        supervisor.ChildCount(arguments.count, max(arguments.count, arguments.most), 0.5),
         child_main,
         invocation.stop,
         name=invocation.process,
