@@ -58,8 +58,8 @@ async def _relay(invocation: Invocation) -> None:
         size = _PEER_CREDENTIALS.size
         credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
         cable = cables[_PEER_CREDENTIALS.unpack(credentials)[0]]
-        await cable.to_router.wait()
-        with suppress(OSError):
+        with suppress(OSError, asyncio.CancelledError):  # at the end, links are still open
+            await cable.to_router.wait()
             far_reader, far_writer = await asyncio.open_unix_connection(given.router)
             await asyncio.gather(
                 _carry(reader, far_writer, cable.to_router),
