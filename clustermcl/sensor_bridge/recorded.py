@@ -12,8 +12,6 @@ from clustermcl.recordings.recording import Recording, open_recording
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
 
-_NAMED_LINES = 10
-
 _log = logging.getLogger(__name__)
 
 
@@ -42,13 +40,10 @@ def opened(path: str, settings: BridgeSettings) -> Recording:
     """
     recording = open_recording(path, settings)
     if skipped := recording.skipped:
-        numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
-        more = ", ..." if len(skipped) > _NAMED_LINES else ""
         lines = "line" if len(skipped) == 1 else "lines"
         _log.warning(
-            "%s:%d: %d bad %s left out (%s%s); the first: %s",
-            *(path, skipped[0].line_number, len(skipped), lines),
-            *(numbers, more, skipped[0].problem),
+            "%s:%d: %d bad %s left out; the first: %s",
+            *(path, skipped[0].line_number, len(skipped), lines, skipped[0].problem),
         )
     return recording
 

@@ -3,8 +3,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,6 @@ import zenoh
 
 from clustermcl.link.session import MANY_LINKS, VARIABLE
 from clustermcl.runtime.settings_file import load_settings
-from tests.integration.security.certificates import make_certificates, require_openssl
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
@@ -98,32 +95,6 @@ def user_of(name: str) -> str:
 def test_every_container_runs_as_the_owner_of_its_key(name: str) -> None:
     keys = {secret for secret in secrets_of(name) if secret.endswith(".key")}
     assert keys <= owned_by(user_of(name).partition(":")[0])
-
-
-@pytest.fixture
-def certificates() -> Iterator[Path]:
-    """An empty folder that every user of this machine can look into."""
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder).chmod(0o755)
-        yield Path(folder)
-
-
-@pytest.mark.parametrize("name", list(services(SECURE)))
-def test_without_capabilities_each_user_can_read_its_secrets(name: str, certificates: Path) -> None:
-    require_openssl()
-    if os.getuid() != 0 or shutil.which("setpriv") is None:
-        pytest.skip("only root can be another user, by setpriv")
-    roles = {secret.rpartition(".")[0] for secret in secrets_of(name)} - {"authority"}
-    assert make_certificates(certificates, *roles).returncode == 0
-    administrator = 4321  # none of the users that containers run as
-    for file in certificates.iterdir():
-        os.chown(file, 10001 if file.name in owned_by("10001") else administrator, -1)
-    user, _, group = user_of(name).partition(":")
-    bare = ["setpriv", f"--reuid={user}", f"--regid={group}", "--clear-groups"]
-    bare += ["--inh-caps=-all", "--bounding-set=-all", "--no-new-privs"]
-    files = [str(certificates / secret) for secret in secrets_of(name)]
-    ran = subprocess.run([*bare, "cat", *files], capture_output=True, text=True, check=False)
-    assert (ran.returncode, ran.stderr) == (0, "")
 
 
 def compose_command() -> list[str]:

@@ -18,13 +18,15 @@ from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.stop import StoppedError, stop_on_signals
 from clustermcl.runtime.version import VERSION
 from tests.soak.promises import Break
-from tests.soak.schedule import Kind
-from tests.soak.soak import SoakOptions, SoakResult, run_soak
+from tests.soak.schedule import Kind, planned
+from tests.soak.soak import SoakResult, run_soak
 
 EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
 _END_WITHIN_S = 60.0
 _KEPT = {True: "kept", False: "BROKEN", None: "no data"}
 _BREAKS_SHOWN = 3
+_FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
+"""Fault-free time after the start, and before the end for recovery from the last fault [s]."""
 
 
 def soak(
@@ -62,16 +64,6 @@ def soak(
     """
     if output is not None:
         check_output_file(output)
-    options = SoakOptions(
-        minutes=minutes,
-        coordinators=coordinators,
-        rate_hz=rate_hz,
-        world=world,
-        chaos=chaos,
-        fault_every_s=fault_every_s,
-        only=tuple(only or ()),
-        keep=keep,
-    )
     given = [
         "bridge.source=zenoh", "bridge.gate_distance_m=0", "bridge.gate_turn_rad=0",
         "belief.max_clusters=8", f"worker.count={workers}",
@@ -80,10 +72,23 @@ def soak(
     settings = load_settings(settings_file, [*given, *(assignments or ())])
     stop = stop_on_signals(exit_after_s=_END_WITHIN_S)
     show = partial(print, flush=True)
-    result = run_soak(options, settings, stop, show)
+    last_s = minutes * 60.0 - _LAST_FAULT_S if chaos else 0.0
+    every_s, kinds = fault_every_s, only or ()
+    faults = planned(
+        settings.seed, first_s=_FIRST_FAULT_S, last_s=last_s, every_s=every_s, only=kinds
+    )
+    result = run_soak(
+        *(settings, stop, show),
+        minutes=minutes,
+        world=world,
+        rate_hz=rate_hz,
+        coordinators=coordinators,
+        faults=faults,
+        keep=keep,
+    )
     print_result(result, show)
     if output is not None:
-        write_output_file(output, as_json(options, result))
+        write_output_file(output, as_json(result))
     if result.is_broken:
         sys.exit(EXIT_BROKEN)
     stop.check()
@@ -101,10 +106,9 @@ def print_result(result: SoakResult, show: Callable[[str], None]) -> None:
             show(f"          and {more} more times")
 
 
-def as_json(options: SoakOptions, result: SoakResult) -> str:
+def as_json(result: SoakResult) -> str:
     what = {
         "version": VERSION,
-        "options": asdict(options),
         "minutes": result.at_s(result.end_ns) / 60,
         "kept": not result.is_broken,
         "promises": [

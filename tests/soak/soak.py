@@ -3,7 +3,7 @@
 import faulthandler
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,28 +22,10 @@ from tests.soak.injector import Injector
 from tests.soak.leak_promise import NothingLeaks, open_without_namespace
 from tests.soak.observer import Observer
 from tests.soak.promises import Verdict
-from tests.soak.schedule import DoneFault, Kind, planned
+from tests.soak.schedule import DoneFault, Fault
 
 _TURN_S = 0.02
 _ROUTER_WITHIN_S, _READY_WITHIN_S = 30.0, 120.0
-_FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
-"""Fault-free time after the start, and before the end for recovery from the last fault [s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SoakOptions:
-    minutes: float
-    coordinators: int
-    """One leads, the others are standbys."""
-    rate_hz: float
-    """Scans a second; each is a step."""
-    world: str
-    chaos: bool
-    fault_every_s: float
-    only: tuple[Kind, ...]
-    """Kinds of faults to inject; empty: all."""
-    keep: Path | None
-    """Folder to which logs and flight recordings are copied."""
 
 
 @dataclass
@@ -67,9 +49,19 @@ class NotReadyError(ClusterMclError):
 
 
 def run_soak(
-    options: SoakOptions, settings: Settings, stop: StopFlag, show: Callable[[str], None]
+    settings: Settings,
+    stop: StopFlag,
+    show: Callable[[str], None],
+    *,
+    minutes: float,
+    world: str,
+    rate_hz: float,
+    coordinators: int,
+    faults: Sequence[Fault],
+    keep: Path | None,
 ) -> SoakResult:
-    if options.world == eight_rooms.__name__ and settings.belief.max_clusters < PLACES:
+    """Run the processes for some minutes; `keep` is a folder for logs and flight recordings."""
+    if world == eight_rooms.__name__ and settings.belief.max_clusters < PLACES:
         problem = f"belief.max_clusters = {settings.belief.max_clusters}: eight rooms alike need "
         raise SettingsError(f"{problem}{PLACES}; or choose another --world")
     with temporary_folder() as folder, temporary_files_in(folder) as left:
@@ -81,20 +73,21 @@ def run_soak(
             recorder=replace(settings.recorder, folder=str(kept_in / "flights")),
         )
         fleet = Fleet(
-            [robot], folder, world=options.world, rate_hz=options.rate_hz,
-            coordinators=options.coordinators, cables=options.chaos,
+            [robot], folder, world=world, rate_hz=rate_hz,
+            coordinators=coordinators, cables=bool(faults),
         )  # fmt: skip
-        soak = _Soak(options, robot, fleet, stop, show)
+        observer = Observer(robot, world, stop)
+        soak = _Soak(observer, fleet, Injector(faults, fleet, observer), show)
         try:
             fleet.start()
-            soak.run()
+            soak.run(robot, minutes, stop)
         finally:
             soak.injector.end_all()
             stop_s = fleet.stop()
-            if options.keep is not None:
+            if keep is not None:
                 for log in fleet.log_files():
                     shutil.copy(log, kept_in)
-                shutil.copytree(kept_in, options.keep, dirs_exist_ok=True)
+                shutil.copytree(kept_in, keep, dirs_exist_ok=True)
         running = processes_left(soak.known, folder)
         clean_end = clean_end_verdict(
             fleet.exits, soak.result.faults, fleet.log_files(), running, left, stop_s
@@ -108,39 +101,26 @@ class _Soak:
     """The loop that reads all messages and injects the faults."""
 
     def __init__(
-        self,
-        options: SoakOptions,
-        robot: Settings,
-        fleet: Fleet,
-        stop: StopFlag,
-        show: Callable[[str], None],
+        self, observer: Observer, fleet: Fleet, injector: Injector, show: Callable[[str], None]
     ) -> None:
-        self._minutes, self._robot, self._fleet = options.minutes, robot, fleet
-        self._stop, self._show = stop, show
-        self._observer, self._leaks = Observer(robot, options.world, stop), NothingLeaks()
-        self.result = SoakResult(self._observer.outages.faults)
+        self._observer, self._fleet, self.injector, self._show = observer, fleet, injector, show
+        self._leaks, self._minutes = NothingLeaks(), 0.0
+        self.result = SoakResult(observer.outages.faults)
         self.known: set[psutil.Process] = set()
-        faults = planned(
-            robot.seed,
-            first_s=_FIRST_FAULT_S,
-            last_s=options.minutes * 60.0 - _LAST_FAULT_S,
-            every_s=options.fault_every_s,
-            only=options.only,
-        )
-        self.injector = Injector(faults if options.chaos else (), fleet, self._observer)
 
-    def run(self) -> None:
+    def run(self, robot: Settings, minutes: float, stop: StopFlag) -> None:
+        self._minutes = minutes
         observer, result = self._observer, self.result
         with closing(observer.node) as node:
             node.open(_ROUTER_WITHIN_S)
             deadline_s = time.monotonic() + _READY_WITHIN_S
             while not observer.is_ready:
-                self._stop.check()
+                stop.check()
                 self._turn()
                 if time.monotonic() > deadline_s:
                     problem = f"the places were not found within {_READY_WITHIN_S:.0f} s"
                     raise NotReadyError(f"{problem}; the logs say why: --keep DIR keeps them")
-            with open_without_namespace(self._robot) as router:
+            with open_without_namespace(robot) as router:
                 result.start_ns = result.end_ns = time.time_ns()
                 observer.is_judging = True
                 every = {
@@ -150,8 +130,8 @@ class _Soak:
                     30.0: self._show_progress,
                 }
                 due_ns = dict.fromkeys(every, 0)
-                until_ns = result.start_ns + int(self._minutes * 60e9)
-                while (now_ns := time.time_ns()) < until_ns and not self._stop.is_set():
+                until_ns = result.start_ns + int(minutes * 60e9)
+                while (now_ns := time.time_ns()) < until_ns and not stop.is_set():
                     for fault in self.injector.tick(now_ns, result.start_ns):
                         result.faults.append(fault)
                         self._show_fault(fault)

@@ -162,13 +162,6 @@ def test_a_workers_certificate_announces_a_bounded_number_of_names(as_role: Open
     wait_until(lambda: not alive())
 
 
-@pytest.mark.parametrize("role", ["viewer", "operator"])
-def test_a_viewer_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> None:
-    looks, worker, bridge = as_role(role), as_role("worker-a"), as_role("bridge")
-    assert received_by(looks, keys.SCAN, [worker, bridge]) == {str(bridge.zid())}
-    assert received_by(worker, keys.SCAN, [looks, bridge]) == {str(bridge.zid())}
-
-
 def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
     viewer, coordinator = as_role("viewer"), as_role("coordinator")
     greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", REPORT_A)]

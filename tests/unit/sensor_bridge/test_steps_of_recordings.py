@@ -17,16 +17,14 @@ def test_a_recording_without_a_usable_scan_is_refused(tmp_path: Path) -> None:
         list(steps_of(recording, BridgeSettings(), "digest"))
 
 
-X, CUT = "'x' is not a number", "cut"
+X = "'x' is not a number"
 
 
 @pytest.mark.parametrize(("skipped", "words"), [
-    ((SkippedLine(3, X), SkippedLine(9, CUT)),
-     f"robot.log:3: 2 bad lines left out (3, 9); the first: {X}"),
-    (tuple(SkippedLine(number, CUT) for number in range(1, 40)),
-     "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)"),
+    ((SkippedLine(3, X), SkippedLine(9, "cut")),
+     f"robot.log:3: 2 bad lines left out; the first: {X}"),
     ((), ""),
-], ids=["the first is explained", "ten of many are named", "no bad line, no warning"])  # fmt: skip
+], ids=["the first is explained", "no bad line, no warning"])  # fmt: skip
 def test_bad_lines_that_are_left_out_are_counted(
     skipped: tuple[SkippedLine, ...],
     words: str,
