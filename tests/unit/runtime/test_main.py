@@ -91,13 +91,7 @@ def test_a_name_that_is_invalid_in_a_key_or_file_name_is_refused(
     assert capsys.readouterr().err.endswith(f"is not a valid name: {rule} (see --help)\n")
 
 
-def test_every_process_prints_its_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        run(lambda _: None, "--version")
-    assert caught.value.code == 0
-    assert capsys.readouterr().out == f"clustermcl {version('clustermcl')}\n"
-
-
-def test_the_command_prints_its_version() -> None:
-    ended = ran("import runpy; runpy.run_module('clustermcl', run_name='__main__')", "--version")
+@pytest.mark.parametrize("module", ["clustermcl", "clustermcl.worker"])
+def test_commands_and_processes_print_their_version(module: str) -> None:
+    ended = ran(f"import runpy; runpy.run_module('{module}', run_name='__main__')", "--version")
     assert (ended.stdout, ended.stderr) == (f"clustermcl {version('clustermcl')}\n", "")

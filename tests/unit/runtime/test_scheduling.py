@@ -14,19 +14,15 @@ def policy_after_asking() -> int:
     return os.sched_getscheduler(0)
 
 
-def test_batch_scheduling_applies_to_the_calling_thread_alone() -> None:
-    before = os.sched_getscheduler(0)
-    with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(policy_after_asking).result() == os.SCHED_BATCH
-    assert os.sched_getscheduler(0) == before
-
-
-def test_a_process_continues_if_scheduling_as_batch_is_forbidden(
+def test_batch_scheduling_applies_to_the_calling_thread_and_may_be_forbidden(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def forbidden(*_: object) -> None:
         raise PermissionError("not here")
 
-    monkeypatch.setattr(os, "sched_setscheduler", forbidden)
     before = os.sched_getscheduler(0)
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(policy_after_asking).result() == os.SCHED_BATCH
+    assert os.sched_getscheduler(0) == before
+    monkeypatch.setattr(os, "sched_setscheduler", forbidden)
     assert policy_after_asking() == before
