@@ -127,13 +127,7 @@ class Node:
             self.declare(lambda session: wire.watch_link(session, self.inbox))
 
     def open(self, wait_s: float | None = None) -> zenoh.Session:
-        """Connect to the router and declare everything.
-
-        Raises:
-            UnreachableError: no router answered in `wait_s`; None: wait without limit.
-            SettingsError: the endpoint or the robot's name is invalid.
-            StoppedError: the stop flag was set before there was a router.
-        """
+        """Connect to the router and declare everything; `wait_s` and errors as `open_session`."""
         with ExitStack() as opening:
             session = self._opened_in(opening, wait_s)
             self._use(session, opening.pop_all())

@@ -36,10 +36,8 @@ def secure_router_configuration(
     """Return the configuration of a router that accepts only certificates of its authority.
 
     The folder `certificates` on the router's machine has ``authority.pem``, ``router.pem`` and
-    ``router.key``; it is not opened here. Robots and workers are named as in `access_control`.
-
-    Raises:
-        SettingsError: the endpoint or a name is invalid.
+    ``router.key``; it is not opened here. Robots and workers are named as in `access_control`,
+    which raises `SettingsError`, as an invalid endpoint does.
     """
     check_endpoint(endpoint)
     if not endpoint.startswith("tls/"):

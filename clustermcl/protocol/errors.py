@@ -63,11 +63,9 @@ class MalformedMessageError(ClusterMclError):
     """Bytes from the wire are not a valid message of the expected type.
 
     Args:
-        expected: name of the expected message.
         problem: the reason; may quote the bytes, so it is truncated and made printable.
-        kind: the category: ``too large``, ``not MessagePack``, ``schema`` (another message, or
-            another version of it), ``field``, ``impossible`` (implausible numbers), or
-            ``wrong array`` (shape and bytes disagree).
+        kind: ``too large``, ``not MessagePack``, ``schema`` (another message or version),
+            ``field``, ``impossible`` (implausible numbers), or ``wrong array``.
     """
 
     def __init__(self, *, expected: str, problem: str, kind: str = "impossible") -> None:

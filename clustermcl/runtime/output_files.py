@@ -23,11 +23,7 @@ class OutputError(ClusterMclError):
 
 
 def check_output_file(path: Path) -> None:
-    """Check that a file can be written, without changing it.
-
-    Raises:
-        OutputError: `path` is a folder, its folder does not exist, or permission is denied.
-    """
+    """Check that a file can be written, without changing it; an `OutputError` says why not."""
     if path.is_dir():
         raise OutputError(path=path, problem="it is a folder")
     if path.exists():
@@ -86,12 +82,7 @@ def opened_to_write(file: Path) -> BufferedWriter:
 
 @contextmanager
 def written_output() -> Iterator[None]:
-    """Flush everything printed within this context, or raise.
-
-    Raises:
-        OutputError: the disk is full or failed.
-        BrokenPipeError: the reader of a pipe has closed it.
-    """
+    """Flush everything printed within this context; an `OutputError`: the disk is full or failed."""
     try:
         try:
             yield

@@ -19,8 +19,7 @@ def in_atlas(seen: Observation, floors: Floors) -> Observation:
     """Return an observation whose positions are in the atlas.
 
     Raises:
-        ValueError: it names no floor of the building or an unknown one, or the building is too
-            large for an observation of the floor.
+        ValueError: it names no floor or an unknown one, or the building is too large for one.
     """
     if seen.floors:
         return _where(seen, floors)

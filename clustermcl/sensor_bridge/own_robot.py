@@ -38,11 +38,7 @@ HARMLESS = 0.1
 class OwnRobot:
     """Sets beams that end on the robot to "no return"; a scan without others is dropped.
 
-    Args:
-        dropped: counts findings, and tells which beams.
-
-    Attributes:
-        found: whether many beams were found since this was set to False.
+    `found`: many beams were found since this was set to False.
     """
 
     def __init__(self, dropped: Refused) -> None:
