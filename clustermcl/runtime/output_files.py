@@ -82,7 +82,7 @@ def opened_to_write(file: Path) -> BufferedWriter:
 
 @contextmanager
 def written_output() -> Iterator[None]:
-    """Flush everything printed within this context; an `OutputError`: the disk is full or failed."""
+    """Flush what is printed within this context; an `OutputError`: the disk is full or failed."""
     try:
         try:
             yield

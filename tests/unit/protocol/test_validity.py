@@ -5,6 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from clustermcl.protocol import work
 from clustermcl.protocol.answers import Drive, Kidnap, Relocalize, SetPose
 from clustermcl.protocol.arrays import ArrayBlob
 from clustermcl.protocol.codec import MAX_ITEMS, decode, encode
@@ -12,17 +13,6 @@ from clustermcl.protocol.errors import MalformedMessageError
 from clustermcl.protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
 from clustermcl.protocol.reading_checks import scan_problem
 from clustermcl.protocol.steps import Landmark, OdometryReading, Scan, ScanHistory, Seen, TruePose
-from clustermcl.protocol.work import (
-    Assignment,
-    ElsewhereJob,
-    Job,
-    Particles,
-    Report,
-    SearchJob,
-    TrackJob,
-    TrackReport,
-    WorkOrder,
-)
 from tests.unit.coordinator.reports import (
     cloud_at,
     elsewhere,
@@ -40,7 +30,7 @@ TRACKED = tracked("c0", 3, 0.5, ORIGIN)
 SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
 ELSEWHERE = elsewhere(3, -4.0)
 ODOMETRY = OdometryReading(sender="r", stamp_ns=0, odom_from_robot=ORIGIN)
-SEARCH = SearchJob(search=0, shard=0, first_step=0)
+SEARCH = work.SearchJob(search=0, shard=0, first_step=0)
 SET_POSE = SetPose(sender="a", command_id="1", pose=ORIGIN)
 
 
@@ -48,7 +38,7 @@ def changed(message: Message, **fields: object) -> Message:
     return msgspec.structs.replace(message, **fields)
 
 
-def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
+def cloud(poses: np.ndarray, log_weights: np.ndarray) -> work.Particles:
     return msgspec.structs.replace(
         CLOUD,
         map_from_robot=ArrayBlob.of(poses, "float64"),
@@ -56,12 +46,12 @@ def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
     )
 
 
-def order(start: Particles) -> WorkOrder:
-    return begins(TrackJob(cluster=1, start=start, exact=False))
+def order(start: work.Particles) -> work.WorkOrder:
+    return begins(work.TrackJob(cluster=1, start=start, exact=False))
 
 
-def begins(job: Job) -> WorkOrder:
-    return work_order(begin=(Assignment(job_id="c1", epoch=1, job=job),))
+def begins(job: work.Job) -> work.WorkOrder:
+    return work_order(begin=(work.Assignment(job_id="c1", epoch=1, job=job),))
 
 
 def refusal(message: Message, expected: type = Message) -> MalformedMessageError:
@@ -83,8 +73,8 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(ELSEWHERE, log_likelihood=math.inf), "$.log_likelihood"),
         (changed(ELSEWHERE, step=-1), "$.step"),
         (changed(ELSEWHERE, epoch=-1), "$.epoch"),
-        (begins(ElsewhereJob(first_step=-2)), "$.begin[0].job.first_step"),
-        (begins(SearchJob(search=0, shard=0, first_step=-2)), "$.begin[0].job.first_step"),
+        (begins(work.ElsewhereJob(first_step=-2)), "$.begin[0].job.first_step"),
+        (begins(work.SearchJob(search=0, shard=0, first_step=-2)), "$.begin[0].job.first_step"),
         (changed(begins(SEARCH), resize=(("c1", 0, 5),)), "$.resize[0][1]"),
         (changed(begins(SEARCH), resize=(("c1", 2**40, 5),)), "$.resize[0][1]"),
         (changed(begins(SEARCH), resize=(("c1", 500, -2),)), "$.resize[0][2]"),
@@ -145,7 +135,7 @@ def test_implausible_numbers_are_refused(message: Message, words: str) -> None:
         changed(scan(0), step=MAX_SCAN_STEP - 1),
         SET_POSE,
         order(CLOUD),
-        begins(ElsewhereJob(first_step=-1)),
+        begins(work.ElsewhereJob(first_step=-1)),
     ],
 )
 def test_plausible_messages_are_accepted(message: Message) -> None:
@@ -154,7 +144,7 @@ def test_plausible_messages_are_accepted(message: Message) -> None:
 
 def test_a_report_of_a_scan_without_usable_beams_is_accepted() -> None:
     message = changed(TRACKED, log_likelihood_per_beam=math.nan)
-    assert math.isnan(decode(encode(message), TrackReport).log_likelihood_per_beam)
+    assert math.isnan(decode(encode(message), work.TrackReport).log_likelihood_per_beam)
 
 
 @dataclass(frozen=True)
@@ -183,20 +173,20 @@ class Nested:
 )
 def test_data_that_would_need_much_memory_is_refused_while_decoding(bomb: Nested) -> None:
     with pytest.raises(MalformedMessageError) as refused:
-        decode(bomb.data, WorkOrder)
+        decode(bomb.data, work.WorkOrder)
     assert refused.value.kind == "not MessagePack"
 
 
 def test_millions_of_empty_lists_are_refused_before_they_are_built() -> None:
     rows = b"\xdc\x4e\x20" + b"\x90" * MAX_ITEMS
     with pytest.raises(MalformedMessageError, match="lists and maps"):
-        decode(b"\xdc\x01\x00" + rows * 256, WorkOrder)
+        decode(b"\xdc\x01\x00" + rows * 256, work.WorkOrder)
 
 
 def test_a_message_above_its_size_limit_is_refused() -> None:
     assert refusal(changed(SET_POSE, sender="x" * SMALL_BYTES)).kind == "too large"
     with pytest.raises(MalformedMessageError, match="the limit is 33554432"):
-        decode(bytes(LARGEST_BYTES + 1), Report)  # type: ignore[arg-type] # a union
+        decode(bytes(LARGEST_BYTES + 1), work.Report)  # type: ignore[arg-type] # a union
 
 
 def test_a_later_version_is_distinguished_from_a_wrong_field() -> None:
