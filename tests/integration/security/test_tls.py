@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -54,55 +53,28 @@ def test_a_router_at_a_host_that_its_certificate_does_not_name_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "expected"),
+    ("name", "file", "problem"),
     [
-        (
-            lambda folder: {"tls_ca_certificate": f"{folder}/none.pem"},
-            r"zenoh\.tls_ca_certificate = '.*/none\.pem': no such file",
-        ),
-        (
-            lambda folder: {"tls_certificate": f"{folder}"},
-            r"zenoh\.tls_certificate = '.*': is a folder",
-        ),
-        (
-            lambda folder: {"tls_certificate": f"{folder}/viewer.key"},
-            r"zenoh\.tls_certificate = '.*/viewer\.key': there is no certificate in it",
-        ),
-        (
-            lambda folder: {"tls_private_key": f"{folder}/viewer.pem"},
-            r"zenoh\.tls_private_key = '.*/viewer\.pem': there is no private key in it",
-        ),
-        (
-            lambda folder: {"tls_private_key": f"{folder}/operator.key"},
-            r"operator\.key' and .*viewer\.pem' do not match: the key belongs to another",
-        ),
-        (
-            lambda _: {"tls_private_key": ""},
-            r"zenoh\.tls_private_key is not set, but zenoh\.tls_certificate is",
-        ),
-        (
-            lambda _: {"tls_certificate": ""},
-            r"zenoh\.tls_certificate is not set, but zenoh\.tls_private_key is",
-        ),
+        ("tls_ca_certificate", "none.pem", "no such file"),
+        ("tls_ca_certificate", "truncated.pem", "not a certificate"),
+        ("tls_certificate", ".", "is a folder"),
+        ("tls_certificate", "viewer.key", "there is no certificate in it"),
+        ("tls_private_key", "viewer.pem", "there is no private key in it"),
+        ("tls_private_key", "operator.key", "do not match: the key belongs to another"),
+        ("tls_private_key", "", "is not set, but zenoh.tls_certificate is"),
+        ("tls_certificate", "", "is not set, but zenoh.tls_private_key is"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_its_setting(
-    viewer: ZenohSettings,
-    certificates: Path,
-    wrong: Callable[[Path], dict[str, str]],
-    expected: str,
+    viewer: ZenohSettings, certificates: Path, name: str, file: str, problem: str
 ) -> None:
-    settings = msgspec.structs.replace(viewer, **wrong(certificates))
-    with pytest.raises(SettingsError, match=expected):
+    truncated = "-----BEGIN CERTIFICATE-----\nMIIB\n-----END CERTIFICATE-----\n"
+    (certificates / "truncated.pem").write_text(truncated)
+    path = str(certificates / file) if file else ""
+    settings = msgspec.structs.replace(viewer, **{name: path})
+    with pytest.raises(SettingsError, match=rf"zenoh\.{name} .*{problem}") as caught:
         client_configuration(settings, RobotSettings())
-
-
-def test_a_truncated_authority_file_is_refused(viewer: ZenohSettings, tmp_path: Path) -> None:
-    broken = tmp_path / "authority.pem"
-    broken.write_text("-----BEGIN CERTIFICATE-----\nMIIB\n-----END CERTIFICATE-----\n")
-    settings = msgspec.structs.replace(viewer, tls_ca_certificate=str(broken))
-    with pytest.raises(SettingsError, match=r"tls_ca_certificate = .* not a certificate"):
-        client_configuration(settings, RobotSettings())
+    assert path in str(caught.value)
 
 
 def test_a_router_at_a_tls_endpoint_needs_a_certificate(viewer: ZenohSettings) -> None:
