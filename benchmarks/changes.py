@@ -24,7 +24,7 @@ from scipy.ndimage import binary_dilation
 from benchmarks.aged_maps import Mask
 from clustermcl.belief.outcome import Outcome
 from clustermcl.changes import collector as collecting
-from clustermcl.changes.collector import ChangeCollector, hits_of
+from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import with_changes
 from clustermcl.commands.changes import changes_of_recording
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
@@ -142,8 +142,11 @@ def from_places(
         if truth is None or outcome.state != "localized" or not is_right(outcome, truth):
             continue
         laser = compose(np.array(truth), np.array(scan.robot_from_laser))
-        hits = np.column_stack([hits_of(scan), np.zeros(len(hits_of(scan)))])
-        way = compose(np.array(truth), hits)[:, :2] - laser[:2]
+        ranges = scan.ranges.array()
+        at = np.flatnonzero((ranges > 0.0) & (ranges < scan.range_max_m))
+        angles = scan.angle_min_rad + scan.angle_step_rad * at
+        ends = (np.cos(angles), np.sin(angles)) * ranges[at]
+        way = compose(laser, np.column_stack([*ends, angles]))[:, :2] - laser[:2]
         length = np.hypot(*way.T)
         along = np.arange(0.05, collecting.REACH_M, 0.05)
         beam, at = np.nonzero(along < np.minimum(length - 0.3, collecting.REACH_M)[:, None])

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from clustermcl.filter.arrays import FREE, OCCUPIED, Cells, Points, Pose
+from clustermcl.filter.arrays import FREE, OCCUPIED, Cells, Pose
 from clustermcl.filter.kernels.compiled import ToCells, kernel
 
 Codes: TypeAlias = NDArray[np.uint16]
@@ -20,6 +20,7 @@ WALL, GROUND, OPEN, WATCHED = 1, 2, 4, 8
 _NEAR, _HIT, _PASSED, _MOST, _UNMARKED = 16, 1 << 5, 1 << 10, 31, 15
 """Marks of one scan: beams end in a cell or next to it; units of the numbers of beams that end in
 it and that pass it, up to 31 each; and the bits of a code without marks."""
+NOT_WATCHED = np.uint16(~WATCHED & 0xFFFF)
 WALL_MARGIN = 2
 """Cells around an obstacle of the map that beams may hit without contradicting it."""
 BEYOND_M = 0.3
@@ -48,9 +49,11 @@ def seen_cells(  # noqa: PLR0912 - loops over beams and cells
     seen: NDArray[np.int32],
     now: int,
     in_cells: ToCells,
-    pose: Pose,
     laser: Pose,
-    hits: Points,
+    ranges: NDArray[np.float64],
+    first_angle: float,
+    angle_step: float,
+    no_return: float,
     reach: float,
     beyond: float,
     out: NDArray[np.int32],
@@ -65,9 +68,11 @@ def seen_cells(  # noqa: PLR0912 - loops over beams and cells
         seen: (rows, cols) when a beam last passed or hit each cell; set to `now`.
         now: the present time, as in `seen`.
         in_cells: transform from points of the map to cells.
-        pose: (3,) the robot in the map.
-        laser: (3,) the laser on the robot.
-        hits: (B, 2) ends of the beams that returned, in the robot's frame [m].
+        laser: (3,) the laser in the map.
+        ranges: (B,) lengths of the beams [m]; not positive, `no_return` or more: no return.
+        first_angle: direction of the first beam on the laser [rad].
+        angle_step: from one beam to the next [rad].
+        no_return: see `ranges` [m].
         reach: length of beams that is used [cells].
         beyond: `BEYOND_M` [cells].
         out: (N, 2) cell, as row * cols + col, and whether it is occupied; no more than N cells that
@@ -75,16 +80,16 @@ def seen_cells(  # noqa: PLR0912 - loops over beams and cells
     """
     c, s, x0, y0 = in_cells
     rows, cols = codes.shape
-    ch, sh = cos(pose[2]), sin(pose[2])
-    laser_x = pose[0] + ch * laser[0] - sh * laser[1]
-    laser_y = pose[1] + sh * laser[0] + ch * laser[1]
-    from_col, from_row = c * laser_x - s * laser_y + x0, s * laser_x + c * laser_y + y0
+    from_col = c * laser[0] - s * laser[1] + x0
+    from_row = s * laser[0] + c * laser[1] + y0
     count = 0
     for turn in range(2):  # count ends, then passes
-        for j in range(len(hits)):
-            hit_x = pose[0] + ch * hits[j, 0] - sh * hits[j, 1]
-            hit_y = pose[1] + sh * hits[j, 0] + ch * hits[j, 1]
-            dx, dy = c * hit_x - s * hit_y + x0 - from_col, s * hit_x + c * hit_y + y0 - from_row
+        for j in range(len(ranges)):
+            if not 0.0 < ranges[j] < no_return:
+                continue
+            angle = laser[2] + first_angle + j * angle_step
+            x, y = ranges[j] * cos(angle), ranges[j] * sin(angle)
+            dx, dy = c * x - s * y, s * x + c * y
             length = sqrt(dx * dx + dy * dy)
             steps = 9 if turn == 0 else ceil(min(length - _BEFORE, reach)) - 1
             if not length > 0.0 or (turn == 0 and length > reach):
