@@ -101,7 +101,8 @@ class ChangeCollector:
         self._out = np.empty((2**16, 2), np.int32)
         self.records = np.empty(0, RECORD)
         """By cell."""
-        self._trusted = self._recent = self.records
+        self._trusted = self._recent = (self.records, 1)
+        """Records and their minute, to go back to."""
         self._steps, self._way_m = 0, 0.0
         self.stamp_ns = 0
         self._last: tuple[int, Pose, Pose] | None = None
@@ -138,11 +139,17 @@ class ChangeCollector:
         self._collect(pose, scan)
         self._steps += 1
         if self._steps % TRUSTED_STEPS == 0:
-            self._trusted, self._recent = self._recent, self.records
+            self._trusted = self._recent
+            self._recent = self.records, minute_of(scan.stamp_ns)
 
     def withdraw(self) -> None:
-        """Take back what was collected since the robot was last right."""
-        self.records = self._recent = self._trusted
+        """Take back what was collected since the robot was last right.
+
+        Cells that were seen since then were never seen: when they were seen before is not kept.
+        """
+        self._recent = self._trusted
+        self.records, minute = self._trusted
+        self.seen_min[self.seen_min >= minute] = 0
         self._watch()
         self._steps = 0
 
@@ -180,7 +187,8 @@ class ChangeCollector:
             map_digest=self.map.digest,
             layout=LAYOUT,
             records=self.records.tobytes(),
-            trusted=self._trusted.tobytes(),
+            trusted=self._trusted[0].tobytes(),
+            trusted_min=self._trusted[1],
             zlib_seen_min=zlib.compress(self.seen_min.data, level=1),
         )
 
@@ -193,9 +201,10 @@ class ChangeCollector:
         if (kept.map_digest, kept.layout) != (self.map.digest, LAYOUT):
             return
         seen_min = unpacked_minutes(kept.zlib_seen_min, self._codes.shape).copy()
-        self._trusted, records = (_checked(r, seen_min.size) for r in (kept.trusted, kept.records))
-        self.records = self._recent = records
-        self.seen_min = seen_min
+        trusted, records = (_checked(r, seen_min.size) for r in (kept.trusted, kept.records))
+        self._trusted = trusted, kept.trusted_min
+        self._recent = records, max(int(seen_min.max()), 1)
+        self.records, self.seen_min = records, seen_min
         self._watch()
 
     def _collect(self, pose: Pose, scan: Scan) -> None:

@@ -2,10 +2,11 @@
 
 import math
 import zlib
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from clustermcl.protocol.arrays import ArrayBlob
@@ -136,3 +137,5 @@ class KeptChanges(Message, frozen=True, kw_only=True, tag="kept_changes/1"):
     records: bytes
     trusted: bytes
     zlib_seen_min: bytes
+    trusted_min: Annotated[int, Meta(ge=1)] = 1
+    """When `trusted` was collected, as in `zlib_seen_min`."""

@@ -83,12 +83,18 @@ def test_what_a_wrong_robot_has_collected_is_taken_back(wrong_steps: int) -> Non
     drive.steps(1, cluster=2)
     after = drive.collector.changes("test").cells.array()[:, :2]
     np.testing.assert_array_equal(after, right)
+    seen_min = drive.collector.seen_min
+    trusted_min = collecting.minute_of(collecting.TRUSTED_STEPS * 10**9)  # a step is a second
+    now = collecting.minute_of(drive.collector.stamp_ns)
+    assert ((seen_min < trusted_min) | (seen_min == now)).all()
 
 
 def test_a_robot_that_was_wrong_from_the_start_leaves_nothing() -> None:
     drive = Drive().steps(60, off=(1.2, 0.7))
     assert drive.kinds()
+    assert set(np.unique(drive.collector.seen_min)) == {0, 1}
     assert drive.steps(1, cluster=2).kinds() == {}
+    assert set(np.unique(drive.collector.seen_min)) == {0, 2}  # of the last scan, a minute later
 
 
 def test_a_place_that_another_cluster_continues_is_no_error() -> None:

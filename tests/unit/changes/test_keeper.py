@@ -47,6 +47,7 @@ def test_a_robot_that_is_found_elsewhere_after_a_restart_loses_what_is_not_trust
     assert len(collector.changes("test").cells.array())
     collector.withdraw()
     assert len(collector.changes("test").cells.array()) == 0
+    assert collector.changes("test").seen_share == 0.0
 
 
 def records(**changed: object) -> bytes:
