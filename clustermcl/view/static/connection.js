@@ -46,7 +46,7 @@ export class Connection {
 
   /** @param past [step, topic, frame] of all steps, packed */
   async openSaved({ past, ...frames }) {
-    this.past = { entries: await unpacked(past).json(), events: frames.events };
+    this.past = { entries: await unpacked(past).json(), events: frames.events ?? [] };
     this.opened = this.take(frames);
   }
 

@@ -1,6 +1,7 @@
 """The page of a building: floors as tabs, and what is drawn and said on each."""
 
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +14,11 @@ from clustermcl.protocol.steps import TruePose
 from clustermcl.recordings.maps.map_message import to_message
 from clustermcl.runtime.settings import Settings
 from clustermcl.view.recorded_run import best_pose
+from clustermcl.view.saved_page import saved_run
+from tests.integration.view.page import Page
 from tests.integration.view.stage import Stage
 from tests.integration.view.test_drawn import page_of, shows
+from tests.integration.waiting import wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -22,7 +26,9 @@ TABS = """return [...document.querySelectorAll("#floors button")].map((tab) =>
   [tab.innerText, tab.getAttribute("aria-pressed"), tab.querySelectorAll("i").length])"""
 
 
-def test_floors_are_tabs_and_poses_are_those_of_the_floor(driver: Any, pictures: Any) -> None:
+def test_floors_are_tabs_and_poses_are_those_of_the_floor_on_a_saved_page_too(
+    driver: Any, pictures: Any, tmp_path: Path
+) -> None:
     case = Case(robot=SimulatedRobot(world="tower"), updates=140)
     course, steps = Run(case=case, seed=1, settings=Settings()).begun()
     floors = course.map.floors
@@ -33,15 +39,14 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor(driver: Any, pictures:
             assert truth is not None
             floor, there = floors.on_floor(truth)
             belief = belief_after(scan, outcome, "coordinator")
-            at = TruePose(sender="s", step=scan.step, pose=there, floor=floor)
-            stage.picture.on_truth(at)
+            stage.picture.on_truth(TruePose(sender="s", step=scan.step, pose=there, floor=floor))
             stage.picture.on_scan(scan)
             stage.picture.on_belief(belief)
             stage.picture.on_pose(best_pose(belief))
         shows(stage, lambda: page.run("return liveView.view.step?.step") == 139)
         shows(stage, lambda: page.run(TABS) and page.text("x").startswith(f"{there[0]:.1f}"))
         assert [tab[0].split()[0] for tab in page.run(TABS)] == ["ground", "first", "second"]
-        best = belief.floor
+        tabs, best = page.run(TABS), belief.floor
         pressed = [
             text.split()[0] for text, is_pressed, _ in page.run(TABS) if is_pressed == "true"
         ]
@@ -70,5 +75,13 @@ def test_floors_are_tabs_and_poses_are_those_of_the_floor(driver: Any, pictures:
             "ground",
             pytest.approx((-4.0, -2.0, 0.0), abs=0.1),
         )
-    driver.get("about:blank")
+        assert stage.map is not None
+        (tmp_path / "run.html").write_text(saved_run(stage.picture, stage.map))
     assert page.console() == []
+    saved = Page(driver, f"{(tmp_path / 'run.html').as_uri()}#step=139")
+    wait_until(lambda: saved.run(TABS) == tabs)
+    assert saved.text("x").startswith(f"{there[0]:.1f}")
+    saved.run(f"document.querySelectorAll('#floors button')[{number}].click()")
+    middle = saved.run("return [liveView.view.view.x, liveView.view.view.y]")
+    assert floors.on_floor((*middle, 0.0))[0] == "ground"
+    assert saved.console() == []
