@@ -8,7 +8,7 @@ DATA is the folder of recordings and maps. The rows are
 * `gdc`: a robot simulated on each of four floors of one building;
 * `missing`: the same robots, in the building without their own floor;
 * `rides`: rides in `sim:tower`, whose upper floors look alike but for one room, until `seeds` of
-  them were between these floors;
+  them were between these floors; also from which step on a scan shows that room (10 beams differ);
 * `cost`: CPU of a step and memory, against the same floors with hardly a gap between them.
 """
 
@@ -25,6 +25,9 @@ from benchmarks.wean import WeanRobot
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot, course_of
 from clustermcl.evaluation.pose_error import pose_error
 from clustermcl.evaluation.run import Run
+from clustermcl.filter.laser.ray_casting import cast_rays_from_poses, jump_field
+from clustermcl.filter.poses import compose
+from clustermcl.jobs.scan_arrays import scan_of_laser
 from clustermcl.recordings.maps import building as buildings
 from clustermcl.runtime.settings import Settings
 
@@ -32,6 +35,7 @@ RECORDED = ("aces", "belgioioso", "edmonton", "fhw", "fr079", "fr101", "intel", 
 GDC = {"1": "f1", "2": "f2_2019", "3": "f3", "4": "f4"}
 ALIKE = {"first", "second"}
 AFTER_STEPS, MOST_STEPS = 40, 30_000
+TOLD_M, TOLD_BEAMS = 0.3, 10
 
 
 def write_building(folder: Path, maps: dict[str, Path]) -> Path:
@@ -93,24 +97,37 @@ def without_own_floor(data: Path, folder: Path, seeds: int, steps: int) -> None:
 def rides(_data: Path, _folder: Path, seeds: int, _steps: int) -> None:
     course, made = run_of(SimulatedRobot(world="tower"), 0, MOST_STEPS).begun()
     floors, lift = course.map.floors, course.simulation and course.simulation.lift
+    jumps = jump_field(course.map.cells)
     assert lift is not None
     begun, last, before, since, found, wrong, lost, count = 0, "", "", 0, -1, 0, 0, 0
-    for _, outcome, truth in made:
+    told = -1
+    for scan, outcome, truth in made:
         lost += outcome.state == "lost"
         if lift.rides > begun:
-            begun, before, since, found, wrong = lift.rides, last, 0, -1, 0
-        if lift.middle is not None:
+            begun, before, since, found, wrong, told = lift.rides, last, 0, -1, 0, -1
+        if lift.middle is not None or truth is None:
             continue
-        last, since = floors.on_floor(truth or (0.0, 0.0, 0.0))[0], since + 1
+        (last, there), since = floors.on_floor(truth), since + 1
         if outcome.state == "localized":
             right = floors.on_floor(outcome.hypotheses[0].pose)[0] == last
             wrong, found = wrong + (not right), since if right and found < 0 else found
+        if told < 0 and begun:
+            laser = scan_of_laser(scan)
+            poses = compose(
+                np.array([truth, *(floors.in_atlas(name, there) for name in floors.names)]),
+                laser.robot_from_laser,
+            )
+            ends = cast_rays_from_poses(
+                jumps, course.map.grid, poses, laser.angles, scan.range_max_m
+            )
+            differ = np.count_nonzero(np.abs(ends[1:] - ends[0]) > TOLD_M, axis=1)
+            told = since if np.count_nonzero(differ < TOLD_BEAMS) == 1 else told  # only its own
         if begun and since == AFTER_STEPS:
             alike = {before, last} == ALIKE
             count += alike
-            ride = f"{before} to {last}{' (alike)' if alike else ''}"
+            ride = f"{before} to {last}{' (alike)' if alike else ''}: told apart at {told}"
             said = f"sure of a wrong one {wrong}, lost so far {lost}"
-            print(f"{ride}: right floor after {found} steps, {said}", flush=True)
+            print(f"{ride}, right floor after {found} steps, {said}", flush=True)
         if count == seeds:
             return
 
