@@ -128,8 +128,8 @@ def run_kernels(sensor: SensorSettings, motion: MotionSettings) -> None:
     cast_rays_from_poses(model.jumps, model.grid, np.ones((1, 3)), angles, 1.0)  # advice
     seen, out, ranges = np.zeros(cells.shape, np.int32), np.zeros((9, 2), np.int32), np.ones(1)
     pose, codes = np.zeros(3), codes_of(cells)
-    angles = 0.0, 0.1, 9.0
-    seen_cells(codes, seen, 1, model.grid.in_cells, pose, ranges, *angles, 9.0, 3.0, out)  # changes
+    beams = ranges, 0.0, 0.1, 9.0
+    seen_cells(codes, seen, 1, model.grid.in_cells, pose, *beams, 9.0, 3.0, out)  # changes
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:
