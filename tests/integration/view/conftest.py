@@ -9,18 +9,17 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.client import Client
 from clustermcl.commands.stack import Stack, meeting_in
-from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.supervisor import python_module
 from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
 from tests.integration.system.conftest import SMALL
 from tests.integration.view.page import Page
-from tests.integration.waiting import patient
+from tests.integration.waiting import patient_client
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 DRIVERS = ("chromedriver",)
@@ -30,16 +29,12 @@ class System:
     """A simulated robot in a cross of four equal arms, which can be ended and started again."""
 
     def __init__(self, folder: Path) -> None:
-        bridge = msgspec.structs.replace(SMALL.bridge, source="sim:cross", rate=2.0)
-        nothing_kept = msgspec.structs.replace(SMALL.coordinator, state_folder="off")
-        worker = msgspec.structs.replace(SMALL.worker, count=2, cache_folder=str(folder / "cache"))
-        zenoh = patient(SMALL.zenoh)
-        self.settings: Settings = meeting_in(
-            folder,
-            msgspec.structs.replace(
-                SMALL, bridge=bridge, coordinator=nothing_kept, worker=worker, zenoh=zenoh
-            ),
-        )
+        changed = {
+            "bridge": replace(SMALL.bridge, source="sim:cross", rate=2.0),
+            "coordinator": replace(SMALL.coordinator, state_folder="off"),
+            "worker": replace(SMALL.worker, count=2, cache_folder=str(folder / "cache")),
+        }
+        self.settings = meeting_in(folder, patient_client(replace(SMALL, **changed)))
         self._folder = folder
         self._stack: Stack | None = None
 
@@ -88,14 +83,6 @@ def link(folder: Path, system: System) -> Iterator[str]:
 @pytest.fixture(scope="module")
 def page(link: str, driver: Any) -> Page:
     return Page(driver, link)
-
-
-@pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    """Where pictures of the page are kept for a person to look at: BROWSER_PICTURES."""
-    folder = Path(os.environ.get("BROWSER_PICTURES", tmp_path))
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 @pytest.fixture(scope="session")

@@ -107,19 +107,18 @@ class Page:
 
     def drag_on_map(self, start: tuple[float, float], end: tuple[float, float]) -> None:
         """Press, drag and release on the map's canvas [px from its corner]."""
-        canvas = self.driver.find_element("id", "map")
-        width, height = self.snapshot().size
-        x, y = round(start[0] - width / 2), round(start[1] - height / 2)
-        chain = self.actions().move_to_element_with_offset(canvas, x, y)
-        chain.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1]))
-        chain.release().perform()
+        chain = self._at(start).click_and_hold()
+        chain.move_by_offset(round(end[0] - start[0]), round(end[1] - start[1])).release().perform()
 
     def hover_on_map(self, where: tuple[float, float]) -> None:
         """Point at a place of the map's canvas [px from its corner]."""
+        self._at(where).perform()
+
+    def _at(self, where: tuple[float, float]) -> Any:
         canvas = self.driver.find_element("id", "map")
         width, height = self.snapshot().size
         x, y = round(where[0] - width / 2), round(where[1] - height / 2)
-        self.actions().move_to_element_with_offset(canvas, x, y).perform()
+        return self.actions().move_to_element_with_offset(canvas, x, y)
 
     @contextmanager
     def holding(self, key: str) -> Iterator[None]:
@@ -129,20 +128,15 @@ class Page:
 
     @contextmanager
     def on_screen(self, screen: str, scheme: str = "") -> Iterator[None]:
-        """On a phone, in a dark window, or in a window of ``WIDTHxHEIGHT``, ``dark`` or not.
-
-        ``wide`` changes nothing.
-        """
-        size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+        """In a ``dark`` window, or in one of ``WIDTHxHEIGHT``, ``dark`` or not."""
         command = self.driver.execute_cdp_cmd
-        if "x" in screen:
-            width, height = map(int, screen.split("x"))
-            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        if screen == "phone" or "x" in screen:
-            command("Emulation.setDeviceMetricsOverride", size)
         if "dark" in (screen, scheme):
             dark = {"name": "prefers-color-scheme", "value": "dark"}
             command("Emulation.setEmulatedMedia", {"features": [dark]})
+        if "x" in screen:
+            width, height = map(int, screen.split("x"))
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            command("Emulation.setDeviceMetricsOverride", size)
         try:
             yield
         finally:
@@ -166,9 +160,6 @@ class Page:
     def wait_for_places(self, count: int, deadline_s: float = 90.0) -> None:
         probable = "return (liveView.view.step?.places ?? []).filter(one => one.p > 0.04).length"
         wait_until(lambda: self.run(probable) == count, deadline_s)
-
-    def save(self, file: Path) -> None:
-        self.driver.save_screenshot(str(file))
 
 
 def press(page: Page, keys: str) -> None:

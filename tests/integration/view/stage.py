@@ -2,7 +2,6 @@
 
 import queue
 import zlib
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -16,6 +15,7 @@ from clustermcl.view.map_reduction import reduced
 from clustermcl.view.page_server import PageServer
 from clustermcl.view.picture import Picture
 from clustermcl.view.room import FromBrowser, Room
+from tests.unit.view.messages import map_message
 
 
 class Actor:
@@ -54,18 +54,14 @@ class Stage(Actor):
         self.server.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.server.__exit__(kind, error, traceback)
+    def __exit__(self, *error: object) -> None:
+        self.server.__exit__(*error)
 
     def show_map(
         self,
         rows: int,
         cols: int,
+        *,
         cell_m: float = 0.05,
         pillar: tuple[int, int] = (0, 0),
         landmarks: tuple[Landmark, ...] = (),
@@ -73,19 +69,10 @@ class Stage(Actor):
         """An empty room of this size, but for a pillar of one cell."""
         cells = np.zeros((rows, cols), np.int8)
         cells[[0, -1]] = cells[:, [0, -1]] = cells[pillar] = 1
-        packed = zlib.compress(cells.tobytes(), 1)
-        self.show(
-            MapMessage(
-                sender="bridge",
-                digest=f"{rows}x{cols}",
-                cell_m=cell_m,
-                map_from_grid=(0.0, 0.0, 0.0),
-                rows=rows,
-                cols=cols,
-                zlib_cells=packed,
-                landmarks=landmarks,
-            )
+        made = replace(
+            map_message(f"{rows}x{cols}"), cell_m=cell_m, rows=rows, cols=cols, landmarks=landmarks
         )
+        self.show(replace(made, zlib_cells=zlib.compress(cells.tobytes(), 1)))
 
     def show(self, grid_map: MapMessage) -> None:
         self.map = message = reduced(grid_map)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from benchmarks.experiments import mcl
 from benchmarks.experiments.mcl import (
     SHRINKING_STEPS,
     OrdinaryMCL,
@@ -17,11 +16,11 @@ from clustermcl.filter.cluster.cluster_filter import ParticleSet
 from clustermcl.filter.grid import Grid
 from clustermcl.filter.laser.sensor_models import computed_model
 from clustermcl.filter.poses import between
-from clustermcl.filter.settings import BeliefSettings, ClusterSettings, FilterSettings
+from clustermcl.filter.settings import FilterSettings
 from clustermcl.protocol.arrays import ArrayBlob
-from tests.unit.filter.rooms import CELL_M, NO_OFFSET, plain_room
+from tests.unit.filter.rooms import CELL_M, plain_room
 from tests.unit.oracle import tiny_world
-from tests.unit.oracle.tiny_world import SENSOR, TRUTH, Drive
+from tests.unit.oracle.tiny_world import TRUTH, Drive
 
 ROOM_MODEL = computed_model(
     Grid(tiny_world.plain_room(), tiny_world.CELL_M, np.zeros(3)), tiny_world.SENSOR
@@ -44,35 +43,6 @@ def test_the_start_is_even_over_free_cells_and_only_there() -> None:
         assert held == pytest.approx(share, abs=2e-4)
     eighths = np.histogram(poses[:, 2], bins=8, range=(-np.pi, np.pi))[0]
     assert np.all(np.abs(eighths - 2_500) < 50)
-
-
-def test_a_map_without_a_free_cell_is_refused() -> None:
-    grid = Grid(np.full((3, 3), UNKNOWN, np.int8), 0.1, NO_OFFSET)
-    with pytest.raises(ValueError, match="no free cell"):
-        uniform_over_free_space(grid, 10, np.random.default_rng(0))
-
-
-def counts_of(settings: FilterSettings, steps: int, monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    monkeypatch.setattr(mcl, "start_particles", lambda _: 6_400)
-    followed = OrdinaryMCL(ROOM_MODEL, settings)
-    counts = []
-    for scan in Drive(tiny_world.plain_room(), TRUTH, steps, first_step=0).scans:
-        followed.advance(scan)
-        assert followed.particles is not None
-        counts.append(len(followed.particles.log_weights))
-    return counts
-
-
-def test_particles_shrink_evenly_in_the_logarithm_to_those_of_all_clusters(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    settings = FilterSettings(
-        sensor=SENSOR,
-        cluster=ClusterSettings(particles=25),
-        belief=BeliefSettings(max_clusters=4, particles=0),
-    )
-    counts = counts_of(settings, 8, monkeypatch)
-    assert counts == [6_400, 3_200, 1_600, 800, 400, 200, 100, 100]
 
 
 @pytest.mark.parametrize(("share", "is_redrawn"), [(0.49, True), (0.5, False), (0.51, False)])
@@ -103,23 +73,22 @@ GAINS = RecoveryGains(slow=0.1, fast=0.5)
         ((0.1, 0.2, 0.4, 0.8), 0.0),
         ((1.0, 0.2), 1.0 - 0.6 / 0.92),
         ((1.0, 0.2, 0.2), 1.0 - 0.4 / 0.848),
+        ((math.exp(-1.0), 0.0, 0.0), 1.0 - 0.25 / 0.81),
     ],
-    ids=["no scan", "one scan", "all fit alike", "each fits better", "one fits worse", "two"],
+    ids=[
+        "no scan",
+        "one scan",
+        "all alike",
+        "each fits better",
+        "one fits worse",
+        "two",
+        "nowhere",
+    ],
 )
 def test_the_random_share_follows_from_the_fast_and_the_slow_average(
     likelihoods: tuple[float, ...], share: float
 ) -> None:
     recovery = Recovery(GAINS)
     for likelihood in likelihoods:
-        recovery.on_likelihood(math.log(likelihood))
+        recovery.on_likelihood(math.log(likelihood) if likelihood else -math.inf)
     assert recovery.random_share == pytest.approx(share, abs=1e-12)
-
-
-def test_a_scan_that_fits_nowhere_is_no_error() -> None:
-    recovery = Recovery(GAINS)
-    for log_likelihood in (-1.0, -math.inf, -1e9):
-        recovery.on_likelihood(log_likelihood)
-    assert recovery.random_share == pytest.approx(1.0 - 0.25 / 0.81)
-    never = Recovery(GAINS)
-    never.on_likelihood(-math.inf)
-    assert 0.0 <= never.random_share <= 1.0
