@@ -69,7 +69,8 @@ class Client(RobotCommands):
             print(client.pose().pose)
 
     Queries and commands are repeated until they are answered or time out; the system carries out
-    a repeated command only once. Use a client in one thread at a time.
+    a repeated command only once. `timeout_s` of a method limits the wait for an answer, or for each
+    belief or event [s]. Use a client in one thread at a time.
 
     An asyncio program iterates over beliefs, and calls the methods in a thread, such as
     ``await asyncio.to_thread(client.pose)``:
@@ -173,11 +174,7 @@ class Client(RobotCommands):
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
     def advice(self, *, timeout_s: float = 20.0) -> Advice:
-        """Return ways for the robot to drive so that scans distinguish its possible places.
-
-        Args:
-            timeout_s: limit for the answer [s]; a worker computes it between steps.
-        """
+        """Return ways for the robot to drive so that scans distinguish its possible places."""
         return self._ask(keys.ADVICE, Advice, timeout_s=timeout_s)
 
     def events(self) -> JobEvents:
@@ -191,20 +188,13 @@ class Client(RobotCommands):
     def map(self, *, timeout_s: float = 30.0) -> GridMap:
         """Return the map in which all poses are given.
 
-        Args:
-            timeout_s: limit for the answer [s]; a large map over a slow link takes long.
-
         Raises:
             MalformedMessageError: the answer is not a map, or its digest is wrong.
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
     def changes(self, *, timeout_s: float = 30.0) -> Changes:
-        """Return what has changed in the building since it was mapped, as the robot has seen it.
-
-        Args:
-            timeout_s: limit for the answer [s].
-        """
+        """Return what has changed since the building was mapped, as the robot has seen it."""
         return self._ask(keys.CHANGES, Changes, timeout_s=timeout_s)
 
     def update(self) -> None:
@@ -221,9 +211,6 @@ class Client(RobotCommands):
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
         """Wait until the robot is localized and its pose is fresh, then return the pose.
-
-        Args:
-            timeout_s: limit for the wait [s].
 
         Raises:
             NotLocalizedError: the robot was not localized in time.
@@ -244,9 +231,6 @@ class Client(RobotCommands):
 
         While the robot stands still, there are none. Of more than 256 unread beliefs, the oldest
         are dropped. Beliefs of a replaced coordinator are skipped.
-
-        Args:
-            timeout_s: limit for the wait for each belief [s]; None: no limit.
 
         Raises:
             UnreachableError: no coordinator answers, or no belief arrived in time.
@@ -272,9 +256,6 @@ class Client(RobotCommands):
         """Yield the stored events, then each new event, without end.
 
         Events that were lost in transit are queried.
-
-        Args:
-            timeout_s: limit for the wait for each event [s]; None: no limit.
 
         Raises:
             UnreachableError: no coordinator answers, or no event arrived in time.

@@ -358,13 +358,8 @@ class ClusterMCL(RobotCommands):
         except ValueError as error:
             raise StateFileError(path, f"not a state: {error}") from None
         self._filter, scan = resumed, state.filter.applied
-        self._maker = StepMaker(
-            self._settings.bridge,
-            self.map.digest,
-            _SENDER,
-            landmarks=self.map.landmarks,
-            floors=self.map.floors,
-        )
+        self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
+        self._maker.change_map(self.map.digest, self.map.landmarks, self.map.floors)
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
         self._commands, self._odometry = state.commands, recent_odometry()

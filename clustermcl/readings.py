@@ -17,6 +17,11 @@ from clustermcl.protocol.steps import MAX_BEAMS, LaserReading, OdometryReading
 from clustermcl.runtime.settings import Settings
 
 _SENDER = "library"
+_NAMES = {
+    "angle_min": "angle_min_rad", "angle_step": "angle_step_rad", "range_max": "range_max_m",
+    "range_min": "range_min_m", "laser": "laser", "upside_down": "upside_down",
+}  # fmt: skip
+"""Fields of a reading, and their names in messages."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,14 +116,9 @@ class Reading:
             sender=_SENDER,
             stamp_ns=stamp_ns,
             ranges=ArrayBlob.of(np.asarray(self.ranges), "float32"),
-            angle_min_rad=self.angle_min,
-            angle_step_rad=self.angle_step,
-            range_max_m=self.range_max,
-            range_min_m=self.range_min,
             robot_from_laser=self.robot_from_laser or robot_from_laser,
             odom_from_robot=odometry,
-            laser=self.laser,
-            upside_down=self.upside_down,
+            **{theirs: getattr(self, ours) for ours, theirs in _NAMES.items()},
         )
 
     @staticmethod
@@ -129,14 +129,9 @@ class Reading:
         return _Recorded(
             message.odom_from_robot,
             message.ranges.array(),
-            angle_min=message.angle_min_rad,
-            angle_step=message.angle_step_rad,
-            range_max=message.range_max_m,
-            range_min=message.range_min_m,
             stamp_ns=message.stamp_ns,
             robot_from_laser=message.robot_from_laser,
-            laser=message.laser,
-            upside_down=message.upside_down,
+            **{ours: getattr(message, theirs) for ours, theirs in _NAMES.items()},
         )
 
 

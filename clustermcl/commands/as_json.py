@@ -1,16 +1,17 @@
 """Converts messages to JSON objects, with units in the names and covariances as 3 x 3 lists."""
 
-from typing import Any, TypeAlias, assert_never
+from typing import Any, TypeAlias
 
 import msgspec
 
 from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from clustermcl.protocol.job_events import JobEvents, NumberedEvent
-from clustermcl.protocol.message import Covariance, Message, PoseTuple
 
 JsonObject = dict[str, Any]
 Answer: TypeAlias = Belief | PoseAnswer | Hypotheses | Advice | JobEvents | NumberedEvent | Status
+
+_LEFT_OUT = {"schema", "sender", "covariance", "why"}
 
 
 def dumped(value: JsonObject) -> str:
@@ -18,67 +19,42 @@ def dumped(value: JsonObject) -> str:
     return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
-def json_object(answer: Answer | Hypothesis) -> JsonObject:
+def json_object(answer: Answer) -> JsonObject:
     """Convert an answer; the pose of a belief or answer is that of its most probable hypothesis."""
-    found: JsonObject
+    found: JsonObject = msgspec.to_builtins(answer)
     match answer:
         case Belief():
-            best = answer.best
-            found = {
-                "step": answer.step,
-                "state": answer.state,
-                "pose": _pose(best.pose, best.covariance) if best else None,
-                "probability": answer.probability,
-                "floor": answer.floor,
-                **_fields(answer, "sender", "term", "odom_from_robot", "why"),
-                "hypotheses": _places(answer),
-            }
+            del found["term"], found["odom_from_robot"]
+            found |= {"pose": _pose(answer.best), "probability": answer.probability}
+            found |= {"floor": answer.floor, "hypotheses": _places(answer)}
         case PoseAnswer():
-            pose = _pose(answer.pose, answer.covariance)
-            plain = _fields(answer, "sender", "term", "pose", "covariance")
-            found = {"state": answer.state, "freshness": answer.freshness, "pose": pose, **plain}
+            del found["term"]
+            found["pose"] = _pose(answer)
         case Hypotheses():
-            found = {**json_object(answer.pose), "hypotheses": _places(answer)}
-        case Hypothesis():
-            found = {
-                "cluster": answer.cluster,
-                "probability": answer.probability,
-                "floor": answer.floor,
-                **(_pose(answer.pose, answer.covariance) or {}),
-                "effective_sample_size": answer.effective_sample_size,
-                "age_steps": answer.age_steps,
-            }
-        case Advice():
-            found = _fields(answer, "sender")
+            return {**json_object(answer.pose), "hypotheses": _places(answer)}
         case JobEvents():
-            found = {"term": answer.term, "events": list(map(json_object, answer.events))}
+            found["events"] = list(map(json_object, answer.events))
         case NumberedEvent():  # without nested objects
-            found = msgspec.to_builtins(answer)
             found |= found.pop("event")
         case Status():
-            processes = [{"name": one.sender, **_fields(one, "sender")} for one in answer.processes]
-            found = {**_fields(answer, "sender", "processes"), "processes": processes}
-        case other:
-            assert_never(other)
-    return found
+            for process in found["processes"]:
+                process["name"] = process.pop("sender")
+                del process["schema"]
+    return {name: value for name, value in found.items() if name not in _LEFT_OUT}
 
 
 def _places(answer: Belief | Hypotheses) -> list[JsonObject]:
-    return [
-        json_object(place) | {"log_odds_changes_nat": answer.why.of(index)}
-        for index, place in enumerate(answer.hypotheses)
-    ]
+    places: list[JsonObject] = list(msgspec.to_builtins(answer.hypotheses))
+    for index, place in enumerate(places):
+        del place["pose"], place["log_probability"]
+        place.update(_pose(answer.hypotheses[index]) or {})
+        place["log_odds_changes_nat"] = answer.why.of(index)
+    return places
 
 
-def _pose(pose: PoseTuple | None, covariance: Covariance | None) -> JsonObject | None:
-    if pose is None or covariance is None:
+def _pose(place: Hypothesis | PoseAnswer | None) -> JsonObject | None:
+    if place is None or place.pose is None or place.covariance is None:
         return None
-    x_m, y_m, heading_rad = pose
-    rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
+    x_m, y_m, heading_rad = place.pose
+    rows = [list(place.covariance[row : row + 3]) for row in (0, 3, 6)]
     return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
-
-
-def _fields(message: Message, *without: str) -> JsonObject:
-    """Return the fields of a message, but not its schema and the fields `without`."""
-    plain: JsonObject = msgspec.to_builtins(message)
-    return {name: value for name, value in plain.items() if name not in ("schema", *without)}

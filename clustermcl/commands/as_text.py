@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 
-from clustermcl.protocol.advice import Advice, Way
+from clustermcl.protocol.advice import Advice
 from clustermcl.protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from clustermcl.protocol.causes import Cause
 from clustermcl.protocol.errors import printable
@@ -18,8 +18,6 @@ SILENT_AFTER_S = 3.0
 """A process counts as silent if its health, published every second, is older than this [s]."""
 OFF_MAP = 0.5
 """Probability of off the map above which the text contains a warning."""
-SAME_RANGE_M = 0.5
-"""Ranges at two places that are nearer to each other are listed as one [m]."""
 CLOCK_SET_NS = 1_000_000_000_000_000_000
 """A later stamp is a date after 2001 [ns]."""
 NEARLY_OVER = 0.95
@@ -104,26 +102,10 @@ def advice_lines(answer: Advice) -> Iterator[str]:
         )
         if way.rest:
             yield f"     ask again at {math.hypot(*way.poses[-1][:2]):.1f} m"
-        ranges = way.sight_ranges_m
-        if not way.landmarks or max(ranges) - min(ranges) > SAME_RANGE_M:
-            yield f"     {_sight(way)}"
         if way.landmarks:
             yield f"     landmarks in sight at some places: {', '.join(way.landmarks)}"
     if answer.note:
         yield answer.note
-
-
-def _sight(way: Way) -> str:
-    """Return which range differs most between the places at the end of a way."""
-    groups: list[list[float]] = []
-    for range_m in sorted(way.sight_ranges_m):
-        if groups and range_m - groups[-1][-1] < SAME_RANGE_M:
-            groups[-1].append(range_m)
-        else:
-            groups.append([range_m])
-    ranges = ", ".join(f"{group[0]:.1f} m in {len(group)}" for group in groups)
-    bearing = math.degrees(way.sight_bearing_rad)
-    return f"then at {bearing:.0f} deg: {ranges} of {len(way.sight_ranges_m)} places"
 
 
 def _off_map(answer: PoseAnswer) -> Iterator[str]:

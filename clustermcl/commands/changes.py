@@ -5,18 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.changes.new_map import joined, with_changes
-from clustermcl.commands.options import (
-    OF_BAGS,
-    AsJson,
-    connected,
-    print_answer,
-    refuse_without,
-    settings_command,
-)
+from clustermcl.commands import options as opt
 from clustermcl.jobs import in_process
 from clustermcl.jobs.map_model import sensor_model
 from clustermcl.protocol.changes import Changes
@@ -26,39 +17,32 @@ from clustermcl.recordings.maps.map_file import load_map_with_obstacles, map_fil
 from clustermcl.recordings.maps.ros_map import save_ros_map
 from clustermcl.runtime.folders import kept_folder
 from clustermcl.runtime.output_files import check_output_file
-from clustermcl.runtime.settings import ROBOT_VARIABLE, Settings
+from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.settings_file import with_setting
 from clustermcl.runtime.sources import NO_MAP
 from clustermcl.sensor_bridge.recorded import opened, steps_of
-from clustermcl.view.changes_picture import drawn_changes
-from clustermcl.view.plots import NoMatplotlibError, save
+from clustermcl.view.plots import NoMatplotlibError, drawn_changes, save
 
 _log = logging.getLogger(__name__)
 
 _TIMES = 2
 
 
-@settings_command("router", *OF_BAGS)
+@opt.settings_command("router", *opt.OF_BAGS)
 def changes(
     settings: Settings,
     recording: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Recording of a robot, in place of a running system."),
+        Path | None, opt.option("Recording of a robot, in place of a running system.", "FILE")
     ] = None,
-    robots: Annotated[
-        list[str] | None,
-        typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="May be repeated."),
-    ] = None,
-    map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
-    ] = None,
+    robots: opt.Robots = None,
+    map_file: opt.MapOfRecording = None,
     since: Annotated[
-        str | None, typer.Option(metavar="7d", help="Only what was seen in this time: s, m, h, d.")
+        str | None, opt.option("Only what was seen in this time: s, m, h, d.", "7d")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE.yaml", help="Write the map with the changes.")
+        Path | None, opt.option("Write the map with the changes.", "FILE.yaml")
     ] = None,
-    as_json: AsJson = False,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Print what has changed in the building, and write a new map.
 
@@ -70,10 +54,10 @@ def changes(
     for file in files:
         check_output_file(file)
     if recording is None:
-        refuse_without("--recording", recording, map=map_file)
+        opt.refuse_without("--recording", recording, map=map_file)
         grid_map, found = _of_robots(settings, robots or [settings.robot.name])
     else:
-        refuse_without("a running system", None, robot=robots)
+        opt.refuse_without("a running system", None, robot=robots)
         named = map_file_of(map_file or "", str(recording))
         if not named:
             raise SettingsError(key="--map", problem=NO_MAP)
@@ -92,7 +76,7 @@ def changes(
             save(drawn_changes(grid_map, found, summary(found)), picture)
         except NoMatplotlibError as error:
             _log.warning("%s: not drawn: %s", picture, error)
-    print_answer(as_object(found) if as_json else [summary(found)])
+    opt.print_answer(as_object(found) if as_json else [summary(found)])
 
 
 def _seconds_of(text: str) -> float:
@@ -114,7 +98,7 @@ def _of_robots(settings: Settings, robots: Sequence[str]) -> tuple[GridMap, Chan
     """Return the map of running robots, and what they have seen."""
     found = []
     for name in robots:
-        with connected(with_setting(settings, "robot.name", name, "--robot")) as client:
+        with opt.connected(with_setting(settings, "robot.name", name, "--robot")) as client:
             found.append(client.changes())
             grid_map = client.map()
     return grid_map, joined(found)
@@ -147,8 +131,6 @@ def summary(changes: Changes) -> str:
 
 
 def as_object(changes: Changes) -> dict[str, object]:
-    gone, new, moving = changes.area_m2
-    return {
-        "gone_m2": gone, "new_m2": new, "moving_m2": moving, "seen_share": changes.seen_share,
-        "stamp_ns": changes.stamp_ns, "map_digest": changes.map_digest,
-    }  # fmt: skip
+    names = ("seen_share", "stamp_ns", "map_digest")
+    areas_m2 = zip(("gone_m2", "new_m2", "moving_m2"), changes.area_m2, strict=True)
+    return {**dict(areas_m2), **{name: getattr(changes, name) for name in names}}

@@ -2,25 +2,20 @@
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import numpy as np
-import typer
 
 from clustermcl.changes.collector import ChangeCollector
 from clustermcl.commands.as_text import pose_text
-from clustermcl.commands.options import AsJson, print_answer, recording_command
+from clustermcl.commands.options import AsJson, argument, option, print_answer, recording_command
 from clustermcl.evaluation.map_check.agreement import Agreement, agreement_of
 from clustermcl.evaluation.map_check.drawing import drawn_report
 from clustermcl.evaluation.map_check.look_alikes import WAY_M
 from clustermcl.evaluation.map_check.report import MapReport, Place, report_of
-from clustermcl.filter.poses import between
 from clustermcl.protocol.errors import MapFileError, SettingsError
-from clustermcl.protocol.steps import Landmark
-from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.recordings.maps.landmarks import landmarks_of_map
 from clustermcl.recordings.maps.map_file import load_map_with_obstacles
 from clustermcl.runtime.output_files import check_output_file
@@ -37,17 +32,14 @@ _MOST_GROUPS, _MOST_PLACES = 3, 8
 @recording_command
 def check(
     settings: Settings,
-    map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
-    recording: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Recording of a robot in that map.")
-    ] = None,
+    map_file: Annotated[str, argument("MAP", "Map file.")],
+    recording: Annotated[Path | None, option("Recording of a robot in that map.", "FILE")] = None,
     laser_range_m: Annotated[
-        float, typer.Option("--range", min=0.5, metavar="M", help="Range of the laser [m].")
+        float, option("Range of the laser [m].", "M", flag="--range", min=0.5)
     ] = 12.0,
-    places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
-    report_file: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="FILE.png", help="Draw the report on the map."),
+    places: Annotated[int, option("Number of tested places.", min=1, max=1_000)] = 24,
+    picture: Annotated[
+        Path | None, option("Draw the report on the map.", "FILE.png", flag="--report")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -55,17 +47,17 @@ def check(
 
     With a recording, also check whether it matches the map.
     """
-    if report_file is not None:
-        if report_file.suffix.lower() != ".png":
-            raise SettingsError(f"--report {report_file}: the picture is a .png file")
-        check_output_file(report_file)
+    if picture is not None:
+        if picture.suffix.lower() != ".png":
+            raise SettingsError(f"--report {picture}: the picture is a .png file")
+        check_output_file(picture)
         new_figure()  # raises before the check, not after it
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:
         rows, cols = grid_map.cells.shape
         problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
         raise MapFileError(map_file, f"{problem}: crop the map or use larger cells")
-    landmarks = landmarks_of_map(map_file, grid_map.floors)
+    grid_map = grid_map.with_landmarks(landmarks_of_map(map_file, grid_map.floors))
     agreement = changes = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)
@@ -75,34 +67,17 @@ def check(
         changes = collector.changes("check")
     report = report_of(
         map_file,
-        grid_map.with_landmarks(landmarks),
+        grid_map,
         laser_range_m=laser_range_m,
         places=places,
         seed=settings.seed,
         agreement=agreement,
     )
-    if report_file is not None:
-        save(drawn_report(report, grid_map, landmarks, changes), report_file)
-    off_the_map = filter(None, (_off_the_map(landmarks, grid_map),))
-    remarks = (*report.remarks, *grid_map.remarks, *off_the_map)
-    report = msgspec.structs.replace(report, remarks=remarks)
+    if picture is not None:
+        save(drawn_report(report, grid_map, changes), picture)
     print_answer(msgspec.to_builtins(report) if as_json else lines_of(report))
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)
-
-
-def _off_the_map(landmarks: Sequence[Landmark], grid_map: GridMap) -> str:
-    """Return a remark on landmarks that lie outside the map; empty: none does."""
-    corner, (width, height) = np.array(grid_map.map_from_grid), grid_map.size_m
-    outside = []
-    for each in landmarks:
-        x, y, _ = between(corner, np.array([each.x, each.y, 0.0]))
-        if not (0.0 <= x <= width and 0.0 <= y <= height):
-            outside.append(each.name)
-    if not outside:
-        return ""
-    count = f"{len(outside)} of {len(landmarks)} landmarks"
-    return f"{count} lie outside the map, such as {outside[0]}: are they in its frame, in metres?"
 
 
 def lines_of(report: MapReport) -> Iterator[str]:

@@ -6,7 +6,14 @@ from typing import Annotated
 import typer
 
 from clustermcl.commands.as_text import pose_text
-from clustermcl.commands.options import Floor, client_command, connected, print_answer
+from clustermcl.commands.options import (
+    Floor,
+    argument,
+    client_command,
+    connected,
+    option,
+    print_answer,
+)
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.runtime.logs import is_quiet
 from clustermcl.runtime.settings import Settings
@@ -15,16 +22,12 @@ from clustermcl.runtime.settings import Settings
 @client_command
 def set_pose(
     settings: Settings,
-    x_m: Annotated[float, typer.Argument(metavar="X", help="In the map [m].")],
-    y_m: Annotated[float, typer.Argument(metavar="Y", help="In the map [m].")],
-    heading_deg: Annotated[
-        float, typer.Argument(metavar="HEADING", help="In the map, counter-clockwise [deg].")
-    ],
-    position_sigma_m: Annotated[
-        float, typer.Option(metavar="M", help="Standard deviation of x and of y [m].")
-    ] = 0.5,
+    x_m: Annotated[float, argument("X", "In the map [m].")],
+    y_m: Annotated[float, argument("Y", "In the map [m].")],
+    heading_deg: Annotated[float, argument("HEADING", "In the map, counter-clockwise [deg].")],
+    position_sigma_m: Annotated[float, option("Standard deviation of x and of y [m].", "M")] = 0.5,
     heading_sigma_deg: Annotated[
-        float, typer.Option(metavar="DEG", help="Standard deviation of HEADING [deg].")
+        float, option("Standard deviation of HEADING [deg].", "DEG")
     ] = 15.0,
     floor: Floor = "",
 ) -> None:
@@ -50,12 +53,9 @@ def set_pose(
 def relocalize(
     settings: Settings,
     near: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(metavar="X Y RADIUS", help="Search only in this circle [m]."),
+        tuple[float, float, float] | None, option("Search only in this circle [m].", "X Y RADIUS")
     ] = None,
-    region: Annotated[
-        str, typer.Option(metavar="NAME", help="Search only in this region of search.regions.")
-    ] = "",
+    region: Annotated[str, option("Search only in this region of search.regions.", "NAME")] = "",
     floor: Floor = "",
 ) -> None:
     """Drop all places, and search everywhere or in part of the map."""

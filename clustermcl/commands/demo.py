@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Annotated, assert_never
 
 import msgspec
-import typer
 import zenoh
 
-from clustermcl.commands import options as common
+from clustermcl.commands import options as opt
 from clustermcl.commands.demo_output import DemoOutput, DemoSummary
 from clustermcl.commands.record import recorded
 from clustermcl.commands.stack import Stack, meeting_in, temporary_folder
@@ -108,51 +107,41 @@ class _Run:
         )
 
 
-@common.recording_command
+@opt.recording_command
 def demo(
     settings: Settings,
     recording: Annotated[
-        str | None, typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml.")
+        str | None, opt.option("Recording, or sim:WORLD, or sim:MAP.yaml.", "FILE")
     ] = None,
     map_file: Annotated[
-        str | None,
-        typer.Option("--map", metavar="FILE", help="Map of the recording or simulated robot."),
+        str | None, opt.option("Map of the recording or simulated robot.", "FILE", flag="--map")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Number of worker processes.")] = None,
+    workers: Annotated[int | None, opt.option("Number of worker processes.", min=1)] = None,
     rate: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="1: real time, 2: twice as fast, 0: as fast as possible."),
+        float | None, opt.option("1: real time, 2: twice as fast, 0: as fast as possible.", min=0.0)
     ] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
-    view: Annotated[
-        bool, typer.Option("--view", help="Serve the live page, until Ctrl-C.")
-    ] = False,
-    drive: Annotated[
-        bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
-    ] = False,
+    steps: Annotated[int | None, opt.option("Steps of a simulated robot.", min=1)] = None,
+    seed: Annotated[int | None, opt.option("Seed of all random numbers.", min=0)] = None,
+    view: Annotated[bool, opt.flag("--view", "Serve the live page, until Ctrl-C.")] = False,
+    drive: Annotated[bool, opt.flag("--drive", "With --view: drive by the arrow keys.")] = False,
     advised: Annotated[
-        bool,
-        typer.Option("--advised", help="A robot that drives advised ways, and one that wanders."),
+        bool, opt.flag("--advised", "Drive advised ways, after a robot that wanders.")
     ] = False,
-    listen: common.Listen = None,
-    record_file: Annotated[
-        Path | None,
-        typer.Option("--record", metavar="FILE.mcap", help="Record the run (MCAP)."),
-    ] = None,
-    as_json: common.AsJson = False,
+    listen: opt.Listen = None,
+    record: Annotated[Path | None, opt.option("Record the run (MCAP).", "FILE.mcap")] = None,
+    as_json: opt.AsJson = False,
 ) -> None:
     """Localize a simulated robot or a recording.
 
     All processes run on this machine, and end with the command.
     """
-    common.refuse_without("--view", view, drive=drive, listen=listen)
+    opt.refuse_without("--view", view, drive=drive, listen=listen)
     for name, value in (("worker.count", workers), ("seed", seed)):
         if value is not None:
             settings = with_setting(settings, name, value, "clustermcl demo")
-    if record_file is not None:
-        check_output_file(record_file)
-    page = parsed_address(listen or common.HERE) if view else None
+    if record is not None:
+        check_output_file(record)
+    page = parsed_address(listen or opt.HERE) if view else None
     if page is not None and not (page.is_loopback and page.port):
         raise SettingsError("--listen: a demo needs a loopback address and a port")
     source = recording or _WORLD
@@ -187,7 +176,7 @@ def demo(
         rate=rate,
         steps=steps,
         page=page,
-        record=record_file,
+        record=record,
         by_hand=drive,
         advised=advised,
         as_json=as_json,
@@ -232,7 +221,7 @@ def _run_to_end(
             wall_s = time.monotonic() - started_s
             if is_shown:
                 told = summary.as_object if run.as_json else summary.lines
-                common.print_answer(told(status, wall_s, wandering))
+                opt.print_answer(told(status, wall_s, wandering))
             stop.check()
             while run.page is not None:  # the page shows past steps until Ctrl-C
                 _pause(stop, stack)

@@ -1,35 +1,28 @@
 """`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy."""
 
+import csv
+import io
 import json
 import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
-import typer
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from clustermcl.belief.outcome import Outcome
-from clustermcl.commands.options import AsJson, Floor, recording_command
+from clustermcl.commands import options as opt
 from clustermcl.evaluation.course import Case, RecordedRobot, SimulatedRobot
 from clustermcl.evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from clustermcl.evaluation.references import tum_line
-from clustermcl.evaluation.results import (
-    MORE_TABLES,
-    POSES,
-    Columns,
-    Result,
-    table_rows,
-    write_results,
-)
 from clustermcl.evaluation.run import Run, in_parallel
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.recordings.maps.map_file import map_file_of
@@ -39,7 +32,6 @@ from clustermcl.runtime.settings import Settings
 from clustermcl.runtime.sources import Simulated, parsed_source
 from clustermcl.runtime.stop import StopFlag, StoppedError, stop_on_signals
 from clustermcl.sensor_bridge.recorded import opened
-from clustermcl.view import plots
 
 MOST_RUNS, MOST_JOBS = 10_000, 256
 """Limits against typing errors."""
@@ -48,6 +40,34 @@ MOST_STEPS = 100_000
 DEFAULT_STEPS = 300
 """Default number of steps of a simulated robot, which drives until it is stopped."""
 DEFAULT_STEPS_OF_A_START = 60
+
+Result = dict[str, Any]
+"""One run: `seed`, `start_step` (of the recording) and the fields of `RunMeasures`."""
+Columns = dict[str, tuple[str, str]]
+"""The columns of a table: heading, and the key and the format of a run's measure."""
+_SEED = {"seed": ("seed", "d"), "start": ("start_step", "d")}
+_POSES: Columns = {
+    **_SEED,
+    "right from": ("localized_at_step", "d"),
+    "after s": ("localized_at_s", ".1f"),
+    "final m": ("final_error_m", ".2f"),
+    "final rad": ("final_error_rad", ".3f"),
+    "rmse m": ("rmse_m", ".3f"),
+    "sure, wrong": ("confidently_wrong_fraction", ".3f"),
+    "log score": ("log_score_mean", ".2f"),
+    "steps": ("steps", "d"),
+    "wall s": ("wall_s", ".1f"),
+    "cpu s": ("cpu_s", ".1f"),
+}
+_STATES: Columns = {
+    **_SEED,
+    "localized": ("localized_fraction", ".3f"),
+    "ambiguous": ("ambiguous_fraction", ".3f"),
+    "lost": ("lost_fraction", ".3f"),
+    "searching": ("searching_fraction", ".3f"),
+    "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
+    "p(off map)": ("off_map_probability_mean", ".2f"),
+}
 
 _log = logging.getLogger(__name__)
 
@@ -66,48 +86,34 @@ def executed(
     )
 
 
-@recording_command
+@opt.recording_command
 def evaluate(
     settings: Settings,
-    recording: Annotated[
-        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
-    ],
-    map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
-    ] = None,
+    recording: Annotated[str, opt.argument("RECORDING", "Recording, sim:WORLD or sim:MAP.yaml.")],
+    map_file: opt.MapOfRecording = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
+        Path | None, opt.option("Ground truth to compare with.", "FILE.tum")
     ] = None,
     seeds: Annotated[
-        int,
-        typer.Option(min=1, max=MOST_RUNS, help="Number of runs; the first has the seed set."),
+        int, opt.option("Number of runs; the first has the seed set.", min=1, max=MOST_RUNS)
     ] = 1,
     starts: Annotated[
         int | None,
-        typer.Option(min=1, max=MOST_RUNS, help="Number of runs from different steps, or seeds."),
+        opt.option("Number of runs from different steps, or seeds.", min=1, max=MOST_RUNS),
     ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, max=MOST_STEPS, help="Most steps: 300 if simulated, 60 with --starts."),
+        opt.option("Most steps: 300 if simulated, 60 with --starts.", min=1, max=MOST_STEPS),
     ] = None,
     jobs: Annotated[
-        int | None,
-        typer.Option(min=1, max=MOST_JOBS, help="Parallel runs; by default one per core."),
+        int | None, opt.option("Parallel runs; by default one per core.", min=1, max=MOST_JOBS)
     ] = None,
-    as_json: AsJson = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", metavar="FILE.csv", help="Write a row for each run."),
-    ] = None,
+    as_json: opt.AsJson = False,
+    output: Annotated[Path | None, opt.option("Write a row for each run.", "FILE.csv")] = None,
     tum: Annotated[
-        Path | None,
-        typer.Option("--tum", metavar="FILE.tum", help="Write the estimates of one run for evo."),
+        Path | None, opt.option("Write the estimates of one run for evo.", "FILE.tum")
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option("--plot", metavar="FILE.png", help="Draw one run: path, probability, error."),
-    ] = None,
-    floor: Floor = "",
+    floor: opt.Floor = "",
 ) -> None:
     """Localize in one process, and measure the accuracy.
 
@@ -115,8 +121,12 @@ def evaluate(
     """
     robot = msgspec.structs.replace(robot_of(recording, map_file, reference), floor=floor)
     case, seeds = case_of(robot, seeds, starts, steps)
-    _check_files(output, {"--tum": tum, "--plot": plot}, max(seeds, starts or 1))
-    figure = None if plot is None else plots.new_figure(2, (3.0, 1.0))
+    if output is not None and output.suffix.lower() != ".csv":
+        raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
+    if tum is not None and max(seeds, starts or 1) > 1:
+        raise SettingsError(f"--tum {tum}: a file has one run; leave out --seeds and --starts")
+    for file in filter(None, (output, tum)):
+        check_output_file(file)
     if isinstance(robot, SimulatedRobot) and robot.map and str(robot.map) != robot.world:
         _log.warning("the robot drives in %s, and is given the map %s", robot.world, robot.map)
     if isinstance(robot, RecordedRobot):
@@ -129,7 +139,7 @@ def evaluate(
     if starts is not None and isinstance(robot, RecordedRobot):
         at = start_steps(known, starts, case.updates or known)
         runs = [replace(run, start_step=start) for start in at for run in runs]
-    stop, course = stop_on_signals(exit_after_s=5.0), list[plots.Drawn]()
+    stop, course = stop_on_signals(exit_after_s=5.0), list[str]()
     finished = _all_results(runs, jobs, min(known, case.updates or known), stop, course)
     results = [
         {"seed": run.seed, "start_step": run.start_step, **msgspec.structs.asdict(measures)}
@@ -142,30 +152,15 @@ def evaluate(
         stop.check()
     common = {"recording": recording, "map": map_file}
     if output is not None:
-        write_results(output, common, results)
+        _write_results(output, common, results)
     if tum is not None:
-        write_output_file(tum, "".join(tum_line(step.stamp_ns, step.pose) for step in course))
-    if plot is not None and course:
-        plots.draw_run(figure, runs[0].begun()[0].map, course)
-        plots.save(figure, plot)
+        write_output_file(tum, "".join(course))
     if as_json:
         sys.stdout.write(json.dumps({**common, "runs": results}, indent=2) + "\n")
     else:
-        _print_tables({_title(recording, results): POSES, **MORE_TABLES}, results)
+        states = "share of the steps in each state"
+        _print_tables({_title(recording, results): _POSES, states: _STATES}, results)
     stop.check()
-
-
-def _check_files(output: Path | None, of_one: Mapping[str, Path | None], runs: int) -> None:
-    if output is not None:
-        if output.suffix.lower() != ".csv":
-            raise SettingsError(f"--output {output}: must end in .csv; --json prints JSON")
-        check_output_file(output)
-    for option, file in of_one.items():
-        if file is not None:
-            if runs > 1:
-                problem = "a file has one run; leave out --seeds and --starts"
-                raise SettingsError(f"{option} {file}: {problem}")
-            check_output_file(file)
 
 
 def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
@@ -173,13 +168,25 @@ def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
     for heading, columns in tables.items():
         console.print(heading, soft_wrap=True)
         table = Table(*columns, box=None, padding=(0, 1, 0, 0), header_style="bold")
-        rows = table_rows(runs, columns)
+        rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
         for column, cells in zip(table.columns, zip(*rows, strict=True), strict=True):
             words = [*str(column.header).split(), *cells]
             column.justify, column.min_width = "right", max(map(len, words))  # headings fold
         for row in rows:
             table.add_row(*row)
         console.print(table)
+
+
+def _shown(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
+    text = io.StringIO()
+    table = csv.DictWriter(text, [*common, *runs[0]], lineterminator="\n")
+    table.writeheader()
+    table.writerows({**common, **run} for run in runs)
+    write_output_file(file, text.getvalue())
 
 
 def _title(recording: str, runs: Sequence[Result]) -> str:
@@ -241,12 +248,11 @@ def _steps_count(run: Run) -> int:
 
 
 def _all_results(
-    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, course: list[plots.Drawn]
+    runs: Sequence[Run], jobs: int | None, steps: int, stop: StopFlag, course: list[str]
 ) -> list[RunMeasures | None]:
-    """Execute the runs, in parallel if there are several.
+    """Execute the runs, in parallel if there are several, and return the measures of each.
 
-    Returns:
-        The measures of each run; None for those that the stop flag ended.
+    Those that the stop flag ended have none. Of one run, `course` gets the estimates.
     """
     done: dict[int, RunMeasures] = {}
     with _progress() as progress:
@@ -255,9 +261,7 @@ def _all_results(
         def on_update(outcome: Outcome, facts: StepFacts) -> None:
             stop.check()
             progress.advance(bar)
-            for best in outcome.hypotheses[:1]:
-                error_m = facts.error.distance_m if facts.error else None
-                course.append(plots.Drawn(facts.stamp_ns, best.pose, best.probability, error_m))
+            course.extend(tum_line(facts.stamp_ns, best.pose) for best in outcome.hypotheses[:1])
 
         if len(runs) == 1:
             with suppress(StoppedError):

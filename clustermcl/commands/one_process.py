@@ -38,8 +38,8 @@ def main() -> None:
     )
 
 
-def check_one_process(settings: Settings) -> None:
-    """Refuse settings that need further processes."""
+def run_parts(invocation: Invocation) -> None:
+    settings, stop = invocation.settings, invocation.stop
     refused = {
         "zenoh.start_router=false": not settings.zenoh.start_router,
         f"worker.count={settings.worker.count}": settings.worker.count > 1,
@@ -49,11 +49,6 @@ def check_one_process(settings: Settings) -> None:
         if is_refused:
             problem = f"{setting} needs several processes: leave it out, or --one-process"
             raise SettingsError(key=setting.partition("=")[0], problem=problem)
-
-
-def run_parts(invocation: Invocation) -> None:
-    settings, stop = invocation.settings, invocation.stop
-    check_one_process(settings)
     compile_kernels(SensorSettings())
     robot = router_configuration(settings.zenoh) | {"namespace": settings.robot.name}
     with listen(as_zenoh(robot), settings.zenoh.router) as session:

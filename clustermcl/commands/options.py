@@ -19,14 +19,24 @@ if TYPE_CHECKING:
 
 Command: TypeAlias = Callable[..., None]
 
-SettingsFile = Annotated[
-    Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
-]
+
+def option(text: str, metavar: str | None = None, *, flag: str = "", **more: Any) -> Any:
+    """Return an option with its help; the flag is the parameter's name, unless it is given."""
+    return typer.Option(*filter(None, [flag]), metavar=metavar, help=text, **more)
+
+
+def flag(name: str, text: str) -> Any:
+    return typer.Option(name, help=text)
+
+
+def argument(metavar: str, text: str) -> Any:
+    return typer.Argument(metavar=metavar, help=text)
+
+
+SettingsFile = Annotated[Path | None, option("Settings file (TOML).", "FILE", flag="--settings")]
 Assignments = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="A setting, which overrides the file; may be repeated."
-    ),
+    option("A setting, which overrides the file; may be repeated.", "KEY=VALUE", flag="--set"),
 ]
 _SHARED = {
     "robot": ("robot.name", "NAME", "Robot name (robot.name)."),
@@ -40,20 +50,19 @@ _SHARED = {
 _VARIABLES = {"robot": ROBOT_VARIABLE, "router": ROUTER_VARIABLE}
 OF_BAGS = ("scan_topic", "odom_topic", "odom_frame", "base_frame")
 Listen = Annotated[
-    str | None,
-    typer.Option(metavar="HOST:PORT", help="Address of the page; by default only on this machine."),
+    str | None, option("Address of the page; by default only on this machine.", "HOST:PORT")
 ]
-AllowCommands = Annotated[
-    bool, typer.Option("--allow-commands", help="Allow commands from other machines too.")
+AllowCommands = Annotated[bool, flag("--allow-commands", "Allow commands from other machines too.")]
+Robots = Annotated[
+    list[str] | None,
+    option("May be repeated.", "NAME", flag="--robot", envvar=ROBOT_VARIABLE),
 ]
+MapOfRecording = Annotated[str | None, option("Map of the recording.", "FILE", flag="--map")]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
-Floor = Annotated[str, typer.Option(metavar="NAME", help="Floor of a building.")]
+AsJson = Annotated[bool, flag("--json", "Print JSON instead of text.")]
+Floor = Annotated[str, option("Floor of a building.", "NAME")]
 
-Above = Annotated[
-    float,
-    typer.Option(min=0.0, max=1.0, metavar="P", help="Only places with a probability above P."),
-]
+Above = Annotated[float, option("Only places with a probability above P.", "P", min=0.0, max=1.0)]
 
 
 class Given(NamedTuple):
@@ -97,8 +106,8 @@ def given_command(*shared: str) -> Callable[[Command], Command]:
         kinds: dict[str, Any] = {}
         for name in shared:
             _, metavar, text = _SHARED[name]
-            option = typer.Option(metavar=metavar, envvar=_VARIABLES.get(name), help=text)
-            kinds[name] = Annotated[str | None, option]
+            shown = option(text, metavar, envvar=_VARIABLES.get(name))
+            kinds[name] = Annotated[str | None, shown]
         kinds |= {"settings_file": SettingsFile, "assignments": Assignments}
         added = [
             Parameter(n, Parameter.KEYWORD_ONLY, default=None, annotation=kinds[n]) for n in kinds

@@ -4,34 +4,29 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from clustermcl.commands import options as common
+from clustermcl.commands import options as opt
 from clustermcl.protocol.errors import SettingsError
-from clustermcl.runtime.settings import ROBOT_VARIABLE
 from clustermcl.runtime.supervisor import python_module
 
 
-@common.given_command("router")
+@opt.given_command("router")
 def router(
-    given: common.Given,
+    given: opt.Given,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used unchanged."),
+        Path | None, opt.option("Zenoh configuration (JSON5), used unchanged.", "FILE")
     ] = None,
 ) -> None:
     """Run only the router, for several robots."""
     become("link.router", given, *([] if config is None else ["--config", str(config)]))
 
 
-@common.given_command("robot", "router")
+@opt.given_command("robot", "router")
 def worker(
-    given: common.Given,
-    name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
-    count: Annotated[int | None, typer.Option(min=1, help="Number of them (worker.count).")] = None,
+    given: opt.Given,
+    name: Annotated[str, opt.option("Unique name of its processes.", "NAME")],
+    count: Annotated[int | None, opt.option("Number of them (worker.count).", min=1)] = None,
     fleet: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Serve the robots of its settings files."),
+        Path | None, opt.option("Serve the robots of its settings files.", "FOLDER")
     ] = None,
 ) -> None:
     """Run more workers for a robot or a fleet, here or elsewhere."""
@@ -42,52 +37,39 @@ def worker(
     become("worker", given, *words)
 
 
-def become(module: str, given: common.Given, *arguments: str) -> None:
+def become(module: str, given: opt.Given, *arguments: str) -> None:
     """Replace this process by another program, which then receives the signals."""
     command = [*python_module(f"clustermcl.{module}"), *arguments, *given.words()]
     os.execv(command[0], command)
 
 
-@common.given_command("router")
+@opt.given_command("router")
 def view(
-    given: common.Given,
+    given: opt.Given,
     recording: Annotated[
-        Path | None,
-        typer.Argument(metavar="[FILE.mcap|FOLDER]", help="A recorded run, not a running system."),
+        Path | None, opt.argument("[FILE.mcap|FOLDER]", "A recorded run, not a running system.")
     ] = None,
-    map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
-    ] = None,
-    save_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--save",
-            metavar="FILE.html",
-            help="Write the run as one page, or as .rrd for Rerun.",
-        ),
-    ] = None,
+    map_file: opt.MapOfRecording = None,
+    save: Annotated[Path | None, opt.option("Write the run as one page.", "FILE.html")] = None,
     open_browser: Annotated[
-        bool, typer.Option("--open", help="Open the page in this machine's browser.")
+        bool, opt.flag("--open", "Open the page in this machine's browser.")
     ] = False,
-    listen: common.Listen = None,
-    allow_commands: common.AllowCommands = False,
-    robots: Annotated[
-        list[str] | None,
-        typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="May be repeated."),
-    ] = None,
+    listen: opt.Listen = None,
+    allow_commands: opt.AllowCommands = False,
+    robots: opt.Robots = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
-    common.refuse_without("a recording", recording, map=map_file, save=save_file)
+    opt.refuse_without("a recording", recording, map=map_file, save=save)
     if recording is not None and robots:
         raise SettingsError("--robot: a recording is of one robot; leave it out")
     if recording is None:
         flags = {"--allow-commands": allow_commands, "--open": open_browser}
         words = [flag for flag, is_given in flags.items() if is_given]
         words += [word for robot in robots or () for word in ("--robot", robot)]
-        become("view", given, "--listen", listen or common.HERE, *words)
+        become("view", given, "--listen", listen or opt.HERE, *words)
         return
     from clustermcl.view.admission import parsed_address  # noqa: PLC0415 - see the package
     from clustermcl.view.recorded_run import view_recording  # noqa: PLC0415 - see the package
 
-    address = parsed_address(listen or common.HERE)
-    view_recording(recording, address, map_file, save_file, open_browser=open_browser)
+    address = parsed_address(listen or opt.HERE)
+    view_recording(recording, address, map_file, save, open_browser=open_browser)

@@ -8,11 +8,17 @@ from contextlib import contextmanager
 from typing import Annotated
 
 import msgspec
-import typer
 
 from clustermcl.commands import as_text as text
 from clustermcl.commands.as_json import json_object
-from clustermcl.commands.options import Above, AsJson, client_command, connected, print_answer
+from clustermcl.commands.options import (
+    Above,
+    AsJson,
+    client_command,
+    connected,
+    flag,
+    print_answer,
+)
 from clustermcl.protocol.job_events import NumberedEvent, probability_of
 from clustermcl.runtime.settings import Settings
 
@@ -36,9 +42,7 @@ def pose(settings: Settings, as_json: AsJson = False) -> None:
 def hypotheses(
     settings: Settings,
     above: Above = 0.0,
-    why: Annotated[
-        bool, typer.Option("--why", help="And why the last step changed each probability.")
-    ] = False,
+    why: Annotated[bool, flag("--why", "And why the last step changed each probability.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Print all places where the robot may be, with probabilities."""
@@ -60,9 +64,7 @@ def advise(settings: Settings, as_json: AsJson = False) -> None:
 @client_command
 def events(
     settings: Settings,
-    follow: Annotated[
-        bool, typer.Option("--follow", help="Also print new events, until Ctrl-C.")
-    ] = False,
+    follow: Annotated[bool, flag("--follow", "Also print new events, until Ctrl-C.")] = False,
     above: Above = 0.0,
     as_json: AsJson = False,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, TypeVar
 import typer
 import zenoh
 
-from clustermcl.commands.options import client_command
+from clustermcl.commands.options import argument, client_command
 from clustermcl.link.node import Node
 from clustermcl.link.wire import ask
 from clustermcl.protocol import keys
@@ -40,9 +40,7 @@ _log = logging.getLogger(__name__)
 @client_command
 def record(
     settings: Settings,
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE.mcap", help="An existing file is replaced.")
-    ],
+    file: Annotated[Path, argument("FILE.mcap", "An existing file is replaced.")],
 ) -> None:
     """Record map, scans, odometry and beliefs, until Ctrl-C."""
     check_output_file(file)
@@ -92,27 +90,19 @@ class Recorder:
         self, settings: Settings, stop: StopFlag, session: zenoh.Session | None = None
     ) -> None:
         self._log: RunLog
+        """Opened by `write`."""
         self._last: Scan | None = None
         self.steps = 0
         self._node = node = Node("record", "recorder", settings, stop, peers=None, session=session)
         listen(node, keys.SCAN, Scan, self._on_scan, 1024)
-        listen(node, keys.ODOMETRY, OdometryReading, self._on_odometry, 4096)
-        listen(node, keys.BELIEF, Belief, self._on_belief, 1024)
-        listen(node, keys.CHANGES, Changes, self._on_changes, 16)
+        listen(node, keys.ODOMETRY, OdometryReading, lambda o: self._log.on_odometry(o), 4096)  # noqa: PLW0108
+        listen(node, keys.BELIEF, Belief, lambda b: self._log.on_belief(b, b.stamp_ns), 1024)
+        listen(node, keys.CHANGES, Changes, lambda c: self._log.write(CHANGES, c, c.stamp_ns), 16)
         node.open(settings.zenoh.connect_timeout_s)
 
     def write(self, path: Path) -> None:
         with closing(self._node), RunLog(path) as self._log:
             handle_until_stopped(self._node)
-
-    def _on_odometry(self, reading: OdometryReading) -> None:
-        self._log.on_odometry(reading)
-
-    def _on_belief(self, belief: Belief) -> None:
-        self._log.on_belief(belief, belief.stamp_ns)
-
-    def _on_changes(self, changes: Changes) -> None:
-        self._log.write(CHANGES, changes, changes.stamp_ns)
 
     def _on_scan(self, scan: Scan) -> None:
         last = self._last
@@ -131,8 +121,8 @@ class Recorder:
             return ()
         selector = keys.scan_history(self._last.step + 1, scan.step - 1)
         try:
-            session, timeout_s = self._node.session, _HISTORY_TIMEOUT_S
-            return ask(session, selector, ScanHistory, timeout_s=timeout_s).scans
+            session = self._node.session
+            return ask(session, selector, ScanHistory, timeout_s=_HISTORY_TIMEOUT_S).scans
         except ClusterMclError as error:
             self._node.warn(_log, Named("steps lost"), error)
             return ()

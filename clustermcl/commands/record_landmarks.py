@@ -13,7 +13,7 @@ import numpy as np
 import typer
 import yaml
 
-from clustermcl.commands.options import client_command
+from clustermcl.commands.options import argument, client_command
 from clustermcl.commands.record import handle_until_stopped, listen
 from clustermcl.filter.arrays import Pose
 from clustermcl.filter.motion.trajectory import Trajectory
@@ -56,10 +56,7 @@ _log = logging.getLogger(__name__)
 @client_command
 def record_landmarks(
     settings: Settings,
-    file: Annotated[
-        Path,
-        typer.Argument(metavar="FILE.yaml", help="Landmarks are added to an existing file."),
-    ],
+    file: Annotated[Path, argument("FILE.yaml", "Landmarks are added to an existing file.")],
 ) -> None:
     """Measure landmarks in sight, until Ctrl-C."""
     typer.echo("\n".join(run_record_landmarks(settings, file, stop_on_signals())))

@@ -12,7 +12,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from clustermcl.commands.as_text import belief_line
-from clustermcl.commands.options import Above
+from clustermcl.commands.options import Above, argument, option
 from clustermcl.coordinator.recorder.records import Happened
 from clustermcl.coordinator.recorder.replay import (
     Believed,
@@ -83,23 +83,17 @@ class Shown:
 
 
 def replay(
-    folder: Annotated[
-        Path,
-        typer.Argument(metavar="FOLDER", help="A robot's flight recording, or a file of it."),
-    ],
+    folder: Annotated[Path, argument("FOLDER", "A robot's flight recording, or a file of it.")],
     first: Annotated[
-        str | None, typer.Option("--from", metavar="WHEN", help="Print from this step or time on.")
+        str | None, option("Print from this step or time on.", "WHEN", flag="--from")
     ] = None,
     last: Annotated[
-        str | None, typer.Option("--to", metavar="WHEN", help="Print up to this step or time.")
+        str | None, option("Print up to this step or time.", "WHEN", flag="--to")
     ] = None,
-    at: Annotated[
-        str | None, typer.Option(metavar="WHEN", help="Print 5 seconds, or steps, around it.")
-    ] = None,
+    at: Annotated[str | None, option("Print 5 seconds, or steps, around it.", "WHEN")] = None,
     above: Above = 0.0,
     why: Annotated[
-        str | None,
-        typer.Option(metavar="PLACE", help="Print why this place (c7, or elsewhere) rose or fell."),
+        str | None, option("Print why this place (c7, or elsewhere) rose or fell.", "PLACE")
     ] = None,
 ) -> None:
     """Recompute a flight recording, and print what happened.

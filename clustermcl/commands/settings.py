@@ -5,18 +5,16 @@ from typing import Annotated, Any
 
 import typer
 
-from clustermcl.commands.options import Assignments, SettingsFile
+from clustermcl.commands.options import Assignments, SettingsFile, flag, option
 from clustermcl.ros2.nav2_params import read_nav2_params
 from clustermcl.runtime.settings_file import load_settings
 from clustermcl.runtime.settings_table import EVERYDAY, TABLE, settings_as_toml
 
 
 def settings(
-    from_nav2: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Convert a nav2_params.yaml.")
-    ] = None,
+    from_nav2: Annotated[Path | None, option("Convert a nav2_params.yaml.", "FILE")] = None,
     show_all: Annotated[
-        bool, typer.Option("--all", help="Also print constants of the filter and the service.")
+        bool, flag("--all", "Also print constants of the filter and the service.")
     ] = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,

@@ -4,11 +4,10 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from msgspec.structs import replace
 
 from clustermcl.client import Client
-from clustermcl.commands.options import client_command
+from clustermcl.commands.options import argument, client_command
 from clustermcl.protocol import keys
 from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.steps import Scan
@@ -24,7 +23,7 @@ STANDS_AFTER_S = 2.0
 @client_command
 def snapshot(
     settings: Settings,
-    file: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")],
+    file: Annotated[Path, argument("FILE.png", "The picture.")],
 ) -> None:
     """Save a picture of the map and the places."""
     if file.suffix.lower() != ".png":

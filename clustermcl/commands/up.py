@@ -8,9 +8,8 @@ from contextlib import closing
 from typing import Annotated, assert_never
 
 import msgspec
-import typer
 
-from clustermcl.commands import options as common
+from clustermcl.commands import options as opt
 from clustermcl.commands.processes import become
 from clustermcl.commands.stack import ProcessEndedError, Stack, temporary_folder
 from clustermcl.commands.verbosity import say
@@ -33,26 +32,25 @@ from clustermcl.runtime.supervisor import ChildExit
 from clustermcl.view.admission import parsed_address
 
 
-@common.given_command("robot", "router")
+@opt.given_command("robot", "router")
 def up(
-    given: common.Given,
-    view: Annotated[bool, typer.Option("--view", help="Also serve the live page.")] = False,
+    given: opt.Given,
+    view: Annotated[bool, opt.flag("--view", "Also serve the live page.")] = False,
     one_process: Annotated[
-        bool,
-        typer.Option("--one-process", help="Use one process: less memory, no fault tolerance."),
+        bool, opt.flag("--one-process", "Use one process: less memory, no fault tolerance.")
     ] = False,
-    listen: common.Listen = None,
-    allow_commands: common.AllowCommands = False,
+    listen: opt.Listen = None,
+    allow_commands: opt.AllowCommands = False,
 ) -> None:
     """Localize a robot: run all processes on this machine until Ctrl-C."""
-    common.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
+    opt.refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     if one_process:
-        common.refuse_without("several processes", None, view=view)
+        opt.refuse_without("several processes", None, view=view)
         become("commands.one_process", given)
     settings, page = load_settings(given.file, given.assignments), None
     _check_in_child(settings)
     if view:
-        page = ["--listen", parsed_address(listen or common.HERE).netloc]
+        page = ["--listen", parsed_address(listen or opt.HERE).netloc]
         page += ["--allow-commands"] if allow_commands else []
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:

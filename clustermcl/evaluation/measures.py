@@ -106,15 +106,14 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     localized: bool
     """Whether the estimates of the last 10 scored steps, or of all if fewer, were right."""
     final_error_m: float | None
-    """Position error of the estimate at the last scored step."""
     final_error_rad: float | None
-    """Heading error of the estimate at the last scored step."""
+    """Errors of the estimate at the last scored step."""
     localized_at_step: int | None
-    """The first step from which the estimate is right for good; None: not localized."""
+    """The first step from which the estimate is right for good."""
     localized_at_s: float | None
     """Time from the first step to `localized_at_step`."""
     confidently_wrong_fraction: float | None
-    """Fraction of the scored steps whose estimate was wrong, with a probability of 0.9 or more."""
+    """Of the scored steps: the estimate was wrong, with a probability of 0.9 or more."""
     truth_tracked_fraction: float | None
     """Fraction of the scored steps after the first search at which the truth was tracked."""
     truth_probability_mean: float | None
@@ -133,14 +132,13 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True):
     right places together, plus the squared probabilities of the wrong places. Probability given
     to no place, as to "elsewhere", counts 0. 0 is sure and right, 1 no place, 2 sure and wrong."""
     elsewhere_probability_mean: float | None
-    """Mean over all steps of the probability that the robot is at none of the places."""
     off_map_probability_mean: float | None
-    """Mean over all steps of the probability that the robot is not on the map."""
+    """Means over all steps, scored or not."""
     localized_fraction: float
-    """Fraction of all steps with the state `localized`, scored or not."""
     ambiguous_fraction: float
     lost_fraction: float
     searching_fraction: float
+    """Of all steps, scored or not: those with this state."""
     wall_s: float
     """Duration of the run without loading the map [s]."""
     cpu_s: float

@@ -71,7 +71,10 @@ class LiveLoop:
         node.subscribe(
             keys.EVENTS, JobEvents, self._on_events, kind=keys.EVENTS, kept=_KEPT_MESSAGES
         )
-        node.subscribe(keys.CHANGES, Changes, self._on_changes, kind=keys.CHANGES, kept=1)
+        on_changes = self.picture.on_changes
+        node.subscribe(
+            keys.CHANGES, Changes, lambda changes, _: on_changes(changes), kind=keys.CHANGES, kept=1
+        )
         # These messages do not wake the loop: they are drawn with a belief, or soon after.
         self._scans, self._reports, self._truth, self._pose = (
             node.poll(key, message, kind=key, kept=_KEPT_MESSAGES)
@@ -137,9 +140,6 @@ class LiveLoop:
         if not self.picture.on_events(events):
             self._ask_events()
 
-    def _on_changes(self, changes: Changes, _received: Received | None = None) -> None:
-        self.picture.on_changes(changes)
-
     def _on_link(self, link: Link) -> None:
         self._has_link = link.up
         self.picture.on_link("no system" if link.up else "no router")
@@ -169,7 +169,7 @@ class LiveLoop:
         if was != "running":
             self._ask_events()
             self._ask(keys.POSE, PoseAnswer, self.picture.on_pose)
-            self._ask(keys.CHANGES, Changes, self._on_changes)
+            self._ask(keys.CHANGES, Changes, self.picture.on_changes)
 
     def _on_no_status(self, _problem: str) -> None:
         if self.picture.link == "running":

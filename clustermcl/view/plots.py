@@ -1,15 +1,16 @@
-"""Draws maps, places and runs with matplotlib, the extra `plots`; axes are in metres."""
+"""Draws maps and places with matplotlib, the extra `plots`; axes are in metres."""
 
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from clustermcl.filter.arrays import FREE, OCCUPIED
 from clustermcl.filter.poses import compose
 from clustermcl.protocol.answers import Hypothesis
+from clustermcl.protocol.changes import Changes
 from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.protocol.message import PoseTuple, ellipse_axes
 from clustermcl.protocol.steps import Scan
@@ -21,6 +22,8 @@ PALETTE = (
     "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
 )  # fmt: skip
 """Colours of places, the same as in `palette.js`."""
+CHANGES = {"gone": "#c0262d", "new": "#0072B2", "moving": "#E69F00"}
+"""Colours of changes by their kind, the same as in `changes.js`."""
 INK, SCAN = "#1a2027", "#c0262d"
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
 _SIGMAS = 2.0
@@ -35,24 +38,14 @@ class NoMatplotlibError(ClusterMclError, ImportError):
         super().__init__(f"a picture needs matplotlib: pip install 'clustermcl[plots]' ({error})")
 
 
-class Drawn(NamedTuple):
-    """A step of a run, as far as `draw_run` shows it."""
-
-    stamp_ns: int
-    pose: PoseTuple
-    probability: float
-    error_m: float | None
-    """Distance from the true position; None if that is unknown."""
-
-
-def new_figure(rows: int = 1, heights: Sequence[float] = (1.0,)) -> Any:
-    """Return a figure of matplotlib with rows of axes; raises `NoMatplotlibError`."""
+def new_figure() -> Any:
+    """Return a figure of matplotlib with axes; raises `NoMatplotlibError`."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise NoMatplotlibError(error) from error
     figure = Figure(figsize=(_SIDE_INCHES, _SIDE_INCHES), layout="constrained")
-    figure.subplots(rows, height_ratios=heights)
+    figure.subplots()
     return figure
 
 
@@ -80,6 +73,27 @@ def draw_map(axes: Any, grid_map: GridMap) -> None:
     low, high = corners.min(axis=0), corners.max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
     axes.set(aspect="equal", facecolor=np.array(_UNKNOWN_RGB) / 255)
+
+
+def drawn_changes(grid_map: GridMap, changes: Changes, title: str) -> Any:
+    """Return a figure of the map with the changed cells."""
+    figure = new_figure()
+    (axes,) = figure.axes
+    draw_map(axes, grid_map)
+    draw_changes(axes, changes)
+    axes.set_title(title)
+    if axes.get_legend_handles_labels()[0]:  # there are changes
+        figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def draw_changes(axes: Any, changes: Changes) -> None:
+    """Draw the changed cells in the colour of their kind."""
+    centres, kinds = changes.centres_m(), changes.cells.array()[:, 1]
+    for kind, (name, colour) in enumerate(CHANGES.items()):
+        if (kinds == kind).any():
+            x, y = centres[kinds == kind].T
+            axes.plot(x, y, "s", color=colour, markersize=2, label=name)
 
 
 def draw_places(
@@ -111,24 +125,6 @@ def draw_places(
                 percent(place.probability), (x, y), (0, 12), textcoords="offset points",
                 ha="center", color=INK, bbox={"color": "white", "alpha": 0.8, "pad": 1},
             )  # fmt: skip
-
-
-def draw_run(figure: Any, grid_map: GridMap, steps: Sequence[Drawn]) -> None:
-    """Draw the path coloured by probability on the map, and probability and error over time."""
-    above, below = figure.axes
-    draw_map(above, grid_map)
-    x, y, _ = np.array([step.pose for step in steps]).T
-    shares = [step.probability for step in steps]
-    path = above.scatter(x, y, 12, shares, cmap="viridis", vmin=0.0, vmax=1.0)
-    figure.colorbar(path, ax=above, label="probability of the estimate")
-    times = [(step.stamp_ns - steps[0].stamp_ns) / 1e9 for step in steps]
-    below.plot(times, shares, color=PALETTE[1], label="probability")
-    below.set(xlabel="time [s]", ylabel="probability of the estimate", ylim=(-0.02, 1.02))
-    if any(step.error_m is not None for step in steps):
-        errors = below.twinx()
-        errors.plot(times, [step.error_m for step in steps], color=SCAN)
-        errors.set_yscale("symlog", linthresh=0.1)
-        errors.set_ylabel("position error [m]", color=SCAN)
 
 
 def draw_arrows(axes: Any, poses: Sequence[PoseTuple], size: float, **how: Any) -> None:

@@ -32,14 +32,16 @@ from clustermcl.view.live_loop import answer_browser
 from clustermcl.view.map_reduction import reduced
 from clustermcl.view.page_server import PageServer
 from clustermcl.view.picture import Picture
-from clustermcl.view.rerun_log import RerunLog
 from clustermcl.view.room import FromBrowser, Room
 from clustermcl.view.saved_page import saved_run
 from clustermcl.view.step_archive import StepArchive
 
-RERUN = ".rrd"
 KEPT_STEPS = 100_000
 KEPT_BYTES = 200_000_000
+_OF_BELIEF = (
+    "sender", "state", "stamp_ns", "step", "probability", "term", "elsewhere_probability",
+    "off_map_probability", "floor", "floors",
+)  # fmt: skip
 _AT_A_TIME_S = 0.05
 _POLL_S = 0.1
 
@@ -49,12 +51,12 @@ _log = logging.getLogger(__name__)
 def view_recording(
     recording: Path,
     address: Address,
-    map_file: Path | None = None,
+    map_file: str | None = None,
     save_file: Path | None = None,
     *,
     open_browser: bool = False,
 ) -> None:
-    """Serve the page of a recorded run until Ctrl-C, or save it: a page, or ``.rrd`` for Rerun."""
+    """Serve the page of a recorded run until Ctrl-C, or save the run as one page."""
     stop = stop_on_signals()
     if not recording.exists():
         raise RecordingError(recording, os_problem(FileNotFoundError()))
@@ -69,26 +71,20 @@ def view_recording(
         named = to_message(grid_map, "recording")
     if save_file is not None:
         check_output_file(save_file)
-    if save_file is not None and save_file.suffix == RERUN:
-        RecordedRun(recording, named, RerunLog(save_file)).read_for(math.inf)
+        write_output_file(save_file, RecordedRun(recording, named).saved())
         return
     run = RecordedRun(recording, named)
-    if save_file is None:
-        with PageServer(address, [run.room], open_browser=open_browser):
-            run.run(stop)
-    else:
-        write_output_file(save_file, run.saved())
+    with PageServer(address, [run.room], open_browser=open_browser):
+        run.run(stop)
 
 
 class RecordedRun:
     """The page of a recorded run, a run log or the folder of a flight recorder.
 
-    Draws a given map in place of that in the recording; `into` takes it in place of the page.
+    Draws a given map in place of that in the recording.
     """
 
-    def __init__(
-        self, path: Path, grid_map: MapMessage | None, into: RerunLog | None = None
-    ) -> None:
+    def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
         self._inbox: Inbox[FromBrowser] = Inbox({})
         self.room = Room("recording", self._inbox.put)
         about: dict[str, Any] = {
@@ -96,8 +92,7 @@ class RecordedRun:
             "kept_steps": KEPT_STEPS,
         }  # fmt: skip
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
-        self._shown: Picture | RerunLog = into or self.picture
-        self._shown.on_link("replaying")
+        self.picture.on_link("replaying")
         self._is_map_given = grid_map is not None
         self._map: MapMessage | None = None
         if grid_map is not None:
@@ -127,7 +122,7 @@ class RecordedRun:
         for _ in self._pieces:
             if time.monotonic() >= until_s:
                 return True
-        self._shown.on_link("finished")
+        self.picture.on_link("finished")
         return False
 
     def _read(self, files: list[Path]) -> Iterator[None]:
@@ -143,9 +138,9 @@ class RecordedRun:
         if message.topic == run_log.BELIEF:
             self._on_belief(run_log.decoded(message, Belief, path))
         elif message.topic == run_log.JOB_EVENTS:
-            self._shown.on_events(run_log.decoded(message, JobEvents, path))
+            self.picture.on_events(run_log.decoded(message, JobEvents, path))
         elif message.topic == run_log.CHANGES:
-            self._shown.on_changes(run_log.decoded(message, Changes, path))
+            self.picture.on_changes(run_log.decoded(message, Changes, path))
         elif message.topic.startswith(run_log.SCAN):
             self._lasers.append(run_log.decoded(message, LaserFields, path))
         elif message.topic == run_log.GRID and not self._is_map_given:
@@ -159,14 +154,14 @@ class RecordedRun:
             self._lasers.popleft()
         if lasers:
             floors = self._map.floors if self._map else ONE_MAP
-            self._shown.on_scan(_scan(belief, lasers, floors))
-        self._shown.on_belief(belief)
-        self._shown.on_pose(best_pose(belief))
+            self.picture.on_scan(_scan(belief, lasers, floors))
+        self.picture.on_belief(belief)
+        self.picture.on_pose(best_pose(belief))
 
     def _show_map(self, grid_map: MapMessage) -> None:
         self._map = shown = reduced(grid_map)
         self.room.map = (shown.digest, shown.zlib_cells)
-        self._shown.on_map(shown)
+        self.picture.on_map(shown)
 
 
 def _scan(belief: Belief, lasers: list[LaserFields], floors: Floors) -> Scan:
@@ -187,19 +182,10 @@ def best_pose(belief: Belief) -> PoseAnswer:
     """Return the most probable place in the form of the coordinator's answer."""
     best = belief.best
     return PoseAnswer(
-        sender=belief.sender,
-        state=belief.state,
         freshness="fresh",
-        stamp_ns=belief.stamp_ns,
         age_s=0.0,
-        step=belief.step,
-        probability=belief.probability,
         pose=best.pose if best else None,
         covariance=best.covariance if best else None,
         workers=0,
-        term=belief.term,
-        elsewhere_probability=belief.elsewhere_probability,
-        off_map_probability=belief.off_map_probability,
-        floor=belief.floor,
-        floors=belief.floors,
+        **{name: getattr(belief, name) for name in _OF_BELIEF},
     )

@@ -1,15 +1,12 @@
 """`clustermcl check --report`: a picture of the map with its look-alike places."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from clustermcl.evaluation.map_check.report import MapReport, Place
 from clustermcl.protocol.changes import Changes
-from clustermcl.protocol.steps import Landmark
 from clustermcl.recordings.maps.grid_map import GridMap
-from clustermcl.view.changes_picture import draw_changes
-from clustermcl.view.plots import INK, draw_arrows, draw_map, new_figure
+from clustermcl.view.plots import INK, draw_arrows, draw_changes, draw_map, new_figure
 
 COLOURS = ((0, "#009E73"), (1, "#F0E442"), (3, "#E69F00"), (10**9, "#c0262d"))
 """Colour of a tested place by the largest number of places that look like it."""
@@ -19,12 +16,7 @@ _ARROW = 90.0
 _MANY = 8
 
 
-def drawn_report(
-    report: MapReport,
-    grid_map: GridMap,
-    landmarks: Sequence[Landmark] = (),
-    changes: Changes | None = None,
-) -> Any:
+def drawn_report(report: MapReport, grid_map: GridMap, changes: Changes | None = None) -> Any:
     """Return a figure: tested places as filled arrows, joined with their look-alikes.
 
     A diamond is a landmark. A circle around a place: no drive distinguishes it from its
@@ -37,7 +29,7 @@ def drawn_report(
         draw_changes(axes, changes)
     for place in sorted(report.places, key=lambda place: len(place.look_alikes)):
         _draw_place(axes, place)
-    for landmark in landmarks:
+    for landmark in grid_map.landmarks:
         axes.plot(landmark.x, landmark.y, "D", color=LANDMARK, label="landmark")
     unique = sum(not place.look_alikes for place in report.places)
     axes.set_title(f"{Path(report.map).name}: {unique} of {len(report.places)} places are unique")

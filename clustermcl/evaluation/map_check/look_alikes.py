@@ -75,10 +75,10 @@ class LookAlikeSearch:
         self._jumps = jump_field(grid_map.cells)
         self._free_space = FreeSpace(grid_map)
         room_m = math.sqrt(grid_map.grid.free_m2 * _HEADINGS / MOST_POSES)
-        self.spacing_m = max(_SPACING_M, room_m)
-        self._lattice = _lattice(grid_map, self.spacing_m)
+        spacing_m = max(_SPACING_M, room_m)
+        self._lattice = _lattice(grid_map, spacing_m)
         usual = SensorSettings()
-        blurred = msgspec.structs.replace(usual, hit_sigma_m=self.spacing_m)
+        blurred = msgspec.structs.replace(usual, hit_sigma_m=spacing_m)
         self._field, self._blurred = (
             LikelihoodField.build(grid_map.grid, settings) for settings in (usual, blurred)
         )

@@ -11,7 +11,8 @@ from clustermcl.evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
 from clustermcl.evaluation.map_check.ambiguity import distinguishable
 from clustermcl.evaluation.map_check.floors import floor_remarks
 from clustermcl.evaluation.map_check.look_alikes import WAY_M, LookAlikeSearch
-from clustermcl.filter.arrays import FREE, OCCUPIED, UNKNOWN
+from clustermcl.filter.arrays import FREE, UNKNOWN
+from clustermcl.filter.poses import between
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.pose_arrays import pose_tuple
 from clustermcl.recordings.maps.grid_map import GridMap
@@ -37,7 +38,6 @@ class Ground(msgspec.Struct, frozen=True, kw_only=True):
     width_m: float
     height_m: float
     free_m2: float
-    occupied_share: float
     unknown_share: float
     pieces: int
     """Number of connected components of free ground of at least 0.5 m², or 1."""
@@ -63,7 +63,6 @@ def ground_of(grid_map: GridMap) -> Ground:
         width_m=width_m,
         height_m=height_m,
         free_m2=grid_map.grid.free_m2,
-        occupied_share=float(np.mean(cells == OCCUPIED)),
         unknown_share=float(np.mean(cells == UNKNOWN)),
         pieces=max(int(np.count_nonzero(sizes >= SMALLEST_PIECE_M2)), 1),
         largest_piece_share=float(sizes.max() / sizes.sum()),
@@ -90,7 +89,6 @@ class MapReport(msgspec.Struct, frozen=True, kw_only=True):
     map: str
     ground: Ground
     laser_range_m: float
-    searched_every_m: float
     places: tuple[Place, ...]
     agreement: Agreement | None
     remarks: tuple[str, ...] = ()
@@ -112,7 +110,7 @@ def report_of(
         NoRoomError: no robot fits into the map.
     """
     search = LookAlikeSearch(grid_map, laser_range_m, np.random.default_rng(seed))
-    views, groups, spacing_m = [], [], search.spacing_m
+    views, groups = [], []
     for _ in range(places):
         views.append(search.random_view())
         groups.append(search.places_like(views[-1]))
@@ -122,7 +120,6 @@ def report_of(
         map=name,
         ground=ground_of(grid_map),
         laser_range_m=laser_range_m,
-        searched_every_m=spacing_m,
         places=tuple(
             Place(
                 pose=pose_tuple(group[0]),
@@ -134,14 +131,13 @@ def report_of(
         ),
         agreement=agreement,
     )
-    of_recording = _of_agreement(agreement) if agreement is not None else ()
-    of_floors = floor_remarks(((p.pose, *p.look_alikes) for p in report.places), grid_map)
-    is_one = len(grid_map.floors.names) < 2
     remarks = (
-        *_of_ground(report.ground, is_one_map=is_one),
+        *_of_ground(report.ground, is_one_map=len(grid_map.floors.names) < 2),
         *_of_places(report),
-        *of_floors,
-        *of_recording,
+        *floor_remarks(((p.pose, *p.look_alikes) for p in report.places), grid_map),
+        *(_of_agreement(agreement) if agreement is not None else ()),
+        *grid_map.remarks,
+        *_of_landmarks(grid_map),
     )
     return msgspec.structs.replace(report, remarks=remarks)
 
@@ -179,6 +175,20 @@ def _of_places(report: MapReport) -> Iterator[str]:
         yield (
             f"from {for_good} of these, no drive distinguishes them: landmarks do "
             "(docs/tutorials/tags.md)"
+        )
+
+
+def _of_landmarks(grid_map: GridMap) -> Iterator[str]:
+    corner, (width, height) = np.array(grid_map.map_from_grid), grid_map.size_m
+    outside = []
+    for each in grid_map.landmarks:
+        x, y, _ = between(corner, np.array([each.x, each.y, 0.0]))
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            outside.append(each.name)
+    if outside:
+        count = f"{len(outside)} of {len(grid_map.landmarks)} landmarks"
+        yield (
+            f"{count} lie outside the map, such as {outside[0]}: are they in its frame, in metres?"
         )
 
 

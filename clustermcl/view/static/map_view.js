@@ -6,7 +6,7 @@ import { setFloors } from "./floors.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { boxOf, drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
+import { boxOf, drawLabels, drawOther, drawPlace, drawPlacing, drawTruth } from "./symbols.js";
 import { drawAdvice, drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters with a percentage, where there is room
@@ -29,7 +29,6 @@ export class MapView {
     this.advice = []; // { slot, pose, ways, spots } of each place
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are classified
-    this.ruler = null; // { from: [x, y], to: [x, y] }
     this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
     this.follow = this.isFitted = false;
     this.faded = false;
@@ -162,17 +161,6 @@ export class MapView {
     return this.layers.has(layer);
   }
 
-  /** A PNG of the map as it is drawn. */
-  picture() {
-    this.draw();
-    const copy = document.createElement("canvas"), context = copy.getContext("2d");
-    [copy.width, copy.height] = [this.canvas.width, this.canvas.height];
-    context.fillStyle = themed("--map-unknown");
-    context.fillRect(0, 0, copy.width, copy.height);
-    context.drawImage(this.canvas, 0, 0);
-    return new Promise((done) => copy.toBlob(done));
-  }
-
   // --- drawing ---
 
   redraw() {
@@ -195,7 +183,6 @@ export class MapView {
     this.beams = null;
     if (this.map && layers.has("map")) this.drawMap(ratio, width, height);
     if (this.changes && this.changes.digest === this.map?.frame.digest && layers.has("changes")) drawChanges(this);
-    if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
     if (this.map) drawLandmarks(this);
     drawWays(this, this.rows, places);
@@ -218,7 +205,6 @@ export class MapView {
     if (this.map) drawNames(this, taken);
     context.globalAlpha = 1;
     if (this.placing) drawPlacing(this, this.placing);
-    if (this.ruler) drawRuler(this, this.ruler);
     this.onDrawn();
   }
 
@@ -240,25 +226,6 @@ export class MapView {
     context.imageSmoothingEnabled = view.scale * cell_m < 1.5;
     context.drawImage(picture, 0, -rows, cols, rows);
     context.restore();
-  }
-
-  drawGrid(width, height) {
-    const { context } = this, apart = this.roundLength(110);
-    const [west, north] = this.mapOf([0, 0]), [east, south] = this.mapOf([width, height]);
-    context.strokeStyle = themed("--soft");
-    context.lineWidth = 0.5;
-    context.beginPath();
-    for (let x = Math.ceil(west / apart) * apart; x < east; x += apart) {
-      const left = Math.round(this.screenOf([x, 0])[0]);
-      context.moveTo(left, 0);
-      context.lineTo(left, height);
-    }
-    for (let y = Math.ceil(south / apart) * apart; y < north; y += apart) {
-      const top = Math.round(this.screenOf([0, y])[1]);
-      context.moveTo(0, top);
-      context.lineTo(width, top);
-    }
-    context.stroke();
   }
 
   /** Draw the beams for and against a place. */

@@ -9,7 +9,6 @@ const KEY_PAN = 60, KEY_ZOOM = 1.3, CLICK_PX = 4;
 const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
 const PLACING = { // meanings of an arrow dragged on the map
   "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
-  "ruler": ["ruler", "Press and drag to measure. Esc: done."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
 };
 
@@ -21,10 +20,9 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   let drivesAtFirst = null; // whether driving has yet to be switched on; null: it was not requested
 
   const setPlacing = (what) => {
-    const mayPlace = what === "ruler" || mayCommand() ? what : null;
-    if (mayPlace && mayPlace !== "ruler") travel.toNow();
-    placing = mayPlace;
-    view.placing = view.ruler = null;
+    placing = mayCommand() ? what : null;
+    if (placing) travel.toNow();
+    view.placing = null;
     canvas.classList.toggle("placing", placing !== null);
     for (const [one, [button]] of Object.entries(PLACING)) $(button).setAttribute("aria-pressed", String(one === placing));
     hint(placing ? PLACING[placing][1] : "");
@@ -51,13 +49,6 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const toggle = (layer) => {
     document.querySelector(`[data-layer=${layer}]`).setAttribute("aria-pressed", String(view.toggle(layer)));
   };
-  const save = async () => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await view.picture());
-    link.download = `${document.title.split(" ")[0]}-step-${view.step?.step ?? 0}.png`;
-    link.click();
-    URL.revokeObjectURL(link.href);
-  };
   const askToRelocalize = () => {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
   };
@@ -75,8 +66,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
 
   const startPlacing = (where) => {
     const from = view.mapOf(where);
-    if (placing === "ruler") view.ruler = { from, to: from };
-    else view.placing = { from, to: from, spread: placing === "set_pose" ? USUAL_SPREAD_M : 0 };
+    view.placing = { from, to: from, spread: placing === "set_pose" ? USUAL_SPREAD_M : 0 };
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
@@ -97,8 +87,8 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
       const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
       const apart = (point) => Math.max(Math.hypot(point[0] - other[0], point[1] - other[1]), 1);
       widen(apart(now) / apart(before), other);
-    } else if (view.placing ?? view.ruler) {
-      (view.placing ?? view.ruler).to = view.mapOf(now);
+    } else if (view.placing) {
+      view.placing.to = view.mapOf(now);
       view.redraw();
     } else {
       view.pan(now[0] - before[0], now[1] - before[1]);
@@ -141,9 +131,6 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     r: askToRelocalize,
     k: kidnap,
     d: () => drive(!driving.isOn),
-    m: () => setPlacing(placing === "ruler" ? null : "ruler"),
-    g: () => toggle("grid"),
-    s: save,
     "?": () => $("keys").showModal(),
     Escape: () => (placing ? setPlacing(null) : view.selected !== null ? view.select(null) : drive(false)),
     " ": () => travel.play(!travel.timer),
@@ -171,8 +158,6 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   $("zoom-out").onclick = keys["-"];
   $("fit").onclick = keys.f;
   $("follow").onclick = keys.l;
-  $("ruler").onclick = keys.m;
-  $("save").onclick = save;
   $("help").onclick = keys["?"];
   for (const button of $("layers").children) button.onclick = () => toggle(button.dataset.layer);
   canvas.addEventListener("pointerleave", () => ($("cursor").textContent = ""));
@@ -198,14 +183,14 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
       for (const button of $("actions").children) button.disabled = !mayCommand();
       $("actions").tabIndex = mayCommand() ? -1 : 0; // a narrow one scrolls, also with disabled buttons
       if (mayCommand()) return;
-      if (placing !== "ruler" && placing) setPlacing(null);
+      if (placing) setPlacing(null);
       if (!driving.isOn) return;
       drive(false);
       hint("Driving has ended: the robot drives by itself again.", true);
     },
     /** Another step is shown: what was said of the last one is over. */
     onTravel() {
-      if (placing !== "ruler") setPlacing(null);
+      setPlacing(null);
     },
     onStatus() {
       $("kidnap").hidden = $("drive").hidden = !isSimulated();

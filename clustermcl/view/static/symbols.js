@@ -1,4 +1,4 @@
-// Symbols on the map: clusters, ground truth, ruler, the dragged arrow.
+// Symbols on the map: clusters, ground truth, the dragged arrow.
 import { colourOf, isDashed, percent, themed } from "./palette.js";
 
 /** A cluster: its ellipse, and a disc with a nose in its heading, whose area shows the probability. */
@@ -138,27 +138,6 @@ export function drawOther(view, { name, pose }) {
   const width = context.measureText(name).width + 12;
   drawLabel(view, name, { x, y: y - 22, width }, themed("--soft"));
   return { x, y: y - 12, width, height: 40 };
-}
-
-/** The ruler: distance, and direction [degrees, counter-clockwise from x]. */
-export function drawRuler(view, { from, to }) {
-  const { context } = view;
-  const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);
-  const dx = to[0] - from[0], dy = to[1] - from[1], degrees = (Math.atan2(dy, dx) * 180) / Math.PI;
-  const text = `${Math.hypot(dx, dy).toFixed(2)} m, ${degrees.toFixed(0)}°`;
-  context.strokeStyle = themed("--accent");
-  context.lineWidth = 2;
-  context.beginPath();
-  for (const [left, top] of [[x, y], [toX, toY]]) {
-    context.moveTo(left + 4, top);
-    context.arc(left, top, 4, 0, 2 * Math.PI);
-  }
-  context.moveTo(x, y);
-  context.lineTo(toX, toY);
-  context.stroke();
-  context.font = "600 12px system-ui, sans-serif";
-  const width = context.measureText(text).width + 12;
-  drawLabel(view, text, { x: (x + toX) / 2, y: (y + toY) / 2 - 16, width }, themed("--accent"));
 }
 
 /** The dragged arrow, and two standard deviations of its position [m]. */

@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from clustermcl.evaluation.references import tum_line
 from clustermcl.runtime.settings import Settings
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation
@@ -103,17 +104,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=(0.0, 0.0, 0.0)))
     log, truth = [], []
     for _, tick in zip(range(300), robot, strict=False):
-        ranges, stamp_s = (
-            np.nan_to_num(tick.laser.ranges.array(), posinf=81.83),
-            tick.laser.stamp_ns / 1e9,
-        )
+        ranges = np.nan_to_num(tick.laser.ranges.array(), posinf=81.83)
+        stamp_s = tick.laser.stamp_ns / 1e9
         pose = tick.odometry[0].odom_from_robot
         log.append(flaser(f"{stamp_s:.3f}", pose, ranges.tolist()))
-        x, y, heading = tick.map_from_robot
-        turn = f"{np.sin(heading / 2):.6f} {np.cos(heading / 2):.6f}"
-        truth.append(f"{stamp_s:.3f} {x:.4f} {y:.4f} 0 0 0 {turn}")
+        truth.append(tum_line(tick.laser.stamp_ns, tick.map_from_robot))
     (folder / "robot.log").write_text("\n".join(log) + "\n")
-    (folder / "truth.tum").write_text("\n".join(truth) + "\n")
+    (folder / "truth.tum").write_text("".join(truth))
     tags = (REPOSITORY / "docs/tutorials/tags.md").read_text()
     (folder / "landmarks.yaml").write_text(tags.split("```yaml\n")[1].split("```")[0])
     return folder
@@ -174,16 +171,28 @@ def test_a_block_of_commands_for_a_running_robot_runs(
     assert run(replace(block, text=text), folder, robot.zenoh.router)
 
 
-@pytest.mark.parametrize("block", marked("live", "python"), ids=str)
+LIVE_PROGRAMS = [
+    *(
+        (block.page, block.text, r"place\(s\) hold|\d+% at \(")
+        for block in marked("live", "python")
+    ),
+    *((name, (EXAMPLES / f"{name}.py").read_text(), prints) for name, prints in LIVE.items()),
+]
+
+
+@pytest.mark.parametrize(("name", "program", "prints"), LIVE_PROGRAMS)
 def test_a_program_for_a_running_robot_runs(
-    block: Block,
+    name: str,
+    program: str,
+    prints: str,
     robot: Settings,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr("clustermcl.client.Settings", lambda: robot)
-    exec(compile(block.text, block.page, "exec"), {})
-    assert re.search(r"place\(s\) hold|\d+% at \(", capsys.readouterr().out)
+    monkeypatch.setattr(sys, "argv", [name])
+    exec(compile(program, name, "exec"), {"__name__": "__main__"})
+    assert re.search(prints, capsys.readouterr().out)
 
 
 def test_there_are_six_examples_and_each_is_short() -> None:
@@ -196,19 +205,6 @@ def test_there_are_six_examples_and_each_is_short() -> None:
 def test_an_example_runs_by_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     runpy.run_path(str(EXAMPLES / f"{name}.py"))
     assert re.search(ALONE[name], capsys.readouterr().out, re.MULTILINE)
-
-
-@pytest.mark.parametrize("name", LIVE)
-def test_an_example_runs_with_a_robot(
-    name: str,
-    robot: Settings,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.setattr("clustermcl.client.Settings", lambda: robot)
-    monkeypatch.setattr(sys, "argv", [name])
-    runpy.run_path(str(EXAMPLES / f"{name}.py"))
-    assert re.search(LIVE[name], capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("block", marked("certificates"), ids=str)

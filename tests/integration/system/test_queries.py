@@ -138,29 +138,17 @@ def test_prometheus_scrapes_the_status_only_from_this_machine(
 def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
     with Client(system) as client:
         wait_until(lambda: client.pose().freshness == "stale")
+        with pytest.raises(NotLocalizedError, match="stale") as refused:
+            client.wait_until_localized(timeout_s=0.2)
+        with pytest.raises(UnreachableError, match="stand still"):
+            next(client.beliefs(timeout_s=0.3))
+        found, hall = client.map(), world("hall").map
+    assert refused.value.answer.step == STEPS - 1
+    assert (found.digest, found.map_from_grid) == (hall.digest, hall.map_from_grid)
+    assert np.array_equal(found.cells, hall.cells)
     done = typed(system, "pose")
     assert "stale: the newest data is" in done.stdout
     assert done.returncode == 4
-
-
-def test_waiting_for_a_robot_that_does_not_become_localized_ends(system: Settings) -> None:
-    with Client(system) as client, pytest.raises(NotLocalizedError, match="stale") as refused:
-        client.wait_until_localized(timeout_s=0.2)
-    assert refused.value.answer.step == STEPS - 1
-
-
-def test_a_stream_of_beliefs_of_a_standing_robot_ends_at_its_timeout(system: Settings) -> None:
-    with Client(system) as client, pytest.raises(UnreachableError, match="stand still"):
-        next(client.beliefs(timeout_s=0.3))
-
-
-def test_another_program_gets_the_map_that_poses_are_in(system: Settings) -> None:
-    with Client(system) as client:
-        found = client.map()
-    hall = world("hall").map
-    assert found.digest == hall.digest
-    assert np.array_equal(found.cells, hall.cells)
-    assert (found.cell_m, found.map_from_grid) == (hall.cell_m, hall.map_from_grid)
 
 
 def test_events_show_how_every_place_began_and_why_others_ended(system: Settings) -> None:

@@ -1,7 +1,5 @@
 import gzip
 import logging
-import math
-import re
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -17,11 +15,8 @@ from clustermcl.protocol.errors import LandmarksFileError
 from clustermcl.recordings.maps.landmarks import load_landmarks
 from clustermcl.runtime.settings import Settings, ZenohSettings
 from clustermcl.runtime.stop import StopFlag
-from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.conftest import OpenClient
-from tests.integration.faults.system import system
 from tests.integration.running import running
-from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
 from tests.unit.clustermcl.test_record_landmarks import odometry, seen
 from tests.unit.view.messages import belief
@@ -70,26 +65,6 @@ def test_a_recorder_that_receives_nothing_says_so(
     with running(lambda stop: said.extend(run_record_landmarks(settings, file, stop))):
         wait_until(lambda: record_landmarks.NOTHING_OBSERVED in caplog.text)
     assert said == [record_landmarks.NOTHING_OBSERVED, f"{file}: 0 landmarks added"]
-
-
-def test_what_a_simulated_camera_sees_can_be_recorded(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.INFO)
-    file, said = tmp_path / "landmarks.yaml", list[str]()
-    bridge = replace(SMALL.bridge, source="sim:cross_tags", rate=4.0)
-    with (
-        system(replace(SMALL, bridge=bridge)) as tested,
-        running(lambda stop: said.extend(run_record_landmarks(tested.settings, file, stop))),
-    ):
-        wait_until(lambda: re.search("landmark (east|north) was seen", caplog.text))
-    (found, *_) = load_landmarks(file)
-    true = {tag.name: (tag.x, tag.y) for tag in world("cross_tags").landmarks}
-    assert math.dist((found.x, found.y), true[found.name]) < 0.3
-    counted = [
-        line for line in said if re.match(r"(east|north): \d+ observations, at \d+ loc", line)
-    ]
-    assert counted, said
 
 
 def test_a_damaged_file_is_refused_before_the_drive(tmp_path: Path) -> None:

@@ -1,15 +1,21 @@
 import os
 import signal
 from itertools import groupby
+from pathlib import Path
 
-import msgspec
+from msgspec.structs import replace
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.protocol.answers import Belief
+from clustermcl.runtime.settings import RecorderSettings
+from clustermcl.simulator.simulation import Simulation
+from clustermcl.simulator.source import simulated_steps
 from tests.integration.alone import assert_same, outcomes_of
 from tests.integration.faults.system import system
+from tests.integration.system.commands import ran
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import world_of
 
 STEPS = 60
 
@@ -23,8 +29,7 @@ def assert_same_steps(beliefs: list[Belief], alone: list[Outcome]) -> None:
 
 def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one() -> None:
     """A robot that is probably not on the map has one at once; it is searched for and tracked."""
-    belief = msgspec.structs.replace(SMALL.belief, off_map_probability=0.6)
-    doubting = msgspec.structs.replace(SMALL, belief=belief)
+    doubting = replace(SMALL, belief=replace(SMALL.belief, off_map_probability=0.6))
     alone = outcomes_of(doubting, steps=STEPS)
     jobs = {job_id for outcome in alone for job_id in outcome.begin}
     assert {"m0.0", "d0"} <= jobs
@@ -32,12 +37,27 @@ def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one() -> None:
         assert_same_steps(tested.wait_for_the_end(), alone)
 
 
-def test_workers_that_are_killed_change_no_belief() -> None:
-    """One is killed, then two, then all: their clusters continue from snapshots, bit for bit."""
-    with system(SMALL, "--steps", str(STEPS)) as tested:
+def test_workers_that_are_killed_change_no_belief_of_a_robot_that_sees_tags(
+    tmp_path: Path,
+) -> None:
+    """One is killed, then two, then all: their clusters continue from snapshots.
+
+    Beliefs of processes, of one process, and of the replay are the same, bit for bit.
+    """
+    tags = replace(SMALL, bridge=replace(SMALL.bridge, source="sim:cross_tags"))
+    recorder = RecorderSettings(folder=str(tmp_path), max_mb=5.0)
+    with system(replace(tags, recorder=recorder), "--steps", str(STEPS)) as tested:
         for step, count in ((15, 1), (27, 2), (41, 4)):
             wait_until(lambda s=step: tested.step >= s)  # type: ignore[misc] # a default
             for pid in tested.worker_pids()[:count]:
                 os.kill(pid, signal.SIGKILL)
         beliefs = tested.wait_for_the_end()
-    assert_same_steps(beliefs, outcomes_of(SMALL, steps=STEPS))
+    assert_same_steps(beliefs, outcomes_of(tags, steps=STEPS))
+    replayed = ran("replay", str(tmp_path / tags.robot.name))
+    assert replayed.stdout.splitlines()[-1].endswith("all as recorded, bit for bit")
+    world = world_of(tags)
+    made = simulated_steps(Simulation(world, tags.seed), tags.bridge, steps=STEPS)
+    first = next(scan.step for scan, _ in made if scan.observations)
+    assert 0 < first < STEPS - 10
+    assert {belief.state for belief in beliefs if belief.step < first} <= {"searching", "ambiguous"}
+    assert beliefs[-1].state == "localized"

@@ -153,7 +153,7 @@ def test_the_command_asks_each_robot(
             return OLD
 
     monkeypatch.setattr(
-        "clustermcl.commands.changes.connected", lambda settings: nullcontext(Robot(settings))
+        "clustermcl.commands.options.connected", lambda settings: nullcontext(Robot(settings))
     )
     result = CliRunner().invoke(app, ["changes", *words, "--since", "1d"], env=variables)
     assert result.exit_code == 0, result.output

@@ -1,7 +1,7 @@
-"""A robot in a cross of four equal arms, with a tag in each of two arms."""
+"""A simulated robot that observes, and the beliefs of the library while it drives."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 
 import numpy as np
@@ -15,7 +15,9 @@ from clustermcl.protocol.steps import Landmark
 from clustermcl.simulator.simulation import Simulation, Tick
 from clustermcl.simulator.worlds.catalogue import world
 
+OFFICE = world("office")
 CROSS = world("cross")
+"""Of four equal arms, with a tag in each of two arms."""
 _LOW = CROSS.map.map_from_grid[:2]
 _SIDES_M = np.array(CROSS.map.cells.shape[::-1]) * CROSS.map.cell_m
 CENTRE = _LOW + _SIDES_M / 2.0
@@ -26,6 +28,18 @@ TAGS = tuple(
 )
 SIGMA_M = 0.1
 SEEN_WITHIN_M = 3.0
+
+
+def driven(
+    mcl: ClusterMCL, ticks: Iterable[Tick], observe: Callable[[Tick], object] = lambda _tick: None
+) -> Iterator[tuple[Belief, Tick]]:
+    """Yield each belief with the tick at which it came; `observe` is called before each scan."""
+    for tick in ticks:
+        for reading in tick.readings:
+            if reading is tick.laser:
+                observe(tick)
+            if belief := mcl.update(Reading.of(reading)):
+                yield belief, tick
 
 
 def sight(
@@ -44,27 +58,31 @@ def sight(
     return None
 
 
+def observe(
+    mcl: ClusterMCL, tick: Tick, seen: tuple[str, np.ndarray] | None, **how: object
+) -> None:
+    if seen is not None:
+        name, position = seen
+        covariance, stamp_ns = np.eye(2) * SIGMA_M**2, tick.laser.stamp_ns
+        mcl.observe(position, covariance, landmark=name, stamp_ns=stamp_ns, **how)
+
+
 def beliefs(
     seed: int, settings: FilterSettings, ticks: int, false: float = 0.0, observes: bool = True
 ) -> Iterator[tuple[Belief, Tick, bool]]:
     """Yield each belief, the tick at which it came, and whether a tag was seen before."""
     mcl = ClusterMCL(CROSS.map, landmarks=TAGS, settings=settings, seed=seed)
     rng, has_seen = np.random.default_rng(seed), False
-    for tick in islice(Simulation(CROSS, seed), ticks):
+
+    def look(tick: Tick) -> None:
+        nonlocal has_seen
         seen = sight(tick, rng, false)
-        for reading in (tick.odometry[0], tick.laser, tick.odometry[1]):
-            if reading is tick.laser and seen is not None and observes:
-                name, position = seen
-                mcl.observe(
-                    position,
-                    np.eye(2) * SIGMA_M**2,
-                    landmark=name,
-                    stamp_ns=tick.laser.stamp_ns,
-                    outlier_probability=max(false, 0.05),
-                )
-                has_seen = True
-            if belief := mcl.update(Reading.of(reading)):
-                yield belief, tick, has_seen
+        if observes and seen is not None:
+            observe(mcl, tick, seen, outlier_probability=max(false, 0.05))
+            has_seen = True
+
+    for belief, tick in driven(mcl, islice(Simulation(CROSS, seed), ticks), look):
+        yield belief, tick, has_seen
 
 
 def is_right(belief: answers.Belief, tick: Tick) -> bool:

@@ -4,23 +4,9 @@ import math
 import msgspec
 
 from clustermcl.commands.as_json import dumped, json_object
-from clustermcl.protocol.answers import Hypotheses, PoseAnswer
+from clustermcl.protocol.answers import Hypotheses
 from clustermcl.protocol.job_events import Began, Ended, JobEvents, NumberedEvent
-from tests.unit.evaluation.places import COVARIANCE, STATUS, belief, place
-
-ANSWER = PoseAnswer(
-    sender="coordinator",
-    state="localized",
-    freshness="fresh",
-    stamp_ns=7,
-    age_s=0.5,
-    step=3,
-    probability=0.95,
-    pose=(1.0, 2.0, 3.0),
-    covariance=COVARIANCE,
-    workers=4,
-    elsewhere_probability=0.005,
-)
+from tests.unit.evaluation.places import ANSWER, STATUS, belief, place
 
 
 def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
@@ -39,17 +25,18 @@ def test_a_pose_has_the_ages_of_odometry_and_of_the_last_scan() -> None:
     assert json_object(STATUS)["scan_age_s"] == -1.0
 
 
-def test_a_belief_without_a_place_has_no_pose() -> None:
+def test_places_keep_their_order_and_without_one_there_is_no_pose() -> None:
+    places = (place(0.7, cluster=4), place(0.3, cluster=1))
+    for answer in (
+        belief(3, "ambiguous", *places),
+        Hypotheses(sender="coordinator", pose=ANSWER, hypotheses=places),
+    ):
+        found = json_object(answer)
+        assert [each["cluster"] for each in found["hypotheses"]] == [4, 1]
+        assert found["hypotheses"][0].keys() > {"x_m", "covariance", "log_odds_changes_nat"}
     found = json_object(belief(4, "searching", searching=True))
     assert found["pose"] is None
     assert (found["probability"], found["hypotheses"], found["searching"]) == (0.0, [], True)
-
-
-def test_hypotheses_keep_their_order() -> None:
-    answer = Hypotheses(
-        sender="coordinator", pose=ANSWER, hypotheses=(place(0.7, cluster=4), place(0.3, cluster=1))
-    )
-    assert [found["cluster"] for found in json_object(answer)["hypotheses"]] == [4, 1]
 
 
 def test_infinite_and_nan_numbers_become_null_in_json() -> None:

@@ -10,7 +10,6 @@ from clustermcl.commands.as_text import (
     hypotheses_lines,
     place_text,
     pose_lines,
-    pose_text,
     status_lines,
 )
 from clustermcl.protocol.advice import Advice, Way
@@ -18,12 +17,7 @@ from clustermcl.protocol.answers import Hypotheses
 from clustermcl.protocol.health import SourceHealth
 from clustermcl.protocol.job_events import Ended, NumberedEvent
 from clustermcl.protocol.why import Why, why_text
-from tests.unit.clustermcl.test_as_json import ANSWER
-from tests.unit.evaluation.places import STATUS, belief, place
-
-
-def test_a_pose_is_written_in_metres_and_degrees() -> None:
-    assert pose_text((1.234, -4.5, math.pi / 2)) == "x 1.23 m  y -4.50 m  heading 90.0 deg"
+from tests.unit.evaluation.places import ANSWER, STATUS, belief, place
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 1.2, math.pi / 2])
@@ -40,6 +34,9 @@ def test_a_pose_is_printed_with_the_reasons_to_doubt_it() -> None:
         "stale: the newest data is 12.3 s old",
         "no worker is alive: the belief does not follow the robot",
     ]
+    none = {"state": "searching", "freshness": "none", "pose": None, "covariance": None}
+    before = msgspec.structs.replace(ANSWER, **none)
+    assert list(pose_lines(before)) == ["searching: no scan has arrived yet"]
     unsure = msgspec.structs.replace(ANSWER, elsewhere_probability=0.123)
     assert list(pose_lines(unsure))[1:] == ["it may be elsewhere, with probability 0.12"]
     assert list(pose_lines(ANSWER)) == [
@@ -75,13 +72,6 @@ def test_a_belief_that_no_worker_has_weighed_is_dead_reckoning() -> None:
     assert belief_line(unweighed).startswith("step 7: ambiguous, dead reckoning; ")
 
 
-def test_before_the_first_scan_the_text_has_no_pose() -> None:
-    none = msgspec.structs.replace(
-        ANSWER, state="searching", freshness="none", pose=None, covariance=None
-    )
-    assert list(pose_lines(none)) == ["searching: no scan has arrived yet"]
-
-
 def test_a_belief_is_one_line_however_many_places_there_are() -> None:
     places = [place(0.1)] * 8 + [place(0.009)] * 3
     line = belief_line(belief(7, "ambiguous", *places, searching=True, elsewhere_probability=0.1))
@@ -100,24 +90,20 @@ def test_a_belief_is_one_line_however_many_places_there_are() -> None:
     assert belief_line(halfway) == "step 0: searching 50 %"
 
 
-def test_a_status_lists_the_sources_of_observations() -> None:
+def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:
     source = SourceHealth(
         name="eye exit", recent_nat=9.4, outlier_rate=0.1, broken_probability=0.04
     )
-    bridge = msgspec.structs.replace(STATUS.processes[0], sources=(source,))
-    lines = list(status_lines(msgspec.structs.replace(STATUS, processes=(bridge,))))
-    assert lines[-1] == "    source eye exit: 9.4 nat in 20 steps, broken with probability 4%"
-
-
-def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:
-    lines = list(status_lines(STATUS))
-    at = lines.index("processes")
-    assert lines[at + 1 :] == [
+    coordinator, worker = STATUS.processes
+    processes = (coordinator, msgspec.structs.replace(worker, sources=(source,)))
+    lines = list(status_lines(msgspec.structs.replace(STATUS, processes=processes)))
+    assert lines[lines.index("processes") + 1 :] == [
         "  coordinator (coordinator) 1.2, up 99 s, 50 MB",
         "    dropped or refused: scan of another map: 7"
         " (the bridge and this process have different maps)",
         "  worker-0 (worker) 1.1, up 9 s, silent for 5 s",
         "    reports: 80, 9.5/s, last 5.2 s ago",
+        "    source eye exit: 9.4 nat in 20 steps, broken with probability 4%",
     ]
 
 

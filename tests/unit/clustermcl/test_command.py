@@ -121,17 +121,19 @@ def test_an_option_that_stands_before_the_command_is_named(words: list[str]) -> 
     assert f"{option} stands before the command: clustermcl {option} {words[0]}" in result.output
 
 
-def test_an_unreachable_system_has_another_exit_code_than_wrong_usage() -> None:
-    codes = {
-        words: subprocess.run(
-            [sys.executable, "-I", "-m", "clustermcl", *words.split()],
-            capture_output=True, check=False, timeout=60,
-        ).returncode
-        for words in (
-            "pose --router tcp/127.0.0.1:9 --set zenoh.connect_timeout_s=0.1",
-            "pose --router nonsense",
-            "pose --nonsense",
-            "watch --robot a/b",
-        )
-    }  # fmt: skip
-    assert list(codes.values()) == [3, 2, 2, 2], codes
+@pytest.mark.parametrize(("words", "code", "says"), [
+    *((f"{name} --router unixsock-stream//tmp/clustermcl-nobody-listens-here", 3, "no router")
+      for name in ("pose", "watch", "relocalize")),
+    ("pose --router nonsense", 2, "nonsense"),
+    ("watch --robot a/b", 2, "a/b"),
+])  # fmt: skip
+def test_an_unreachable_system_has_another_exit_code_than_wrong_usage(
+    words: str, code: int, says: str
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-I", "-m", "clustermcl", *words.split()],
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (code, "")
+    assert says in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -9,6 +9,7 @@ END = "40 steps, 1 lost, 1 workers, 3.0 s."
 
 def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
     summary = DemoSummary()
+    assert list(summary.lines(STATUS, 3.0)) == [END]
     summary.on_belief(belief(0, "searching"))
     for step in (1, 2):
         summary.on_belief(
@@ -33,6 +34,8 @@ def test_the_summary_lists_held_places_and_the_step_of_the_decision() -> None:
         END,
     ]
     assert summary.localized_steps == 3
+    summary.on_belief(belief(6, "ambiguous", place(0.5), place(0.5)))
+    assert summary.localized_steps == 0
 
 
 def test_places_below_one_per_cent_change_no_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -44,19 +47,6 @@ def test_places_below_one_per_cent_change_no_line(capsys: pytest.CaptureFixture[
     first, merged = capsys.readouterr().out.splitlines()
     assert "probabilities 0.50, 0.49, 1 more" in first
     assert merged == "step 2: place 1 merged into place 0 (49 %)"
-
-
-def test_an_ambiguous_step_resets_the_count_of_localized_steps() -> None:
-    summary = DemoSummary()
-    for step in range(5):
-        summary.on_belief(belief(step, "ambiguous" if step == 2 else "localized", place(0.9)))
-    assert summary.localized_steps == 2
-
-
-def test_a_summary_without_steps_has_the_counts_only() -> None:
-    summary = DemoSummary()
-    assert list(summary.lines(STATUS, 3.0)) == [END]
-    assert summary.localized_steps == 0
 
 
 def test_the_first_step_that_is_localized_at_the_true_pose_is_named() -> None:

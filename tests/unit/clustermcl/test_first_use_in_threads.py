@@ -13,23 +13,6 @@ from pathlib import Path
 from clustermcl.runtime.settings_file import load_settings
 use = lambda: load_settings(Path(folder, "settings.toml"), ["search.poses=200"])
 """
-LANDMARKS_FILE = """
-from clustermcl.recordings.maps.landmarks import load_landmarks
-use = lambda: load_landmarks(f"{folder}/landmarks.yaml")
-"""
-MESSAGE = """
-from clustermcl.protocol.codec import decode, encode
-from clustermcl.protocol.steps import OdometryReading
-data = encode(OdometryReading(sender="r", stamp_ns=1, odom_from_robot=(0.0, 0.0, 0.0)))
-use = lambda: decode(data, OdometryReading)
-"""
-ORDER = """
-import msgspec
-from clustermcl.filter.settings import FilterSettings
-from clustermcl.worker.worker import converted
-order = msgspec.to_builtins(FilterSettings())
-use = lambda: converted(order, FilterSettings)
-"""
 LIBRARY = """
 import threading
 from clustermcl.filter.settings import SensorSettings
@@ -72,9 +55,7 @@ for _ in range(int(times)):
 
 
 @pytest.mark.parametrize(
-    ("use", "times"),
-    [(SETTINGS_FILE, 60), (LANDMARKS_FILE, 30), (MESSAGE, 12), (ORDER, 12), (LIBRARY, 5)],
-    ids=["a settings file", "a landmarks file", "a message", "a worker's order", "the library"],
+    ("use", "times"), [(SETTINGS_FILE, 60), (LIBRARY, 5)], ids=["a settings file", "the library"]
 )
 def test_several_threads_may_use_it_first(use: str, times: int, tmp_path: Path) -> None:
     write_map(world("cross_feature").map, tmp_path, "map")

@@ -6,19 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl import Belief, ClusterMCL, CommandRefusedError, GridMap, Reading, load_map
+from clustermcl import Belief, ClusterMCL, CommandRefusedError, GridMap, load_map
 from clustermcl.simulator.simulation import Simulation, Tick
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
 from tests.maps import write_map
+from tests.unit.clustermcl import tags
 
 CROSS, HALL = world("cross_feature"), world("hall")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path_factory.getbasetemp() / "cache"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
 
 
 @pytest.fixture
@@ -37,13 +32,8 @@ def driven(
     mcl: ClusterMCL, robot: Iterator[Tick], ticks: int
 ) -> tuple[Belief, tuple[float, float, float]]:
     """Return the last belief while a robot drives in the hall, and its true pose there."""
-    found, truth = None, (0.0, 0.0, 0.0)
-    for tick in islice(robot, ticks):
-        for message in (*tick.odometry, tick.laser):
-            if (belief := mcl.update(Reading.of(message))) is not None:
-                found, truth = belief, tick.map_from_robot
-    assert found is not None
-    return found, truth
+    *_, (belief, tick) = tags.driven(mcl, islice(robot, ticks))
+    return belief, tick.map_from_robot
 
 
 def test_the_belief_names_the_floor_and_the_pose_there(building: GridMap) -> None:

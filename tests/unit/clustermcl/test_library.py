@@ -1,6 +1,5 @@
 """The library: the beliefs of `evaluate`, from plain numpy arrays."""
 
-import gzip
 import inspect
 import re
 import sys
@@ -29,6 +28,7 @@ from clustermcl import (
     load_map,
     read_recording,
 )
+from clustermcl.protocol.steps import LaserReading
 from clustermcl.recordings.recording import open_recording
 from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.recorded import steps_of
@@ -40,12 +40,6 @@ from tests.maps import write_map
 from tests.unit.recordings import bags, logs
 
 STEPS = 30
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path_factory.getbasetemp() / "cache"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +59,9 @@ def test_beliefs_equal_those_of_evaluate_bit_for_bit(readings: list[Reading]) ->
     mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
     beliefs, expected = believed(mcl, readings)[:STEPS], outcomes_of(SMALL, steps=STEPS)
     assert len(beliefs) == STEPS
+    for shown in (mcl, beliefs[-1], beliefs[-1].map, readings[0], readings[-1]):
+        assert len(repr(shown)) < 200, repr(shown)
+        assert repr(shown).isprintable()
     for belief, outcome in zip(beliefs, expected, strict=True):
         assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
         assert belief.state == outcome.state
@@ -96,54 +93,35 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
     assert [belief.hypotheses for belief in beliefs] == expected
 
 
-def files(folder: Path) -> dict[str, Path]:
-    made = {
-        "carmen": [logs.odom(1.0), logs.flaser(1.1, (0.5, 0, 0)), logs.odom(1.2)],
-        "robot laser": [logs.robot_laser(1.0, (1.0, 2.0, 3.0), (0.1, 0, 0), (0, 0, 0))],
-    }
-    paths = {}
-    for name, lines in made.items():
-        paths[name] = folder / f"{name}.log"
-        paths[name].write_text("\n".join(lines) + "\n")
-    paths["packed"] = folder / "packed.log.gz"
-    paths["packed"].write_bytes(gzip.compress(paths["carmen"].read_bytes()))
+def test_no_field_of_a_recorded_reading_is_lost(tmp_path: Path) -> None:
+    log = tmp_path / "robot.log"
+    log.write_text(logs.robot_laser(1.0, (1.0, 2.0, 3.0), (0.1, 0, 0), (0, 0, 0)) + "\n")
     mount = bags.fixed_tf("base_link", "laser", (0.2, 0.0, 0.1))
-    for form in ("sqlite3", "mcap", "ros1"):
-        moves = [bags.tf(at, "odom", "base_link", (1.0, 2.0, 0.0)) for at in (10, 20)]
-        sent = [mount, moves[0], bags.scan(10), moves[1]]
-        paths[form] = bags.written(folder, form, sent)
-    return paths
-
-
-def test_every_format_is_read_whole(tmp_path: Path) -> None:
-    """No field of a reading is lost on the way through the library's class."""
-    for name, path in files(tmp_path).items():
+    moves = [bags.tf(at, "odom", "base_link", (1.0, 2.0, 0.0)) for at in (10, 20)]
+    bag = bags.written(tmp_path, "mcap", [mount, moves[0], bags.scan(10), moves[1]])
+    for path in (log, bag):
         expected = open_recording(path, BridgeSettings()).readings
-        assert expected, name
+        assert expected, path
         read = [reading.as_message(0, (9.0, 9.0, 9.0)) for reading in read_recording(path)]
-        assert read == [msgspec.structs.replace(one, sender="library") for one in expected], name
+        assert read == [msgspec.structs.replace(one, sender="library") for one in expected], path
+
+
+def scan_of(laser: LaserReading) -> dict[str, Any]:
+    return {
+        "ranges": laser.ranges.array(), "angle_min": laser.angle_min_rad,
+        "angle_step": laser.angle_step_rad, "range_max": laser.range_max_m,
+    }  # fmt: skip
 
 
 def test_readings_of_arrays_give_beliefs_and_a_standing_robot_gives_none() -> None:
-    hall = world("hall")
-    mcl = ClusterMCL(hall.map, robot_from_laser=(0.1, 0.0, 0.0), seed=1, settings={
-        "cluster.particles": 300, "search.poses": 4_000,
-    })  # fmt: skip
-    tick = next(iter(Simulation(hall, 0)))
-    laser = tick.laser
-    for odometry, steps in (((0.0, 0.0, 0.0), 1), (np.zeros(3), 1), ([0.3, 0.0, 0.0], 2)):
-        mcl.update(
-            Reading(
-                odometry,
-                laser.ranges.array(),
-                angle_min=laser.angle_min_rad,
-                angle_step=laser.angle_step_rad,
-                range_max=laser.range_max_m,
-            )
-        )
+    hall, small = world("hall"), {"cluster.particles": 300, "search.poses": 4_000}
+    mcl = ClusterMCL(hall.map, robot_from_laser=(0.1, 0.0, 0.0), seed=1, settings=small)
+    scan = scan_of(next(iter(Simulation(hall, 0))).laser)
+    for odometry, step in (((0.0, 0.0, 0.0), 0), (np.zeros(3), 0), ([0.3, 0.0, 0.0], 1)):
+        mcl.update(Reading(odometry, **scan))
         assert mcl.belief is not None
-        assert mcl.belief.step == steps - 1
-    assert mcl.update(Reading(np.array([0.3, 0.0, 0.0]), laser.ranges.array(), angle_min=laser.angle_min_rad, angle_step=laser.angle_step_rad, range_max=laser.range_max_m), force=True)  # fmt: skip # noqa: E501
+        assert mcl.belief.step == step
+    assert mcl.update(Reading(np.array([0.3, 0.0, 0.0]), **scan), force=True)
     assert mcl.belief.scan.robot_from_laser == (0.1, 0.0, 0.0)
 
 
@@ -190,6 +168,9 @@ def test_wrong_arguments_are_refused_in_a_sentence() -> None:
         ClusterMCL(hall, robot_from_laser=(0.0, 0.0, 180.0))
     with pytest.raises(TypeError, match=r"update takes a Reading, not dict: \{'ranges"):
         mcl.update({"ranges": []})
+    for wrong in ({"belief.max_cluster": 8}, {"belief": 8}, {"belief.max_clusters": 0}):
+        with pytest.raises(SettingsError, match=next(iter(wrong))):
+            ClusterMCL(hall, settings=wrong)
     for call in (ClusterMCL, mcl.change_map):
         with pytest.raises(TypeError, match=r"'map.yaml', a str: give .* load_map\('map.yaml'\)"):
             call("map.yaml")
@@ -223,15 +204,6 @@ def test_what_a_robot_may_send_once_is_counted_and_warned_of_once() -> None:
         assert mcl.dropped[cause] == 2
     with pytest.warns(UserWarning, match="full turn, shown once: right only if"):
         mcl.update(Reading((0.0, 0.0, 90.0), stamp_ns=10_300_000_000))
-
-
-def test_settings_are_set_by_name_and_invalid_ones_refused() -> None:
-    hall = world("hall").map
-    for wrong in ("belief.max_cluster", "nonsense", "motion.alpha1", "belief"):
-        with pytest.raises(SettingsError, match=wrong):
-            ClusterMCL(hall, settings={wrong: 8})
-    with pytest.raises(SettingsError, match="expected"):
-        ClusterMCL(hall, settings={"belief.max_clusters": 0})
 
 
 def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> None:
@@ -346,16 +318,9 @@ def test_two_lasers_join_a_step_and_one_may_be_upside_down() -> None:
     for upside_down in (False, True):
         mcl = ClusterMCL(hall.map, settings=SMALL)
         for tick in islice(Simulation(hall, 0), 12):
-            laser = tick.laser
-            ranges = laser.ranges.array()
-            scan = {
-                "ranges": ranges[::-1] if upside_down else ranges,
-                "angle_min": laser.angle_min_rad,
-                "angle_step": laser.angle_step_rad,
-                "range_max": laser.range_max_m,
-                "stamp_ns": laser.stamp_ns,
-                "upside_down": upside_down,
-            }
+            scan = scan_of(tick.laser)
+            scan |= {"stamp_ns": tick.laser.stamp_ns, "upside_down": upside_down}
+            scan["ranges"] = scan["ranges"][:: -1 if upside_down else 1]
             pose = tick.odometry[0].odom_from_robot
             mcl.update(Reading(pose, **scan, laser="rear"))
             mcl.update(Reading(pose, **scan, laser="front"))
@@ -366,18 +331,14 @@ def test_two_lasers_join_a_step_and_one_may_be_upside_down() -> None:
     assert places[0] == pytest.approx(places[1], abs=1e-3)
 
 
-def test_a_belief_draws_itself(readings: list[Reading]) -> None:
+def test_a_belief_draws_itself_or_names_the_extra(
+    readings: list[Reading], monkeypatch: pytest.MonkeyPatch
+) -> None:
     mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
     belief = believed(mcl, readings[:40])[-1]
     assert belief._repr_png_().startswith(b"\x89PNG")
     axes = belief.plot()
     assert axes.get_xlim()[0] == pytest.approx(belief.map.map_from_grid[0], abs=1.0)
-
-
-def test_plot_without_matplotlib_names_the_extra(
-    readings: list[Reading], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    belief = believed(ClusterMCL(world("cross_feature").map, settings=SMALL), readings[:10])[0]
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ImportError, match=r"pip install 'clustermcl\[plots\]'"):
         belief.plot()
@@ -398,16 +359,6 @@ def test_a_map_is_made_of_an_array() -> None:
     assert repr(grid_map) == "<GridMap of 3.0 m x 2.0 m, 30 x 20 cells, 0 landmarks>"
     with pytest.raises(ValueError, match="2-d"):
         GridMap.from_array(np.zeros(4), 0.1)
-
-
-def test_what_users_hold_shows_itself_in_one_line(readings: list[Reading]) -> None:
-    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
-    assert "no step yet" in repr(mcl)
-    belief = believed(mcl, readings[:20])[-1]
-    for shown in (mcl, belief, belief.map, readings[0], readings[-1]):
-        assert len(repr(shown)) < 200, repr(shown)
-        assert repr(shown).isprintable()
-    assert f"step {belief.step}: {belief.state}, {belief.probability:.1%} at " in repr(mcl)
 
 
 def test_a_simulated_robot_drives_the_same_way_again_and_is_found() -> None:

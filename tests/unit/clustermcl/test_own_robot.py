@@ -15,11 +15,9 @@ from clustermcl.runtime.settings import BridgeSettings
 from clustermcl.sensor_bridge.step_maker import StepMaker, steps_from
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
-from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.system.conftest import SMALL
-from tests.unit.clustermcl.tags import is_right
+from tests.unit.clustermcl.tags import OFFICE, is_right
 
-OFFICE = world("office")
 ALL_ROUND = LidarModel(beams=360, field_of_view_rad=math.radians(359.0))
 POSTS = [slice(first, first + 20) for first in (20, 110, 200, 290)]
 POST_M = 0.25
@@ -94,7 +92,7 @@ def test_a_laser_that_sees_its_own_robot_is_found_in_the_office() -> None:
         for reading in tick.readings:
             if belief := mcl.update(Reading.of(with_posts(reading))):
                 states.append(belief.state)
-                rights.append(is_right(belief, tick) if belief.hypotheses else False)
+                rights.append(bool(belief.hypotheses) and is_right(belief, tick))
     assert states.count("lost") < 20
     assert all(rights[-40:])
     assert states[-40:] == ["localized"] * 40

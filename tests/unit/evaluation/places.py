@@ -4,7 +4,7 @@ from typing import Any
 
 from clustermcl.belief.outcome import Outcome
 from clustermcl.protocol.advice import Way
-from clustermcl.protocol.answers import Belief, Hypothesis, State, Status
+from clustermcl.protocol.answers import Belief, Hypothesis, PoseAnswer, State, Status
 from clustermcl.protocol.health import Health
 from clustermcl.protocol.message import Covariance, PoseTuple
 
@@ -66,6 +66,11 @@ def outcome(
     )
 
 
+ANSWER = PoseAnswer(
+    sender="coordinator", state="localized", freshness="fresh", stamp_ns=7, age_s=0.5, step=3,
+    probability=0.95, pose=(1.0, 2.0, 3.0), covariance=COVARIANCE, workers=4,
+    elsewhere_probability=0.005,
+)  # fmt: skip
 STATUS = Status(
     sender="coordinator", version="1.2", state="localized", freshness="fresh", age_s=0.25,
     step=41, steps_applied=40, steps_lost=1, reports_missing=2, map_digest="abc", clusters=3,

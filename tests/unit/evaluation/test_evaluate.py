@@ -3,6 +3,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
@@ -102,29 +103,16 @@ HALL = SimulatedRobot(world="hall")
 LOG = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"))
 
 
-@pytest.mark.parametrize(
-    ("robot", "starts", "steps", "updates"),
-    [
-        (HALL, None, None, 300),
-        (HALL, None, 9, 9),
-        (HALL, 8, None, 60),
-        (LOG, None, None, None),
-        (LOG, 8, None, 60),
-        (LOG, 8, 9, 9),
-    ],
-)
-def test_the_default_length_of_a_run_depends_on_the_robot_and_on_starts(
-    robot: SimulatedRobot | RecordedRobot,
-    starts: int | None,
-    steps: int | None,
-    updates: int | None,
-) -> None:
-    assert case_of(robot, 1, starts, steps)[0].updates == updates
-
-
-def test_each_start_of_a_simulated_robot_has_a_seed_of_its_own() -> None:
-    assert case_of(HALL, 1, 8, None)[1] == 8
-    assert case_of(LOG, 3, 8, None)[1] == 3
+@pytest.mark.parametrize(("robot", "starts", "steps", "updates", "seeds"), [
+    (HALL, None, None, 300, 1), (HALL, None, 9, 9, 1), (HALL, 8, None, 60, 8),
+    (LOG, None, None, None, 1), (LOG, 8, None, 60, 1), (LOG, 8, 9, 9, 1),
+])  # fmt: skip
+def test_the_length_of_a_run_and_the_seeds_depend_on_the_robot_and_on_starts(
+    robot: SimulatedRobot | RecordedRobot, starts: int | None, steps: int | None,
+    updates: int | None, seeds: int,
+) -> None:  # fmt: skip
+    case, found = case_of(robot, 1, starts, steps)
+    assert (case.updates, found) == (updates, seeds)
 
 
 def test_robots_are_named_by_their_source() -> None:
@@ -150,3 +138,11 @@ def test_an_output_file_in_a_missing_folder_is_refused_before_any_run(
     refused = CliRunner().invoke(app, words).exception
     assert isinstance(refused, OutputError)
     assert "/nonexistent/x.csv: cannot be written: its folder" in str(refused)
+
+
+def test_a_row_of_the_output_has_the_measures_of_a_run(tmp_path: Path) -> None:
+    words = ["evaluate", "sim:hall", "--steps", "8", "--output", str(tmp_path / "runs.csv")]
+    small = ["--set", "belief.max_clusters=4", "--set", "cluster.particles=200"]
+    assert CliRunner().invoke(app, [*words, *small]).exit_code == 0
+    (row,) = pd.read_csv(tmp_path / "runs.csv").to_dict("records")
+    assert (row["recording"], row["steps"], row["localized"]) == ("sim:hall", 8, True)

@@ -8,9 +8,10 @@ from tests.integration.waiting import wait_until
 from tests.unit.evaluation.work_pieces import work
 
 
-def test_each_piece_is_done_once_whatever_the_order() -> None:
-    done = dict(in_parallel(work, ["a", "b", "c"], 2, StopFlag()))
-    assert done == {0: "A", 1: "B", 2: "C"}
+def test_each_piece_is_done_once_and_signals_to_the_group_are_left_to_the_parent() -> None:
+    done = dict(in_parallel(work, ["a", "signalled", "c"], 2, StopFlag()))
+    assert done == {0: "A", 1: "SIGNALLED", 2: "C"}
+    assert list(in_parallel(work, [], 4, StopFlag())) == []
 
 
 def test_an_error_of_a_piece_is_raised_and_ends_the_others() -> None:
@@ -31,11 +32,3 @@ def test_a_stop_ends_what_hangs_and_keeps_what_is_done() -> None:
         stop.set()
     assert done == [(0, "A")]
     wait_until(lambda: not multiprocessing.active_children())  # a thread of the pool reaps, too
-
-
-def test_a_signal_to_the_whole_group_is_left_to_the_parent() -> None:
-    assert list(in_parallel(work, ["signalled"], 1, StopFlag())) == [(0, "SIGNALLED")]
-
-
-def test_no_work_gives_no_results() -> None:
-    assert list(in_parallel(work, [], 4, StopFlag())) == []

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from clustermcl.evaluation.references import load_reference
 from clustermcl.protocol.errors import ReferenceFileError
-from tests.unit.recordings import recording_or_skip
 
 S = 1_000_000_000
 
@@ -43,21 +42,9 @@ def test_a_robot_that_leans_has_the_heading_seen_from_above(tmp_path: Path) -> N
     assert reference.pose_at(S) == pytest.approx((0, 0, 0.5))
 
 
-def test_stamps_that_step_back_still_find_their_poses(tmp_path: Path) -> None:
-    stamps = [1.0, 3.0, 2.1, 4.0]
-    reference = load_reference(write(tmp_path, *(line(t, i) for i, t in enumerate(stamps))))
-    assert [reference.pose_at(round(t * S)) for t in stamps] == [
-        (float(i), 0.0, 0.0) for i in range(4)
-    ]
-
-
-def test_the_first_of_two_poses_with_one_stamp_is_used(tmp_path: Path) -> None:
-    reference = load_reference(write(tmp_path, line(1, 5), line(1, 6)))
-    assert reference.pose_at(S) == (5.0, 0.0, 0.0)
-
-
 def test_outside_the_known_times_the_end_poses_hold_for_a_second(tmp_path: Path) -> None:
-    reference = load_reference(write(tmp_path, line(10, 1), line(11, 2)))
+    lines = line(11, 2), line(10, 1), line(10, 7)  # stamps may step back; the first of two counts
+    reference = load_reference(write(tmp_path, *lines))
     assert reference.pose_at(9 * S) == (1.0, 0.0, 0.0)
     assert reference.pose_at(12 * S) == (2.0, 0.0, 0.0)
     assert reference.pose_at(9 * S - 1) is None
@@ -90,15 +77,3 @@ def test_a_broken_reference_is_refused_with_the_line(
     with pytest.raises(ReferenceFileError) as caught:
         load_reference(path)
     assert problem in str(caught.value)
-
-
-@pytest.mark.parametrize("name", ["intel", "fhw", "crob-jarvis"])
-def test_references_of_real_recordings_load(name: str) -> None:
-    path = recording_or_skip(f"{name}/groundtruth.tum")
-    reference = load_reference(path)
-    lines = [text.split() for text in path.read_text().splitlines()[1:]]
-    assert len(reference) == len(lines)
-    for words in lines[:: len(lines) // 50]:
-        pose = reference.pose_at(round(float(words[0]) * 1e6) * 1000)
-        assert pose is not None
-        assert pose[:2] == (float(words[1]), float(words[2]))

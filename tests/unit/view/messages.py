@@ -48,20 +48,10 @@ def events(*numbers: int, term: int = 1) -> JobEvents:
     return JobEvents(sender="coordinator", events=numbered, term=term)
 
 
-POSE = PoseAnswer(
-    sender="coordinator",
-    state="ambiguous",
-    freshness="fresh",
-    stamp_ns=0,
-    age_s=0.1,
-    step=0,
-    probability=0.5,
-    pose=(1.0, 2.0, 0.5),
-    covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01),
-    workers=2,
-    term=1,
-    elsewhere_probability=0.1,
-)
+POSE = replace(
+    places.ANSWER, state="ambiguous", age_s=0.1, probability=0.5, pose=(1.0, 2.0, 0.5), workers=2,
+    covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01), term=1, elsewhere_probability=0.1,
+)  # fmt: skip
 
 
 def pose(step: int, **changed: Any) -> PoseAnswer:

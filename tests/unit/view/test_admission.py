@@ -7,32 +7,23 @@ HERE = Admission(Address("127.0.0.1", 8350))
 THERE = Admission(Address("0.0.0.0", 8350), token="secret")
 
 
-@pytest.mark.parametrize(
-    ("text", "host", "port"),
-    [
-        ("127.0.0.1:80", "127.0.0.1", 80),
-        ("robot.example", "robot.example", DEFAULT_PORT),
-        (":9000", "127.0.0.1", 9000),
-        ("[::1]:9000", "::1", 9000),
-        ("0.0.0.0:0", "0.0.0.0", 0),
-    ],
-)
-def test_addresses_are_parsed(text: str, host: str, port: int) -> None:
+@pytest.mark.parametrize(("text", "host", "port", "loopback"), [
+    ("127.0.0.1:80", "127.0.0.1", 80, True),
+    ("localhost", "localhost", DEFAULT_PORT, True),
+    ("robot.example", "robot.example", DEFAULT_PORT, False),
+    (":9000", "127.0.0.1", 9000, True),
+    ("[::1]:9000", "::1", 9000, True),
+    ("0.0.0.0:0", "0.0.0.0", 0, False),
+])  # fmt: skip
+def test_addresses_are_parsed(text: str, host: str, port: int, loopback: bool) -> None:
     assert parsed_address(text) == Address(host, port)
+    assert Address(host, port).is_loopback is loopback
 
 
 @pytest.mark.parametrize("text", ["", "x:y", "x:70000", "http://x", "a/b", "u@h:1", "[::1"])
 def test_malformed_addresses_are_refused(text: str) -> None:
     with pytest.raises(SettingsError, match="--listen"):
         parsed_address(text)
-
-
-@pytest.mark.parametrize(
-    ("host", "loopback"),
-    [("127.0.0.1", True), ("::1", True), ("localhost", True), ("0.0.0.0", False), ("r.x", False)],
-)
-def test_loopback_addresses_are_recognised(host: str, loopback: bool) -> None:
-    assert Address(host, 1).is_loopback is loopback
 
 
 NAME = THERE.cookie.partition("=")[0]

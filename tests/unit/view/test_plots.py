@@ -1,17 +1,14 @@
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from PIL import Image
-from typer.testing import CliRunner
 
-from clustermcl.commands.command import app
 from clustermcl.protocol.answers import Hypothesis
 from clustermcl.recordings.maps.grid_map import GridMap
 from clustermcl.view.plots import PALETTE, draw_map, draw_places, new_figure, percent
+from tests.unit.evaluation.places import place
 
 ROOM = np.zeros((20, 40), np.int8)
 ROOM[:10, 20:] = 1  # the low right quarter is a wall
@@ -22,15 +19,6 @@ def drawn(heading: float, places: tuple[Hypothesis, ...] = (), **more: Any) -> A
     draw_map(axes, GridMap(ROOM, 0.5, (-4.0, 2.0, heading)))
     draw_places(axes, places, **more)
     return axes
-
-
-def place(probability: float, spread_m2: float = 0.01) -> Hypothesis:
-    covariance = (spread_m2, 0.0, 0.0, 0.0, spread_m2, 0.0, 0.0, 0.0, 0.01)
-    return Hypothesis(
-        cluster=1, pose=(1.0, 8.0, math.pi / 2), covariance=covariance,
-        probability=probability, log_probability=math.log(probability),
-        effective_sample_size=100.0, age_steps=1,
-    )  # fmt: skip
 
 
 def test_a_map_is_drawn_in_metres_and_rotated() -> None:
@@ -51,7 +39,9 @@ def test_a_map_is_drawn_in_metres_and_rotated() -> None:
 def test_a_place_is_drawn_in_its_colour_with_its_probability(
     probability: float, spread_m2: float
 ) -> None:
-    axes = drawn(0.0, (place(probability, spread_m2),), truth=(2.0, 5.0, 0.0))
+    spread = (spread_m2, 0.0, 0.0, 0.0, spread_m2, 0.0, 0.0, 0.0, 0.01)
+    at = place(probability, (1.0, 8.0, math.pi / 2), cluster=1, covariance=spread)
+    axes = drawn(0.0, (at,), truth=(2.0, 5.0, 0.0))
     (marker,) = axes.collections
     assert marker.get_offsets().tolist() == [[1.0, 8.0]]
     assert tuple(marker.get_facecolor()[0][:3]) == pytest.approx(
@@ -67,14 +57,3 @@ def test_a_place_is_drawn_in_its_colour_with_its_probability(
 )
 def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
     assert percent(probability) == written
-
-
-def test_evaluate_draws_one_run(tmp_path: Path) -> None:
-    file = tmp_path / "run.png"
-    small = ["--set", "belief.max_clusters=4", "--set", "cluster.particles=200"]
-    words = ["evaluate", "sim:hall", "--steps", "8", "--plot", str(file), *small]
-    assert CliRunner().invoke(app, words).exit_code == 0
-    with Image.open(file) as picture:
-        assert len(picture.convert("RGB").getcolors(2**24)) > 100, "path, colour bar, two curves"
-    refused = CliRunner().invoke(app, [*words, "--seeds", "2"])
-    assert "a file has one run" in str(refused.exception)

@@ -1,17 +1,13 @@
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from clustermcl.protocol.errors import ClusterMclError
 from clustermcl.simulator.worlds.catalogue import world
-from clustermcl.view.admission import Address
 from clustermcl.view.picture import Picture
-from clustermcl.view.recorded_run import RecordedRun, view_recording
+from clustermcl.view.recorded_run import RecordedRun
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import Recordings
 from tests.unit.recordings.test_run_log import STEPS, step_scan, write_run
@@ -30,17 +26,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "run.mcap"
     write_run(path)
     return path
-
-
-@pytest.fixture(scope="module")
-def flight(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
-    """Of 30 steps in a room with two places that look alike, in several files."""
-    folder = Path(tmp_path_factory.mktemp("recording"))
-    living = Living(symmetric_room(), made=Recordings(folder, 1_000_000).make)
-    for step in range(30):
-        living.drive(step)
-    assert len(list(folder.iterdir())) > 1
-    return read(RecordedRun(folder, map_message()))
 
 
 def live(step: int) -> Picture:
@@ -75,13 +60,16 @@ def test_a_recorded_step_shows_the_frames_of_the_live_page(file: Path, step: int
     assert shown == was
 
 
-def test_a_flight_recording_is_shown_from_file_to_file(flight: RecordedRun) -> None:
+def test_a_flight_recording_is_shown_from_file_to_file(tmp_path: Path) -> None:
+    """Of 30 steps in a room with two places that look alike, in several files."""
+    living = Living(symmetric_room(), made=Recordings(tmp_path, 1_000_000).make)
+    for step in range(30):
+        living.drive(step)
+    assert len(list(tmp_path.iterdir())) > 1
+    flight = read(RecordedRun(tmp_path, map_message()))
     shown = flight.picture.everything()
     assert shown["step"]["step"] == 29
     assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(30))
-
-
-def test_each_recorded_step_has_its_places_pose_scan_and_events(flight: RecordedRun) -> None:
     frames = past(flight, 20)
     step, pose = frames["step"], frames["pose"]
     assert (step["step"], pose["step"]) == (20, 20)
@@ -105,25 +93,3 @@ def test_the_recording_of_a_killed_recorder_is_shown_up_to_its_end(
     shown = read(RecordedRun(cut, None)).picture.everything()
     assert 0 < shown["step"]["step"] < STEPS - 1
     assert "is cut off or damaged" in caplog.text
-
-
-def test_a_run_is_written_for_reruns_viewer(file: Path, tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="the extra rerun is not installed; .ci/run installs it")
-    saved = tmp_path / "run.rrd"
-    view_recording(file, Address("", 0), save_file=saved)
-    printed = subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", "print", "-vv", saved],
-        capture_output=True, text=True, timeout=60, check=True,
-    ).stdout  # fmt: skip
-    for entity in ("/map", "/scan", "/places", "/places/spread", "/probability/elsewhere"):
-        assert entity in printed
-    assert "Scalars" in printed
-    assert "Arrows3D" in printed
-
-
-def test_without_rerun_the_extra_is_named(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(ClusterMclError, match=r"pip install 'clustermcl\[rerun\]'"):
-        view_recording(file, Address("", 0), save_file=tmp_path / "run.rrd")

@@ -160,7 +160,5 @@ def test_a_laser_that_is_upside_down_is_noticed() -> None:
 
 
 def test_a_map_that_is_its_own_mirror_image_is_noticed() -> None:
-    some = itertools.islice(recorded(MOUNT), 10)
-    agreement = agreement_of(some, world("hall").map, FilterSettings())
-    alike = msgspec.structs.replace(agreement, decoy_localized_share=0.8)
+    alike = agreed(decoy_localized_share=0.8)
     assert any("its own mirror image" in remark for remark in remarks(alike))
