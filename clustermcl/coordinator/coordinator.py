@@ -9,6 +9,7 @@ from typing import assert_never
 
 import msgspec
 from msgspec import field
+from msgspec.structs import replace
 
 from clustermcl.belief.given_places import PriorPose
 from clustermcl.belief.outcome import belief_after
@@ -381,7 +382,7 @@ class Coordinator(Part):
     def pose(self, now_ns: int) -> PoseAnswer:
         answer = self.state.pose.answer(now_ns, len(self.state.placement.live))
         answer = self._floors.answered(answer, self.state.pose.outcome.hypotheses)
-        return msgspec.structs.replace(answer, term=self.term.number)
+        return replace(answer, term=self.term.number)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
         places = tuple(map(self._floors.place, self.state.pose.hypotheses()))

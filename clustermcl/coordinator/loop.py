@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from functools import partial
 
-import msgspec
+from msgspec.structs import replace
 
 from clustermcl.belief.free_ground import FreeGround
 from clustermcl.coordinator import events
@@ -205,7 +205,7 @@ class Loop:
     def _on_health(self, health: Health, received: Received) -> None:
         key = received.key
         if key != keys.BRIDGE_HEALTH:
-            health = msgspec.structs.replace(health, sender=keys.worker_name(key))
+            health = replace(health, sender=keys.worker_name(key))
         if not self._processes.on_health(key, health, time.monotonic_ns()):
             detail = f"{key}, more than {MAX_PROCESSES} processes"
             self._node.warn(_log, Cause.TOO_MANY_PROCESSES, detail)
@@ -262,10 +262,8 @@ class Loop:
     def _status(self, now_ns: int) -> Status:
         health = self._node.health
         status = self._coordinator.status(now_ns, health.dropped() | self._recorder.lost)
-        own = msgspec.structs.replace(
-            health.health(), sender=status.sender, dropped=status.counters
-        )
-        return msgspec.structs.replace(status, processes=(own, *self._processes.all(now_ns)))
+        own = replace(health.health(), sender=status.sender, dropped=status.counters)
+        return replace(status, processes=(own, *self._processes.all(now_ns)))
 
     def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
         for one in self._on(events.CommandArrived(decode(asked.payload, kind))):
@@ -363,8 +361,7 @@ class ProcessRegistry:
         self._forget(now_ns)
         ordered = sorted(self._newest.values(), key=lambda one: (one[1].role, one[1].sender))
         return tuple(
-            msgspec.structs.replace(health, age_s=(now_ns - received_ns) / 1e9)
-            for received_ns, health in ordered
+            replace(health, age_s=(now_ns - received_ns) / 1e9) for received_ns, health in ordered
         )
 
     def _forget(self, now_ns: int) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Container, Iterable
 from typing import ClassVar
 
 import msgspec
+from msgspec.structs import replace
 
 from clustermcl.belief.part import Count, Part
 from clustermcl.coordinator.jobs import HAND_OVER_NS
@@ -43,7 +44,7 @@ def is_bulky(report: Report) -> bool:
 def without_snapshot(report: Report) -> Report:
     """Return the report without particles, which are stored with the job."""
     if isinstance(report, TrackReport) and report.snapshot is not None:
-        return msgspec.structs.replace(report, snapshot=None)
+        return replace(report, snapshot=None)
     return report
 
 
@@ -236,4 +237,4 @@ class StepCollector(Part):
 
 def _without_beams(scan: Scan) -> Scan:
     empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-    return msgspec.structs.replace(scan, ranges=empty, others=())
+    return replace(scan, ranges=empty, others=())

@@ -1,11 +1,11 @@
 import math
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from clustermcl.coordinator.events import (
     OdometryArrived,
@@ -92,9 +92,9 @@ def observations(draw: st.DrawFn) -> Observation:
             cell_m=draw(st.floats(0.01, 1e8) | st.floats(0.5, 5.0)),
             log_likelihoods=ArrayBlob.of(np.resize(levels, sides), "float32"),
         )
-        seen = msgspec.structs.replace(seen, field=field)
-    usual = msgspec.structs.replace(seen, mean=(1.0,) * size)
-    usual = msgspec.structs.replace(usual, covariance=tuple(np.eye(size).ravel().tolist()))
+        seen = replace(seen, field=field)
+    usual = replace(seen, mean=(1.0,) * size)
+    usual = replace(usual, covariance=tuple(np.eye(size).ravel().tolist()))
     return usual if refusal_of(seen) else seen
 
 
@@ -156,10 +156,8 @@ def scans(draw: st.DrawFn) -> Scan:
         observations=tuple(draw(st.lists(seen_in_step(), max_size=3))),
         landmarks=tuple(draw(LANDMARKS)),
     )  # fmt: skip
-    usual = msgspec.structs.replace(scan(step.step), angle_step_rad=0.5)
-    seeing = msgspec.structs.replace(
-        usual, observations=step.observations, landmarks=step.landmarks
-    )
+    usual = replace(scan(step.step), angle_step_rad=0.5)
+    seeing = replace(usual, observations=step.observations, landmarks=step.landmarks)
     return next(one for one in (step, seeing, usual) if not refusal_of(one))
 
 
@@ -208,7 +206,7 @@ def reports(draw: st.DrawFn) -> work.Report:
     if job == "e0":
         return elsewhere(step, draw(LOGS))
     report = tracked(job, step, 1.0, pose, snapshot=draw(st.none() | st.just(cloud_at(pose, step))))
-    return msgspec.structs.replace(
+    return replace(
         report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),
         effective_sample_size=draw(st.floats(0.0, 1e9)), particles=draw(st.integers(1, 10**6)),
     )  # fmt: skip
@@ -252,7 +250,7 @@ def happen(story: Story, what: str, reported: Any, now_ns: int) -> None:
             assert isinstance(reported, work.TrackReport | work.SearchReport | work.ElsewhereReport)
             epoch = story.epochs.get(reported.job_id, 0)
             worker = story.places.get(reported.job_id, "a")
-            reported = msgspec.structs.replace(reported, epoch=epoch)
+            reported = replace(reported, epoch=epoch)
             story.follow(coordinator.handle(ReportArrived(worker, reported), now_ns))
         case "odometry":
             coordinator.handle(OdometryArrived(reported), now_ns)

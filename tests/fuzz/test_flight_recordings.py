@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from clustermcl.coordinator.recorder.records import Head, RecordedEvent
 from clustermcl.coordinator.recorder.replay import replayed
@@ -75,7 +76,7 @@ def test_a_snapshot_with_other_numbers_is_replayed_or_refused(
     snapshot = data.draw(
         damaged(st.just(head.snapshot)) | with_other_numbers(st.just(head.snapshot))
     )
-    write_file(folder / NAME, msgspec.structs.replace(head, snapshot=snapshot), *events)
+    write_file(folder / NAME, replace(head, snapshot=snapshot), *events)
     with contextlib.suppress(RecordingError):
         replay(folder)
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import yaml
 import zenoh
+from msgspec.structs import replace
 
 from clustermcl.commands.stack import COORDINATOR
 from clustermcl.filter.poses import wrap_angle
@@ -48,7 +48,7 @@ def with_bridge(
             text = yaml.safe_dump({"landmarks": [*landmarks]})
             map_file.with_name("landmarks.yaml").write_text(text)
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
-        with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
+        with system(replace(settings, bridge=bridge)) as tested:
             wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
             yield tested
 
@@ -74,7 +74,7 @@ class Robot:
                 if stop.wait((stamp_ns - time.time_ns()) / 1e9):
                     return
                 self._truth[stamp_ns] = tick.map_from_robot
-                stamped = msgspec.structs.replace(reading, stamp_ns=stamp_ns)
+                stamped = replace(reading, stamp_ns=stamp_ns)
                 if isinstance(stamped, OdometryReading):
                     self._odometry.put(stamped)
                 elif self.has_laser:

@@ -10,9 +10,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
-import msgspec
 import psutil
 import zenoh
+from msgspec.structs import replace
 
 from clustermcl.client import Client
 from clustermcl.commands.stack import WORKERS, Stack, meeting_in
@@ -54,7 +54,7 @@ SMALL = Settings(
 
 A busy machine misses no deadline, so no update is lost.
 """
-IMPATIENT = msgspec.structs.replace(SMALL, coordinator=CoordinatorSettings())
+IMPATIENT = replace(SMALL, coordinator=CoordinatorSettings())
 """With the deadlines of the product, for tests in which workers miss them."""
 
 
@@ -193,11 +193,11 @@ class System:
 def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> Iterator[System]:
     with ExitStack() as resources:
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-")))
-        cache = msgspec.structs.replace(settings.worker, cache_folder=str(folder / "cache"))
-        met = meeting_in(folder, msgspec.structs.replace(settings, worker=cache))
+        cache = replace(settings.worker, cache_folder=str(folder / "cache"))
+        met = meeting_in(folder, replace(settings, worker=cache))
         if endpoint:
-            zenoh_settings = msgspec.structs.replace(met.zenoh, router=endpoint)
-            met = msgspec.structs.replace(met, zenoh=zenoh_settings)
+            zenoh_settings = replace(met.zenoh, router=endpoint)
+            met = replace(met, zenoh=zenoh_settings)
         stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
         resources.enter_context(closing(stack))
         stack.start_all()

@@ -7,6 +7,7 @@ import time
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.commands.stack import COORDINATOR, WORKERS
 from clustermcl.coordinator.checkpoint import state_in
@@ -27,7 +28,7 @@ from tests.integration.waiting import stretched_s, wait_until
 LEASE_S = 2.0
 """After this time of silence the router closes a link."""
 STEPS = 45
-LOCKSTEP = msgspec.structs.replace(
+LOCKSTEP = replace(
     SMALL,
     belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
@@ -121,7 +122,7 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
     cluster = next(iter(tree["ensemble"]["clusters"]["clusters"].values()))
     cluster["covariance"] = [math.nan] * 9
     state = msgspec.msgpack.encode(tree)
-    return msgspec.structs.replace(checkpoint, sender="an intruder", serial=2**50, state=state)
+    return replace(checkpoint, sender="an intruder", serial=2**50, state=state)
 
 
 def test_a_coordinator_frozen_until_its_link_expires_gets_the_lost_reports() -> None:

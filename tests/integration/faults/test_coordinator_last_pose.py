@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-import msgspec
+from msgspec.structs import replace
 
 from clustermcl.coordinator import state_file
 from clustermcl.coordinator.checkpoint import state_in
@@ -13,7 +13,7 @@ from tests.integration.waiting import wait_until
 
 
 def kept_in(folder: Path) -> Settings:
-    return msgspec.structs.replace(
+    return replace(
         SMALL,
         bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
         coordinator=CoordinatorSettings(lockstep_deadline_s=60.0, state_folder=str(folder)),

@@ -6,7 +6,7 @@ import signal
 from itertools import groupby, pairwise
 from pathlib import Path
 
-import msgspec
+from msgspec.structs import replace
 
 from clustermcl.commands.stack import COORDINATOR
 from clustermcl.coordinator.recorder.records import Happened
@@ -49,7 +49,7 @@ def repeated(computed: list[Belief]) -> list[int]:
 def test_a_flight_recording_with_killed_processes_is_replayed_bit_for_bit(tmp_path: Path) -> None:
     folder, copy = tmp_path / "flight" / "robot", tmp_path / "copy"
     recorder = RecorderSettings(folder=str(tmp_path / "flight"), max_mb=5.0)
-    with with_live_robot(msgspec.structs.replace(SMALL, recorder=recorder)) as (tested, _robot):
+    with with_live_robot(replace(SMALL, recorder=recorder)) as (tested, _robot):
         tested.wait_until_it_tracks()
         killed = tested.worker_pids()[0]
         os.kill(killed, signal.SIGKILL)

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from typing import NamedTuple
 
-import msgspec
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.commands.stack import COORDINATOR
 from clustermcl.protocol.answers import PoseAnswer
@@ -22,7 +22,7 @@ NEAR, FAR = 2, 2
 ASKED_EVERY_S = 0.05
 CUT_S = 6.0
 """Several times the lease of a link."""
-SETTINGS = msgspec.structs.replace(IMPATIENT, worker=WorkerSettings(count=NEAR))
+SETTINGS = replace(IMPATIENT, worker=WorkerSettings(count=NEAR))
 
 
 class TwoMachines(NamedTuple):

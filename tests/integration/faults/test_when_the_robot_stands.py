@@ -5,10 +5,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import msgspec
 import numpy as np
 import pytest
 import zenoh
+from msgspec.structs import replace
 
 from clustermcl.client import Client
 from clustermcl.commands.stack import COORDINATOR
@@ -56,7 +56,7 @@ def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[PoseTupl
         while not stop.wait(0.5 / LASER_HZ):
             now_ns = time.time_ns()
             odometry.put(OdometryReading(sender="robot", stamp_ns=now_ns, odom_from_robot=here))
-            laser.put(msgspec.structs.replace(scan, stamp_ns=now_ns, odom_from_robot=here))
+            laser.put(replace(scan, stamp_ns=now_ns, odom_from_robot=here))
 
     with running(stand):
         yield tick.map_from_robot
@@ -78,7 +78,7 @@ def wait_until_reported(
 def test_a_standing_robot_gets_its_possible_places() -> None:
     before, after = world("cross_feature").map, world("cross").map
     bridge = BridgeSettings(map="zenoh", source="zenoh")
-    with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
+    with system(replace(SMALL, bridge=bridge)) as tested, tested.client as client:
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
         with (
             answering(tested.session, map_reading(before)),

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import TypeAlias
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from clustermcl.coordinator import events
 from clustermcl.coordinator import instructions as do
@@ -138,9 +138,9 @@ class Living:
     def drive(self, step: int, *, stamp_ns: int | None = None, like: int | None = None) -> None:
         """One step: its scan reaches the workers, and the coordinator if it lives."""
         shown = scan_of(step if like is None else like)
-        scan = msgspec.structs.replace(shown, step=step, map_digest=self.map_digest)
+        scan = replace(shown, step=step, map_digest=self.map_digest)
         if stamp_ns is not None:
-            scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
+            scan = replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
         self._handle(events.ScanArrived(scan))
         for worker in list(self.workers):
@@ -245,7 +245,7 @@ class Living:
                 self._handle(events.OrderAnswered(name, answer))
                 self._handle(events.TimePassed())
             case worker_instructions.FetchMap():
-                stated = msgspec.structs.replace(MAP, digest=self.map_digest)
+                stated = replace(MAP, digest=self.map_digest)
                 self._deliver_later(name, lambda worker: worker.on_map(stated))
             case worker_instructions.BuildModel(settings=settings):
                 if settings != self._model.settings:

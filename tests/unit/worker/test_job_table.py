@@ -1,6 +1,6 @@
-import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.filter.arrays import OCCUPIED
 from clustermcl.filter.grid import Grid
@@ -78,9 +78,7 @@ def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     model: SensorModel,
 ) -> None:
     table = table_with(model, track("c0", cloud()), track("c1", cloud()))
-    kept = msgspec.structs.replace(
-        order(keep=(("c0", 1), ("c1", 1))), resize=(("c1", 25, 3), ("c9", 25, 3))
-    )
+    kept = replace(order(keep=(("c0", 1), ("c1", 1))), resize=(("c1", 25, 3), ("c9", 25, 3)))
     table.follow(kept, model, SETTINGS)
     as_given = [(None, -1), (None, -1)]
     assert sizes(table) == as_given, "they have seen no scan"
@@ -162,7 +160,7 @@ def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> N
 def test_several_scans_far_ahead_are_followed_and_so_is_the_return(model: SensorModel) -> None:
     table = table_with(model, track("c0", cloud()))
     reports_of(table, range(1, 4))
-    forged = [msgspec.structs.replace(scan(3 + n), step=10**9 + n) for n in range(1, 4)]
+    forged = [replace(scan(3 + n), step=10**9 + n) for n in range(1, 4)]
     assert [report.step for one in forged for report in table.on_scan(one)] == [10**9 + 3]
     table.follow(order(track("c1", cloud(3), epoch=2)), model, SETTINGS)
     assert [report.step for report in reports_of(table, range(7, 11))] == [9, 10]

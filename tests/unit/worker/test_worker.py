@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from clustermcl.filter.laser.sensor_model import SensorModel
 from clustermcl.filter.laser.sensor_models import computed_model
@@ -52,7 +53,7 @@ def handled(worker: Worker, *events: WorkerEvent) -> list[Instruction]:
 
 
 def grid(digest: str = "map") -> MapMessage:
-    return msgspec.structs.replace(MAP, digest=digest)
+    return replace(MAP, digest=digest)
 
 
 def asked(
@@ -107,7 +108,7 @@ def tracking(fresh: Worker, model: SensorModel) -> Worker:
 
 
 def test_a_scan_of_another_map_is_only_counted(tracking: Worker) -> None:
-    other = msgspec.structs.replace(scan(1), map_digest="another")
+    other = replace(scan(1), map_digest="another")
     expected = Warn("scan of another map", "step 1 is of map another")
     assert handled(tracking, on_scan(other)) == [expected]
     assert reported(handled(tracking, on_scan(scan(1)))) == [("c0", 1)]
@@ -149,7 +150,7 @@ def test_a_worker_that_falls_behind_skips_scans_and_requests_none(tracking: Work
 
 
 def live(step: int, **values: Any) -> Scan:
-    return msgspec.structs.replace(scan(step), settings=LiveSettings(**values))
+    return replace(scan(step), settings=LiveSettings(**values))
 
 
 def reports(instructions: list[Instruction]) -> list[Report]:
@@ -160,10 +161,10 @@ def test_a_live_motion_model_holds_from_its_scan_on(tracking: Worker, model: Sen
     handled(tracking, on_scan(scan(1)))
     noisy = {"drive_noise_per_metre": 0.5, "turn_noise_per_metre": 0.7}
     (report,) = reports(handled(tracking, on_scan(live(2, **noisy))))
-    motion = msgspec.structs.replace(SETTINGS.motion, **noisy)
+    motion = replace(SETTINGS.motion, **noisy)
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
-    alone.use(model, msgspec.structs.replace(SETTINGS, motion=motion))
+    alone.use(model, replace(SETTINGS, motion=motion))
     assert report == alone.advance(scan(2))
     assert report != running(track("c0", cloud()), model, SETTINGS, sender="w").advance(scan(2))
 
@@ -171,7 +172,7 @@ def test_a_live_motion_model_holds_from_its_scan_on(tracking: Worker, model: Sen
 def test_scans_with_another_sensor_model_wait_for_that_model(
     tracking: Worker, model: SensorModel
 ) -> None:
-    wide = msgspec.structs.replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
+    wide = replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
     values = {"hit_sigma_m": 0.4, "max_beams": 9}
     handled(tracking, on_scan(scan(1)))
     (build,) = handled(tracking, on_scan(live(2, **values)))
@@ -182,7 +183,7 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
     *published, again = handled(tracking, on_model("map", other))
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
-    alone.use(other, msgspec.structs.replace(SETTINGS, sensor=wide))
+    alone.use(other, replace(SETTINGS, sensor=wide))
     assert reports(published) == [alone.advance(scan(2)), alone.advance(scan(3))]
     assert again.settings == SETTINGS.sensor
     alone.use(model, SETTINGS)
@@ -191,7 +192,7 @@ def test_scans_with_another_sensor_model_wait_for_that_model(
 
 def test_a_new_job_uses_the_live_settings(tracking: Worker, model: SensorModel) -> None:
     values = {"max_beams": 9}
-    fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
+    fewer = replace(SETTINGS.sensor, max_beams=9)
     handled(
         tracking, on_scan(live(1, **values)), on_model("map", computed_model(model.grid, fewer))
     )
