@@ -262,5 +262,4 @@ def _suffix_of(path: Path) -> str | None:
 
 
 def _library_problem(broken: Exception) -> str:
-    """Return the text of an exception, or the name of its type if the text is empty."""
     return f"{broken}" if str(broken) else type(broken).__name__

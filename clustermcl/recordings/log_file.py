@@ -79,7 +79,6 @@ def stamp_ns_of(text: str) -> int:
 
 
 def numbers_of(words: Sequence[str]) -> list[float]:
-    """Convert words to numbers, perhaps NaN or infinite."""
     numbers: list[float] = []
     for word in words:
         try:

@@ -209,7 +209,6 @@ def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return (n,) whether a stamp is larger than the next or smaller than the previous one."""
     steps_back = np.diff(stamps) < 0
     return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
 

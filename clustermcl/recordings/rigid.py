@@ -43,7 +43,6 @@ class Rigid(NamedTuple):
         return back._replace(x=x, y=y, z=z)
 
     def rotation(self) -> NDArray[np.float64]:
-        """Return the (3, 3) rotation matrix."""
         axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         return np.array([self._turned(*axis) for axis in axes]).T
 

@@ -45,22 +45,18 @@ class _Transform:
     fixed: bool
 
     def is_same(self, other: "_Transform") -> bool:
-        """Return whether both transforms put the child at the same place."""
         moved = self.parent_from_child.inverse().of(other.parent_from_child)
         return max(map(abs, moved[:6])) < _SAME
 
 
 @dataclass
 class _Content:
-    """The messages of a bag that localization needs."""
-
     scans: list[BagMessage] = field(default_factory=list)
     poses: list[BagMessage] = field(default_factory=list)
     transforms: list[_Transform] = field(default_factory=list)
     skipped: list[SkippedLine] = field(default_factory=list)
 
     def frames(self) -> list[str]:
-        """Return the frames of the lasers in the order of their first scans."""
         return list(dict.fromkeys(_frame_of(scan) for scan in self.scans))
 
 

@@ -81,7 +81,6 @@ class RunLog:
         self.close()
 
     def wants_map(self, scan: Scan) -> bool:
-        """Return whether the last written map is not that of a step."""
         return scan.map_digest != self._map_digest
 
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
@@ -104,7 +103,6 @@ class RunLog:
             self.write(f"{SCAN}_{number}", foxglove.laser_scan(scan, beams), at_ns)
 
     def on_belief(self, belief: Belief, at_ns: int) -> None:
-        """Write a belief as a message, and as drawings for Foxglove."""
         stamp_ns = belief.stamp_ns
         self.write(BELIEF, belief, at_ns)
         belief = self._floors.drawn(belief)

@@ -87,7 +87,6 @@ class TransformTree:
         return frame in self._links or any(one.parent == frame for one in self._links.values())
 
     def moves(self, child: str) -> bool:
-        """Return whether the link from a frame to its parent is moving."""
         return not self._links[child].fixed
 
     def newest_ns(self, outer: str, inner: str) -> int | None:
@@ -152,8 +151,6 @@ class TransformTree:
 
 
 class _Link:
-    """The transforms from a frame to its parent over time."""
-
     def __init__(self, parent: str, child: str, *, fixed: bool, cache_ns: int | None) -> None:
         self.parent, self.fixed, self.late_in_a_row = parent, fixed, 0
         self._name, self._cache_ns = f"tf from {parent!r} to {child!r}", cache_ns

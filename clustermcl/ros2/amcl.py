@@ -21,18 +21,10 @@ from clustermcl.recordings.headers import frame_name, time_of
 from clustermcl.recordings.maps.map_message import grid_map_of
 from clustermcl.recordings.rigid import rigid_of
 from clustermcl.recordings.transforms import Kept, TransformMissingError, TransformTree
-from clustermcl.ros2 import laser_scans, observing, topics
+from clustermcl.ros2 import laser_scans, messages_out, observing, topics
 from clustermcl.ros2 import message_types as types
 from clustermcl.ros2.initial_pose import given_pose, initial_pose
 from clustermcl.ros2.message_types import new
-from clustermcl.ros2.messages_out import (
-    detection,
-    markers,
-    particle_cloud,
-    path,
-    pose_stamped,
-    transform,
-)
 from clustermcl.ros2.outputs import NO_ID, SENDER, Output, Publish, Refused
 from clustermcl.ros2.particles import ClusterParticles
 from clustermcl.ros2.pose_choice import MapFromOdom, PoseChoice, on_floor
@@ -103,7 +95,6 @@ class Amcl:
     # --- from ROS
 
     def on_clock_set_back(self, back_ns: int) -> Iterator[Output]:
-        """Handle a simulated clock that was set back by this time."""
         self._frames.forget_moving()
         yield from self._on_set_back(f"/clock goes back by {back_ns / 1e9:.3f} s")
 
@@ -204,7 +195,7 @@ class Amcl:
             return
         stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
         if chosen is not None:
-            message = pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
+            message = messages_out.pose_stamped(chosen.pose, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.pose
             if chosen.floor != self._floor:
@@ -220,11 +211,12 @@ class Amcl:
         if belief is None or not self.is_active:
             return
         belief = on_floor(belief, self.choice.floor or belief.floor)
-        places = detection(belief, frame, self.name)
+        places = messages_out.detection(belief, frame, self.name)
         yield Publish(topics.HYPOTHESIS_DETECTION, places)
-        yield Publish(topics.HYPOTHESES, markers(belief, frame))
+        yield Publish(topics.HYPOTHESES, messages_out.markers(belief, frame))
         if with_cloud and (cloud := self._particles.cloud(belief)) is not None:
-            yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
+            message = messages_out.particle_cloud(*cloud, belief.stamp_ns, frame)
+            yield Publish(topics.PARTICLE_CLOUD, message)
 
     def on_advice(self, advice: Advice) -> Iterator[Output]:
         """Publish the best way in the odometry frame; an empty path if there is none."""
@@ -234,7 +226,8 @@ class Amcl:
             poses = list(map(pose_tuple, ahead))
         if advice.note:
             yield Refused(Cause.ADVICE, advice.note)
-        yield Publish(topics.ADVICE, path(poses, advice.stamp_ns, self.settings.odom_frame))
+        path = messages_out.path(poses, advice.stamp_ns, self.settings.odom_frame)
+        yield Publish(topics.ADVICE, path)
 
     # --- helpers
 
@@ -268,12 +261,13 @@ class Amcl:
             self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
             map_from_odom = self._place.place(reading.odom_from_robot)
             is_newer = self._published_ns is None or reading.stamp_ns > self._published_ns
-            is_newer &= not self.waits_for_map
-            if map_from_odom is not None and self.settings.tf_broadcast and is_newer:
+            is_wanted = self.settings.tf_broadcast and not self.waits_for_map
+            if map_from_odom is not None and is_newer and is_wanted:
                 self._published_ns = reading.stamp_ns
                 until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)
                 names = (self.settings.global_frame, self.settings.odom_frame)
-                yield Publish(topics.TF, transform(map_from_odom, until_ns, *names))
+                link = messages_out.transform(map_from_odom, until_ns, *names)
+                yield Publish(topics.TF, link)
 
     def _on_set_back(self, detail: str) -> Iterator[Output]:
         self._waiting.clear()

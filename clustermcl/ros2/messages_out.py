@@ -78,7 +78,6 @@ def changes_grid(changes: Changes, frame: str) -> Any:
 
 
 def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: str) -> Any:
-    """Return a `tf2_msgs/TFMessage` of one transform."""
     x, y, _, *turn = flat(parent_from_child)
     one = new(
         "geometry_msgs/msg/TransformStamped",
@@ -142,7 +141,6 @@ def particle_cloud(
 def diagnostics(
     belief_state: str, freshness: str, values: Mapping[str, object], node_name: str, stamp_ns: int
 ) -> Any:
-    """Return a `diagnostic_msgs/DiagnosticArray` with the state of the localization."""
     level = _OK if freshness == "fresh" and belief_state in _HEALTHY else _WARNING
     if freshness in ("unreachable", "stale"):
         level = _ERROR

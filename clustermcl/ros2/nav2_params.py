@@ -97,7 +97,6 @@ def _nodes(
 
 
 def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield nested parameters by dotted names."""
     for name, value in parameters.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{above}{name}.")

@@ -68,7 +68,6 @@ class Parameter:
 
     @property
     def is_live(self) -> bool:
-        """Whether the parameter can be set while the node runs."""
         return self.setting in LIVE or self.live_name is not None
 
     @property

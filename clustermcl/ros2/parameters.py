@@ -35,12 +35,10 @@ class Parameters:
         return {name: parameter.value(self.settings) for name, parameter in PARAMETERS.items()}
 
     def replace(self, values: Mapping[str, Value]) -> None:
-        """Set parameters to valid values."""
         for name, value in values.items():
             self.settings = with_setting(self.settings, PARAMETERS[name].setting, value, name)
 
     def set(self, values: Mapping[str, object]) -> str:
-        """Set all parameters or, if one is invalid, none; return the reason, or an empty text."""
         before = self.settings, self.live
         try:
             for name, value in values.items():
@@ -51,12 +49,7 @@ class Parameters:
         return ""
 
     def _set(self, name: str, value: object) -> None:
-        """Set one parameter, or raise a `SettingsError` or ValueError that says why not."""
-        parameter = PARAMETERS.get(name)
-        if parameter is None:
-            raise ValueError(f"there is no parameter {name}")
-        if type(value) is not type(parameter.default):
-            raise ValueError(f"{name} is a {type(parameter.default).__name__}")
+        parameter = PARAMETERS[name]
         if value == parameter.value(self.settings) and not parameter.live_name:
             return
         if not parameter.is_live:

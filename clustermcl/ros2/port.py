@@ -23,15 +23,7 @@ from clustermcl.ros2.floor_maps import FloorMaps
 from clustermcl.ros2.lifecycle import State
 from clustermcl.ros2.message_types import new, response_of
 from clustermcl.ros2.messages_out import changes_grid, diagnostics
-from clustermcl.ros2.outputs import (
-    NO_ID,
-    SENDER,
-    Command,
-    Output,
-    Publish,
-    Reading,
-    Refused,
-)
+from clustermcl.ros2.outputs import NO_ID, SENDER, Command, Output, Publish, Reading, Refused
 from clustermcl.ros2.parameter_table import Value
 from clustermcl.ros2.parameters import Parameters
 from clustermcl.ros2.topics import Topic, Topics
@@ -54,8 +46,7 @@ class Ros(Protocol):
 
     def publish(self, topic: Topic, message: Any) -> None: ...
 
-    def is_heard(self, topic: Topic) -> bool:
-        """Return whether the topic has subscribers."""
+    def is_heard(self, topic: Topic) -> bool: ...
 
     def bond(self, *, alive: bool) -> None:
         """Start or end the heartbeat for nav2's lifecycle manager."""
@@ -66,13 +57,11 @@ class Ros(Protocol):
     def load_map(self, file: str) -> None:
         """Have map_server load a map, and call `Port.on_map_loaded` with its answer."""
 
-    def refuse(self, cause: AnyCause, detail: str) -> None:
-        """Count something unusable by its cause, and log it."""
+    def refuse(self, cause: AnyCause, detail: str) -> None: ...
 
     def refused(self) -> Mapping[str, int]: ...
 
-    def now_ns(self) -> int:
-        """Return ROS's time."""
+    def now_ns(self) -> int: ...
 
     def monotonic_ns(self) -> int: ...
 
@@ -107,8 +96,6 @@ class Port:
         self._topics = Topics(settings.ros2)
         self.parameters, self._is_new = Parameters(settings), True
         self.state = State.UNCONFIGURED
-        self.has_places = False
-        """Whether `tick` will publish the places of a belief."""
         self._status: EngineStatus | None = None
         self._diagnostics_ns = 0
         named = settings.bridge.map
@@ -116,7 +103,6 @@ class Port:
 
     @property
     def held(self) -> int | None:
-        """Return the cluster that is published as the pose."""
         return self._amcl.choice.held
 
     # --- from ROS
@@ -140,7 +126,6 @@ class Port:
                 self._do(amcl.on_initial_pose(message))
 
     def on_clock_set_back(self, back_ns: int) -> None:
-        """Handle a simulated clock that was set back by this time."""
         self._do(self._amcl.on_clock_set_back(back_ns))
 
     def call(self, service: str, request: Any) -> Any:
@@ -149,7 +134,7 @@ class Port:
             case "reinitialize_global_localization":
                 self._engine.command(Relocalize(sender=SENDER, command_id=NO_ID))
             case "request_nomotion_update":
-                self._update()
+                self._engine.command(Update(sender=SENDER, command_id=NO_ID))
             case "set_initial_pose":
                 self._do(self._amcl.on_initial_pose(request.pose))
             case "~/advise":
@@ -174,7 +159,8 @@ class Port:
         """Be active in place of a killed node, which published the cluster `held` as the pose."""
         self.state = State.ACTIVE
         self._amcl.resume(held)
-        self._update()  # otherwise a standing robot gets no belief
+        # Otherwise a standing robot gets no belief.
+        self._engine.command(Update(sender=SENDER, command_id=NO_ID))
 
     def set_parameters(self, values: Mapping[str, object]) -> str:
         """Set all parameters or, if one is invalid, none; return the reason, or an empty text."""
@@ -189,10 +175,8 @@ class Port:
         """Do what is due; to be called when nothing else is to do, and ten times a second."""
         self._amcl.waits_for_map = self._floors.waits(self._ros.monotonic_ns())
         self._do(self._amcl.on_tick(self._ros.monotonic_ns()))
-        if self.has_places:
-            self.has_places = False
-            with_cloud = self._ros.is_heard(topics.PARTICLE_CLOUD)
-            self._do(self._amcl.all_places(with_cloud=with_cloud))
+        with_cloud = self._ros.is_heard(topics.PARTICLE_CLOUD)
+        self._do(self._amcl.all_places(with_cloud=with_cloud))
         if (now_ns := self._ros.monotonic_ns()) >= self._diagnostics_ns:
             self._diagnostics_ns = now_ns + _DIAGNOSTICS_EVERY_NS
             self._ros.publish(topics.DIAGNOSTICS, self._diagnostics())
@@ -200,14 +184,12 @@ class Port:
     # --- from the engine
 
     def on_changes(self, changes: Changes) -> None:
-        """Publish what has changed in the building, while the node is active."""
         if self.state is State.ACTIVE:
             frame = self._amcl.settings.global_frame
             self._ros.publish(topics.CHANGES, changes_grid(changes, frame))
 
     def on_belief(self, belief: Belief) -> None:
         self._do(self._amcl.on_belief(belief))
-        self.has_places = True
         if self._amcl.settings.load_floor_maps and self.state is State.ACTIVE:
             file = self._floors.on_belief(belief, self._ros.monotonic_ns())
             if file is not None:
@@ -238,11 +220,9 @@ class Port:
         if status is None:
             return
         is_first, self._is_new = self._is_new, False
-        if status.settings == self.parameters.live:
-            return
         if is_first and self.parameters.live == AS_STARTED:
             self._ros.show_parameters(self.parameters.adopt(status.settings))
-        else:
+        elif status.settings != self.parameters.live:
             self._configure()
 
     # --- helpers
@@ -260,10 +240,6 @@ class Port:
                     self._engine.put(output)
                 case _:
                     self._engine.command(output)
-
-    def _update(self) -> None:
-        """Request a step of the next scan although the robot stands."""
-        self._engine.command(Update(sender=SENDER, command_id=NO_ID))
 
     def _configure(self) -> None:
         self._engine.command(Configure(sender=SENDER, settings=self.parameters.live))
@@ -286,8 +262,7 @@ class Port:
 
     def _is_localized(self) -> Any:
         belief = self._amcl.belief
-        state = belief.state if belief is not None else "searching"
-        probable = belief.probability if belief is not None else 0.0
+        state, probable = (belief.state, belief.probability) if belief else ("searching", 0.0)
         is_localized = state == "localized" and self._freshness == "fresh"
         words = f"{state}, {self._freshness}, probability {probable:.3f}"
         return new(response_of(types.TRIGGER), success=is_localized, message=words)
@@ -295,10 +270,9 @@ class Port:
     def _diagnostics(self) -> Any:
         status, belief = self._status, self._amcl.belief
         values: dict[str, object] = {"life cycle": self.state.label}
-        if belief is not None and belief.hypotheses:
+        if belief is not None:
             values["places"] = len(belief.hypotheses)
             values["probability"] = f"{belief.probability:.3f}"
-        if belief is not None:
             values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
             values["probability off the map"] = f"{belief.off_map_probability:.3f}"
             values |= {f"floor {name}": f"{p:.3f}" for name, p in belief.floors.items()}

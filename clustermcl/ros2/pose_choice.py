@@ -128,7 +128,6 @@ class MapFromOdom:
             del self._scans[next(iter(self._scans))]
 
     def forget_scans(self) -> None:
-        """Drop all scans, after the clock was set back."""
         self._scans.clear()
 
     def expected(self, stamp_ns: int) -> PoseTuple | None:

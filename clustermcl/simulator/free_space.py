@@ -146,7 +146,6 @@ class FreeSpace:
         return float(x), float(y), pose[2]
 
     def random_pose(self, rng: np.random.Generator) -> PoseTuple:
-        """Return a random roadmap node with a random heading."""
         x, y = self._points(rng.integers(len(self._nodes), size=1))[0]
         return float(x), float(y), float(rng.uniform(-np.pi, np.pi))
 
@@ -201,6 +200,5 @@ class FreeSpace:
         return np.asarray(means)
 
     def _cell_at(self, x: float, y: float) -> tuple[int, int]:
-        """Return the row and column of a point, which may lie off the map."""
         c, s, x0, y0 = self._grid.in_cells
         return floor(s * x + c * y + y0), floor(c * x - s * y + x0)

@@ -73,7 +73,6 @@ class Robot:
             self._hand, self._path, self._next, self.follows = None, [], 0, False
 
     def turn_round(self) -> None:
-        """Turn once on the spot, then drive to random goals."""
         self._hand, self._hand_left_s = (0.0, _TOP_TURN_RATE_RAD_S), tau / _TOP_TURN_RATE_RAD_S
         self.follows = True
 

@@ -153,7 +153,6 @@ class Simulation:
         return tuple(world.sensor.observe(stamp_ns, map_from_robot, world.landmarks, rng))
 
     def _far_pose(self) -> PoseTuple:
-        """Return one of the ten farthest of forty random poses."""
         poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]
         x, y, _ = self.map_from_robot
         poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))

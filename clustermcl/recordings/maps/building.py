@@ -165,7 +165,6 @@ def _with_text_keys(value: Any) -> Any:
 
 
 def _size_problem(maps: Mapping[str, GridMap]) -> str:
-    """Return why an atlas is too large, before it is made."""
     cell_m = min(each.cell_m for each in maps.values())
     boxes = np.array([_box(each) for each in maps.values()])
     width, height = (boxes[:, 2:] - boxes[:, :2]).T

@@ -42,8 +42,6 @@ _Probability: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
 class _Header(msgspec.Struct, frozen=True):
-    """The content of the YAML file, with its names."""
-
     image: Annotated[str, msgspec.Meta(min_length=1)]
     resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
     """Side of a cell [m]."""
@@ -201,7 +199,6 @@ def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
 
 
 def _pixel_mode(image: Image.Image) -> str:
-    """Return the Pillow mode to decode to: L, I, RGB or RGBA."""
     if image.mode.startswith("I"):
         return "I"
     if image.mode == "F":

@@ -34,7 +34,6 @@ def _offices(wide_room: int) -> GridMap:
 
 
 def _ground() -> GridMap:
-    """Return an entrance hall with columns and a counter."""
     plan, furniture = _with_lift(), Canvas(2 * _HALF_M + 2.0, 16.0)
     plan.floor(-_HALF_M, -7.0, _HALF_M, _CORRIDOR_M)
     plan.add_walls()

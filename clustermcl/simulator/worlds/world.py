@@ -47,7 +47,6 @@ class World:
 def world_from_map(
     grid_map: GridMap, start: PoseTuple | None = None, route: tuple[Waypoint, ...] = ()
 ) -> World:
-    """Return a world whose true map is the localizer's map."""
     return World(map=grid_map, truth=grid_map, start=start, route=route)
 
 
@@ -74,7 +73,6 @@ class Canvas:
         self._fill(FREE, x_min, y_min, x_max, y_max)
 
     def block(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Make the cells of a rectangle occupied; coordinates in metres."""
         self._fill(OCCUPIED, x_min, y_min, x_max, y_max)
 
     def add_walls(self) -> None:

@@ -50,7 +50,7 @@ def _run(of_ros: list[str], invocation: Invocation) -> None:
         except (rclpy_implementation.RCLError, NameValidationException) as error:
             raise ClusterMclError(str(error)) from None
         resources.callback(node.end)
-        _log_by(node)
+        logging.getLogger().handlers[:] = [_RosLog(node)]
         relay = cast(Port, Relay(node))
         engine: InsideEngine | SystemEngine
         if node.engine == "inside":
@@ -102,10 +102,6 @@ class _RosLog(logging.Handler):
             self._logger.warning(text)
         else:
             self._logger.info(text)
-
-
-def _log_by(node: AmclNode) -> None:
-    logging.getLogger().handlers[:] = [_RosLog(node)]
 
 
 if __name__ == "__main__":
