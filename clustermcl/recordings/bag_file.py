@@ -5,9 +5,8 @@ in all ROS releases, so the library's definitions are used, and those in the bag
 """
 
 import bz2
-import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -73,9 +72,8 @@ class BagFile:
     def __init__(self, path: Path, error: type[InputFileError]) -> None:
         self._path, self._error = path, error
         self.left_out: list[SkippedLine] = []
-        with ExitStack() as stack:
-            self._reader = self._opened(stack)
-            self.close = stack.pop_all().close
+        self._reader = self._opened()
+        self.close = self._reader.close
         connections = [one for one in self._reader.connections if one.msgcount]
         self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
 
@@ -118,22 +116,21 @@ class BagFile:
             else:
                 yield BagMessage(number, time_ns, connection.topic, message)
 
-    def _opened(self, stack: ExitStack) -> "rosbag1.Reader | rosbag2.Reader":
+    def _opened(self) -> "rosbag1.Reader | rosbag2.Reader":
         try:
             from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - an extra, and 0.2 s
         except ImportError as missing:
             problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
             raise self._error(self._path, problem) from missing
         try:
-            path = self._as_library_wants(stack)
+            path = self._readable()
             self._size = sum(one.stat().st_size for one in _storage_files(path) or [path])
             _Unpacker(self._size).replace_library_s()
-            ros1 = path.suffix == ".bag"
+            ros1 = _suffix_of(path) == ".bag"
             store = definitions(ros1=ros1)
             self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
-            if ros1:
-                return stack.enter_context(rosbag1.Reader(path))
-            return stack.enter_context(rosbag2.Reader(path))
+            reader = rosbag1.Reader(path) if ros1 else rosbag2.Reader(path)
+            reader.open()
         except InputFileError:
             raise
         except OSError as failed:
@@ -143,9 +140,10 @@ class BagFile:
             remedy = "if it is cut off or damaged, copy it again or repair it by 'rosbag reindex' "
             remedy += "(ROS 1), 'mcap recover', or 'sqlite3 FILE .recover'"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
+        return reader
 
-    def _as_library_wants(self, stack: ExitStack) -> Path:
-        """Return a rosbag2 folder, or a file with the suffix of its format."""
+    def _readable(self) -> Path:
+        """Return a rosbag2 folder, or a file; of ROS 2, the library reads those with a suffix."""
         path = self._path
         if path.is_dir():
             if (path / _METADATA).is_file():
@@ -158,12 +156,9 @@ class BagFile:
         suffix = _suffix_of(path)
         if suffix is None:
             raise self._error(path, "its content is not a ROS bag")
-        if path.suffix == suffix:
-            return path
-        folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
-        link = Path(stack.enter_context(folder)) / f"bag{suffix}"
-        link.symlink_to(path.absolute())
-        return link
+        if path.suffix != suffix != ".bag":
+            raise self._error(path, f"is a bag of ROS 2: give its name the suffix {suffix}")
+        return path
 
     def _check_encoding(self, connection: "Connection") -> None:
         encoding = getattr(connection.ext, "serialization_format", "cdr")

@@ -79,10 +79,13 @@ def test_every_bag_format_gives_the_same_readings(tmp_path: Path, form: str) -> 
     np.testing.assert_allclose(scans_of(recording)[0].robot_from_laser, (0.3, 0.1, 0.25))
 
 
-def test_a_bag_may_have_any_name(tmp_path: Path) -> None:
+def test_a_bag_of_ros_1_may_have_any_name_and_one_of_ros_2_needs_its_suffix(tmp_path: Path) -> None:
     path = written(tmp_path, "ros1", [MOUNT, *drive()])
     recording = open_recording(path.rename(tmp_path / "recording"), BridgeSettings())
     assert recording.laser_count == 10
+    path = written(tmp_path, "mcap bare", [MOUNT, *drive()])
+    with pytest.raises(RecordingError, match=r"give its name the suffix \.mcap"):
+        open_recording(path.rename(tmp_path / "bag"), BridgeSettings())
 
 
 def test_several_bags_in_a_folder_need_metadata(tmp_path: Path) -> None:
