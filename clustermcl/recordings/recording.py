@@ -159,22 +159,20 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
     """
     stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
     lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
-    kept: list[Entry] = []
-    skipped: list[SkippedLine] = []
-    latest = None
-    for (line, reading), is_lost in zip(entries, lost, strict=True):
-        stamp_ns = reading.stamp_ns
+    kept, skipped, latest_ns = list[Entry](), list[SkippedLine](), 0
+    for entry, is_lost in zip(entries, lost, strict=True):
+        line, stamp_ns = entry.line_number, entry.reading.stamp_ns
         if is_lost:
             problem = f"its time {stamp_ns / 1e9:.6f} s is far from that of its neighbours"
             skipped.append(SkippedLine(line, problem))
             continue
-        if latest is not None and stamp_ns < latest - MAX_DISORDER_NS:
-            back_s = (latest - stamp_ns) / 1e9
+        latest_ns = max(stamp_ns, latest_ns) if kept else stamp_ns
+        if stamp_ns < latest_ns - MAX_DISORDER_NS:
+            back_s = (latest_ns - stamp_ns) / 1e9
             problem = f"time steps back by {back_s:.0f} s; the rest of the recording is left out"
             skipped.append(SkippedLine(line, problem))
             break
-        latest = stamp_ns if latest is None else max(latest, stamp_ns)
-        kept.append(Entry(line, reading))
+        kept.append(entry)
     return kept, skipped
 
 

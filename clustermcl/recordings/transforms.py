@@ -39,7 +39,7 @@ class TransformMissingError(ValueError):
         may_come: whether a later message may provide the transform.
     """
 
-    def __init__(self, problem: str, *, cause: str, may_come: bool) -> None:
+    def __init__(self, problem: str, *, cause: str, may_come: bool = True) -> None:
         self.cause, self.may_come = cause, may_come
         super().__init__(problem)
 
@@ -116,11 +116,8 @@ class TransformTree:
         inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
         common = next((frame for frame in inner_way if frame in outer_way), None)
         if common is None:
-            raise TransformMissingError(
-                f"no transform from {outer!r} to {inner!r}; tf has {self}",
-                cause="frames not connected",
-                may_come=True,
-            )
+            problem = f"no transform from {outer!r} to {inner!r}; tf has {self}"
+            raise TransformMissingError(problem, cause="frames not connected")
         return outer_way[: outer_way.index(common)], inner_way[: inner_way.index(common)]
 
     def __str__(self) -> str:
@@ -138,7 +135,7 @@ class TransformTree:
         while way[-1] != to and (link := self._links.get(way[-1])):
             if link.parent in way:
                 loop = " -> ".join([link.parent, *reversed(way)])
-                raise TransformMissingError(f"tf loops: {loop}", cause="tf loops", may_come=True)
+                raise TransformMissingError(f"tf loops: {loop}", cause="tf loops")
             way.append(link.parent)
         return way
 
@@ -170,9 +167,8 @@ class _Link:
             return False
         self.late_in_a_row = 0
         place = bisect_left(known, stamp_ns, key=_stamp)
-        known[place : place + (place < len(known) and known[place][0] == stamp_ns)] = [
-            (stamp_ns, parent_from_child)
-        ]
+        replaced = place < len(known) and known[place][0] == stamp_ns
+        known[place : place + replaced] = [(stamp_ns, parent_from_child)]
         if self._cache_ns is not None and known[0][0] < known[-1][0] - self._cache_ns:
             del known[: bisect_left(known, known[-1][0] - self._cache_ns, key=_stamp)]
         return True
@@ -190,20 +186,17 @@ class _Link:
         after = bisect_left(known, stamp_ns, key=_stamp)
         if after == len(known):
             late_s = (stamp_ns - known[-1][0]) / 1e9
-            raise TransformMissingError(
-                f"{self._name} ends {late_s:.3f} s before that time",
-                cause="transform does not arrive",
-                may_come=True,
-            )
+            problem = f"{self._name} ends {late_s:.3f} s before that time"
+            raise TransformMissingError(problem, cause="transform does not arrive")
         end_ns, end = known[after]
         if end_ns == stamp_ns:
             return end
         if after == 0:
             early_s = (end_ns - stamp_ns) / 1e9
-            raise TransformMissingError(
+            problem, cause = (
                 f"{self._name} begins {early_s:.3f} s after that time",
-                cause="before the first transform",
-                may_come=False,
+                "before the first",
             )
+            raise TransformMissingError(problem, cause=f"{cause} transform", may_come=False)
         start_ns, start = known[after - 1]
         return start.towards(end, (stamp_ns - start_ns) / (end_ns - start_ns))

@@ -97,9 +97,8 @@ def run_simulator(invocation: Invocation) -> None:
 
 def run_with_defaults(invocation: Invocation) -> None:
     """Simulate until the process is stopped, as the program does without arguments of its own."""
-    parser = argparse.ArgumentParser()
-    _add_arguments(parser)
-    run_simulator(replace(invocation, arguments=parser.parse_args([])))
+    arguments = argparse.Namespace(map=None, steps=None, by_hand=False, advised=False)
+    run_simulator(replace(invocation, arguments=arguments))
 
 
 def count_places(belief: Belief) -> int:

@@ -98,12 +98,10 @@ class GridMap:
         return cls(cells_of(values), cell_m, (x, y, heading))
 
     def __repr__(self) -> str:
-        rows, cols = self.cells.shape
-        width_m, height_m = self.size_m
-        size = f"{width_m:.1f} m x {height_m:.1f} m"
+        (rows, cols), (width_m, height_m) = self.cells.shape, self.size_m
+        size = f"{width_m:.1f} m x {height_m:.1f} m, {cols} x {rows} cells"
         floors = f", {len(self.floors.names)} floors" if self.floors else ""
-        marks = f"{len(self.landmarks)} landmarks{floors}"
-        return f"<GridMap of {size}, {cols} x {rows} cells, {marks}>"
+        return f"<GridMap of {size}, {len(self.landmarks)} landmarks{floors}>"
 
     def with_landmarks(self, landmarks: Iterable[Landmark]) -> GridMap:
         """Return the map with these landmarks in place of its own."""

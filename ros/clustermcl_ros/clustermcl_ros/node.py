@@ -153,8 +153,7 @@ class AmclNode(LifecycleNode):  # type: ignore[misc] # rclpy is not installed wh
     def on_activate(self, _state: Any) -> TransitionCallbackReturn:
         return self._enter(State.ACTIVE)
 
-    def on_deactivate(self, _state: Any) -> TransitionCallbackReturn:
-        return self._enter(State.INACTIVE)
+    on_deactivate = on_configure
 
     def on_cleanup(self, _state: Any) -> TransitionCallbackReturn:
         return self._enter(State.UNCONFIGURED)

@@ -63,7 +63,7 @@ def test_a_reference_may_be_packed(tmp_path: Path, pack: Callable[[bytes], bytes
     [
         ("", "no pose in it"),
         ("1 2 3\n", ":3: 3 numbers, a TUM line has 8"),
-        (line(1).replace("0 0 0", "0 0 x"), ":3: 'x' is not a number"),
+        (line(1).replace("0 0 0", "0 0 x"), ":3: could not convert string to float: 'x'"),
         (line("soon"), ":3: the time 'soon' is not a number"),
         (line(1, math.nan), ":3: (nan 0.0 0) is not a position"),
         ("1 0 0 0 0 0 0 0\n", ":3: the orientation is not a unit quaternion: its length is 0"),

@@ -1,6 +1,5 @@
 """ROS bags that tests make, in every form there is."""
 
-import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -184,12 +183,3 @@ def _fill(bag: Any, store: Any, packed: Any, sent: Iterable[Sent], **options: st
                     one.topic, one.kind, typestore=store, **options
                 )
             bag.write(connections[one.topic], one.time_ns, bytes(packed(one.message, one.kind)))
-
-
-def copy_of_first_bytes(path: Path, folder: Path, share: float) -> Path:
-    """The bag, of which only the first bytes were copied."""
-    cut = folder / path.name
-    shutil.copyfile(path, cut)
-    with cut.open("r+b") as file:
-        file.truncate(int(path.stat().st_size * share))
-    return cut

@@ -20,7 +20,6 @@ from tests.unit.recordings.bags import (
     ROLLED_OVER,
     Sent,
     about_z,
-    copy_of_first_bytes,
     fixed_tf,
     odometry,
     scan,
@@ -308,33 +307,30 @@ def read_or_refused(path: Path) -> Recording | str:
         return str(refused)
 
 
-@pytest.mark.parametrize(
-    ("form", "tool"),
-    [
-        ("ros1", "rosbag reindex"),
-        ("sqlite3 bare", "sqlite3 FILE .recover"),
-        ("mcap bare", "mcap recover"),
-    ],
-)
+@pytest.mark.parametrize(("form", "tool"), [
+    ("ros1", "rosbag reindex"), ("sqlite3 bare", "sqlite3 FILE .recover"),
+    ("mcap bare", "mcap recover"),
+])  # fmt: skip
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_truncated_bags_are_refused_with_a_repair_tool(
     tmp_path: Path, form: str, tool: str, share: float
 ) -> None:
     path = written(tmp_path, form, [MOUNT, *drive(60, beams=2000)])
-    (tmp_path / "cut").mkdir()
-    refused = read_or_refused(copy_of_first_bytes(path, tmp_path / "cut", share))
+    with path.open("r+b") as file:
+        file.truncate(int(path.stat().st_size * share))
+    refused = read_or_refused(path)
     assert isinstance(refused, str)
     assert tool in refused
     assert "\n" not in refused
 
 
 @pytest.mark.parametrize("form", ["ros1", "sqlite3 bare", "mcap bare"])
-@pytest.mark.parametrize("seed", range(20))
-def test_a_damaged_bag_is_read_or_refused_in_one_line(tmp_path: Path, form: str, seed: int) -> None:
+def test_a_damaged_bag_is_read_or_refused_in_one_line(tmp_path: Path, form: str) -> None:
     path = written(tmp_path, form, [MOUNT, *drive()])
-    random = np.random.default_rng(seed)
-    content = np.frombuffer(path.read_bytes(), np.uint8).copy()
-    content[random.integers(0, len(content), 40)] = random.integers(0, 256, 40)
-    path.write_bytes(content.tobytes())
-    outcome = read_or_refused(path)
-    assert isinstance(outcome, Recording) or "\n" not in outcome
+    whole, random = np.frombuffer(path.read_bytes(), np.uint8), np.random.default_rng(1)
+    for _ in range(20):
+        content = whole.copy()
+        content[random.integers(0, len(content), 40)] = random.integers(0, 256, 40)
+        path.write_bytes(content.tobytes())
+        outcome = read_or_refused(path)
+        assert isinstance(outcome, Recording) or "\n" not in outcome
