@@ -42,25 +42,17 @@ class Heard:
     """Keeps what the engine reports."""
 
     def __init__(self) -> None:
-        self.beliefs: list[Belief] = []
-        self.clusters: list[int] = []
-        self.advice: list[Advice] = []
-        self.changes: list[Changes] = []
+        self.beliefs, self.advice = list[Belief](), list[Advice]()
+        self.on_belief, self.on_advice = self.beliefs.append, self.advice.append
+        self.clusters, self.refused = list[int](), list[str]()
         self.status: EngineStatus | None = None
-        self.refused: list[str] = []
-
-    def on_belief(self, belief: Belief) -> None:
-        self.beliefs.append(belief)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         assert len(particles.log_weights.array()) > 0
         self.clusters.append(cluster)
 
-    def on_advice(self, advice: Advice) -> None:
-        self.advice.append(advice)
-
-    def on_changes(self, changes: Changes) -> None:
-        self.changes.append(changes)
+    def on_changes(self, _changes: Changes) -> None:
+        pass
 
     def on_status(self, status: EngineStatus | None) -> None:
         self.status = status

@@ -55,17 +55,14 @@ def test_cropping_a_turned_map_keeps_each_cell_in_its_place() -> None:
     np.testing.assert_allclose(compose(np.array(part.map_from_grid), corner), before, atol=1e-9)
 
 
-def test_the_rim_ends_at_the_edge_of_the_map() -> None:
+def test_the_rim_ends_at_the_edge_of_the_map_and_a_small_map_is_not_cropped() -> None:
     cells = np.full((200, 300), UNKNOWN, np.int8)
     cells[3, :] = FREE
     part = known_part(cells, CELL_M, (1.0, 2.0, 0.0))
     assert part.cells.shape == (3 + 1 + RIM, 300)
     assert part.map_from_grid == (1.0, 2.0, 0.0)
-
-
-def test_a_small_map_is_not_cropped() -> None:
-    cells = building_in(1000, 1200)[290:330, 480:580]
-    assert known_part(cells, CELL_M, (1.0, 2.0, 0.5)).cells.shape == cells.shape
+    small = building_in(1000, 1200)[290:330, 480:580]
+    assert known_part(small, CELL_M, (1.0, 2.0, 0.5)).cells.shape == small.shape
 
 
 def test_a_large_unknown_map_is_refused() -> None:

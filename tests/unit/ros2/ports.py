@@ -26,6 +26,10 @@ class Kept:
         self.questions = 0
         self.loads: list[str] = []
         self.ros_ns = self.process_ns = 0
+        self.put, self.command, self.load_map = (
+            kept.append for kept in (self.readings, self.commands, self.loads)
+        )
+        self.is_heard, self.show_parameters = self.heard.__contains__, self.shown.update
 
     def on(self, topic: Topic) -> list[Any]:
         return [message for of, message in self.published if of == topic]
@@ -33,17 +37,8 @@ class Kept:
     def publish(self, topic: Topic, message: Any) -> None:
         self.published.append((topic, message))
 
-    def is_heard(self, topic: Topic) -> bool:
-        return topic in self.heard
-
     def bond(self, *, alive: bool) -> None:
         self.bonds.append(alive)
-
-    def show_parameters(self, values: Mapping[str, Value]) -> None:
-        self.shown |= values
-
-    def load_map(self, file: str) -> None:
-        self.loads.append(file)
 
     def refuse(self, cause: AnyCause, detail: str) -> None:
         assert detail
@@ -57,12 +52,6 @@ class Kept:
 
     def monotonic_ns(self) -> int:
         return self.process_ns
-
-    def put(self, reading: Reading) -> None:
-        self.readings.append(reading)
-
-    def command(self, command: Command) -> None:
-        self.commands.append(command)
 
     def ask_advice(self) -> None:
         self.questions += 1
