@@ -6,7 +6,9 @@ from typing import Any
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from clustermcl.recordings.rigid import Rigid
 from clustermcl.ros2 import message_types
+from clustermcl.ros2.messages_out import transform
 
 _NOTHING = "uint8 structure_needs_at_least_one_member\n"
 _HYPOTHESIS = "vision_msgs/msg/ObjectHypothesis"
@@ -55,6 +57,15 @@ def new(ros_type: str, **fields: Any) -> Any:
 
 def decode(data: bytes, ros_type: str) -> Any:
     return typestore().deserialize_cdr(data, ros_type)
+
+
+def link(parent: str, child: str, at: Rigid) -> Any:
+    """A `TFMessage` of one link, at time 0."""
+    one = transform((at.x, at.y, 0.0), 0, parent, child)
+    one.transforms[0].transform.translation.z = at.z
+    turn = new("geometry_msgs/msg/Quaternion", x=at.qx, y=at.qy, z=at.qz, w=at.qw)
+    one.transforms[0].transform.rotation = turn
+    return one
 
 
 @cache

@@ -78,8 +78,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
         map_digest=scan.map_digest,
     )
     return msgspec.structs.asdict(own) | {
-        **_header(scan.stamp_ns, BASE),
-        "pose": _pose(beams.robot_from_laser),
+        **posed(beams.robot_from_laser, scan.stamp_ns, BASE),
         "start_angle": beams.angle_min_rad,
         "end_angle": beams.angle_min_rad + beams.angle_step_rad * (len(ranges) - 1),
         "intensities": [],
@@ -138,17 +137,12 @@ def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
     place, marks = grid_map.map_from_grid, grid_map.landmarks
     fields = MapFields(cell_m, place, cols, data, marks, grid_map.floors)
     return msgspec.structs.asdict(fields) | {
-        **_header(stamp_ns, MAP),
-        "pose": _pose(grid_map.map_from_grid),
+        **posed(grid_map.map_from_grid, stamp_ns),
         "cell_size": {"x": cell_m, "y": cell_m},
         "row_stride": cols,
         "cell_stride": 1,
         "fields": [{"name": "occupancy", "offset": 0, "type": _INT8}],
     }
-
-
-def pose_in_frame(map_from_robot: PoseTuple, stamp_ns: int) -> Json:
-    return {**_header(stamp_ns, MAP), "pose": _pose(map_from_robot)}
 
 
 def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
@@ -172,7 +166,7 @@ def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
         )  # fmt: skip
     nothing = ("metadata", "cubes", "spheres", "lines", "triangles", "models")
     entity = {
-        **_header(stamp_ns, MAP), **drawn, **{name: [] for name in nothing},
+        "timestamp": _time(stamp_ns), "frame_id": MAP, **drawn, **{name: [] for name in nothing},
         "id": "places", "lifetime": _time(0), "frame_locked": False,
     }  # fmt: skip
     return {"deletions": [], "entities": [entity]}
@@ -183,8 +177,9 @@ def log_line(text: str, stamp_ns: int) -> Json:
     return {"timestamp": _time(stamp_ns), **line}
 
 
-def _header(stamp_ns: int, frame: str) -> Json:
-    return {"timestamp": _time(stamp_ns), "frame_id": frame}
+def posed(pose: PoseTuple, stamp_ns: int, frame: str = MAP) -> Json:
+    """Return the fields of a `foxglove.PoseInFrame`."""
+    return {"timestamp": _time(stamp_ns), "frame_id": frame, "pose": _pose(pose)}
 
 
 def _time(stamp_ns: int) -> Json:

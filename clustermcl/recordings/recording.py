@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from clustermcl.protocol.errors import RecordingError
 from clustermcl.protocol.message import PoseTuple
-from clustermcl.protocol.steps import LaserReading, OdometryReading, Reading
+from clustermcl.protocol.steps import LaserReading, Reading
 from clustermcl.recordings.bag_file import is_bag
 from clustermcl.recordings.carmen_log import CarmenParser, is_carmen_line
 from clustermcl.recordings.log_file import Entry, SkippedLine, words_of_lines
@@ -99,9 +99,15 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
             what += f", first line {line.line_number}: {line.problem}"
         raise RecordingError(path, what)
     limit_m = range_limit_m(scan.ranges.array() for scan in lasers)
+    limited = [
+        replace(reading, range_max_m=min(limit_m, reading.range_max_m))
+        if isinstance(reading, LaserReading)
+        else reading
+        for _, reading in entries
+    ]
     return Recording(
         path=path,
-        readings=merged([_limited(reading, limit_m) for _, reading in entries]),
+        readings=merged(limited),
         skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
     )
 
@@ -115,12 +121,6 @@ def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> R
     if not recording.laser_count:
         raise RecordingError(path, f"no scan in it: {len(readings)} readings of odometry")
     return recording
-
-
-def _limited(reading: Reading, limit_m: float) -> Reading:
-    if isinstance(reading, OdometryReading):
-        return reading
-    return replace(reading, range_max_m=min(limit_m, reading.range_max_m))
 
 
 def _entries(path: Path, mount: PoseTuple) -> tuple[list[Entry], list[SkippedLine]]:
@@ -158,7 +158,9 @@ def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]
         the kept entries, and the removed ones as skipped lines.
     """
     stamps = np.array([reading.stamp_ns for _, reading in entries], np.int64)
-    lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
+    back = np.diff(stamps) < 0
+    out_of_order = np.append(back, False) | np.insert(back, 0, False)
+    lost = out_of_order & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
     kept, skipped, latest_ns = list[Entry](), list[SkippedLine](), 0
     for entry, is_lost in zip(entries, lost, strict=True):
         line, stamp_ns = entry.line_number, entry.reading.stamp_ns
@@ -204,11 +206,6 @@ def monotonic_times(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     latest_before = np.maximum.accumulate(stamps)
     earliest_after = np.minimum.accumulate(stamps[::-1])[::-1]
     return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)
-
-
-def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    steps_back = np.diff(stamps) < 0
-    return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
 
 
 def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:

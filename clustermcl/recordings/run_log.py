@@ -108,7 +108,7 @@ class RunLog:
         belief = self._floors.drawn(belief)
         self.write(PLACES, foxglove.places(belief.hypotheses, stamp_ns), at_ns)
         if (best := belief.best) is not None:
-            self.write(POSE, foxglove.pose_in_frame(best.pose, stamp_ns), at_ns)
+            self.write(POSE, foxglove.posed(best.pose, stamp_ns), at_ns)
             there, odometry = np.array(best.pose), np.array(belief.odom_from_robot)
             odom = pose_tuple(compose(there, inverse(odometry)))
             self.write(ODOMETRY, foxglove.frame_transform(stamp_ns, MAP, ODOM, odom), at_ns)
@@ -119,14 +119,12 @@ class RunLog:
         at_ns, data = max(at_ns, 0), codec.encode(message)
         with self._named():
             if topic not in self._channels:
-                self._channels[topic] = self._channel(topic, "msgpack" if packed else "json")
+                name = SCHEMAS.get(topic.partition("_")[0], f"clustermcl{topic.replace('/', '.')}")
+                form = ("", b"") if packed else ("jsonschema", _JSON_SCHEMA)
+                schema = self._writer.register_schema(name, *form)
+                encoding = "msgpack" if packed else "json"
+                self._channels[topic] = self._writer.register_channel(topic, encoding, schema)
             self._writer.add_message(self._channels[topic], at_ns, data, at_ns)
-
-    def _channel(self, topic: str, encoding: str) -> int:
-        name = SCHEMAS.get(topic.partition("_")[0], f"clustermcl{topic.replace('/', '.')}")
-        form = ("jsonschema", _JSON_SCHEMA) if encoding == "json" else ("", b"")
-        schema = self._writer.register_schema(name, *form)
-        return self._writer.register_channel(topic, encoding, schema)
 
     def flush(self) -> None:
         """Write the current chunk, so that its messages survive a kill of this process."""

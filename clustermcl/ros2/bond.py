@@ -32,7 +32,7 @@ class BondThread:
     def __init__(self, publish: Callable[[Any], object], node_name: str) -> None:
         self._publish, self._node_name = publish, node_name
         self.instance_id = ""
-        self._over: threading.Event | None = None
+        self._over = threading.Event()
         self._thread: threading.Thread | None = None
 
     def begin(self, instance_id: str = "") -> None:
@@ -45,10 +45,10 @@ class BondThread:
             self._thread.start()
 
     def end(self) -> None:
-        if self._over is not None and self._thread is not None:
+        if self._thread is not None:
             self._over.set()
             self._thread.join()
-            self._over = self._thread = None
+            self._thread = None
 
     def _send(self, over: threading.Event, instance_id: str) -> None:
         def status(*, active: bool) -> Any:

@@ -30,7 +30,10 @@ def read_nav2_params(path: Path) -> tuple[dict[str, Value], list[str]]:
         InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
     try:
-        return settings_of(_of_node(_tree(path), path))
+        tree, _ = yaml_of(content_of(path), path, InputFileError)
+        if not isinstance(tree, dict):
+            raise ValueError("not a parameter file: it is not a mapping")
+        return settings_of(_of_node(tree, path))
     except ValueError as problem:
         raise InputFileError(path, str(problem)) from None
 
@@ -61,13 +64,6 @@ def settings_of(found: Mapping[str, Any]) -> tuple[dict[str, Value], list[str]]:
         if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
             notes.append(f"{name} = {value} {instead}")
     return values, notes
-
-
-def _tree(path: Path) -> dict[Any, Any]:
-    tree, _ = yaml_of(content_of(path), path, InputFileError)
-    if not isinstance(tree, dict):
-        raise InputFileError(path, "not a parameter file: it is not a mapping")
-    return tree
 
 
 def _of_node(tree: dict[Any, Any], path: Path) -> dict[str, Any]:

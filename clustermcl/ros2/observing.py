@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -31,44 +30,36 @@ _EQUATOR_M, _SQUARED_ECCENTRICITY = 6378137.0, 6.69437999014e-3
 """The ellipsoid WGS 84: equatorial radius [m], and squared eccentricity."""
 
 
-@dataclass(frozen=True)
 class Datum:
-    """Where the map lies on Earth."""
+    """Where the map lies on Earth.
 
-    origin: NDArray[np.float64]
-    """(3,) from the centre of the Earth to the map's origin [m]."""
-    map_from_east_north: NDArray[np.float64]
-    """(2, 2) rotation."""
-    map_from_earth: NDArray[np.float64]
-    """(2, 3) rotation and projection."""
+    Attributes:
+        map_from_east_north: (2, 2) rotation.
 
-    @classmethod
-    def of(cls, settings: Ros2Settings) -> "Datum | None":
-        """Return the datum of the settings; None: no satellite receiver is used.
+    Raises:
+        SettingsError: the setting is not three numbers in their ranges.
+    """
 
-        Raises:
-            SettingsError: the setting is not three numbers in their ranges.
-        """
-        if not (settings.gnss_topics or settings.datum):
-            return None
+    def __init__(self, setting: str) -> None:
         try:
-            latitude, longitude, direction = map(float, settings.datum.split(","))
+            latitude, longitude, direction = map(float, setting.split(","))
         except ValueError:
             latitude = longitude = direction = math.nan
         if not (abs(latitude) < 90.0 and abs(longitude) <= 180.0 and abs(direction) <= 360.0):
-            problem = f"ros2.datum = {settings.datum!r}: expected latitude, longitude, direction"
+            problem = f"ros2.datum = {setting!r}: expected latitude, longitude, direction"
             raise SettingsError(key="ros2.datum", problem=f"{problem} of the x axis, in degrees")
         angle, lat, lon = map(math.radians, (direction, latitude, longitude))
         sin, cos = math.sin(lat), math.cos(lat)
         east = (-math.sin(lon), math.cos(lon), 0.0)
         north = (-sin * math.cos(lon), -sin * math.sin(lon), cos)
         turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-        return cls(_from_centre(latitude, longitude), turn, turn @ np.array((east, north)))
+        self._origin, self.map_from_east_north = _from_centre(latitude, longitude), turn
+        self._map_from_earth = turn @ np.array((east, north))
 
     def in_map(self, latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
         """Return the (2,) position in the map of a point at the height of the ellipsoid."""
         at = _from_centre(latitude_deg, longitude_deg)
-        return np.asarray(self.map_from_earth @ (at - self.origin))
+        return np.asarray(self._map_from_earth @ (at - self._origin))
 
 
 def _from_centre(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
@@ -89,7 +80,8 @@ class Observing:
 
     def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
         self.settings, self._frames = settings, frames
-        self._datum = Datum.of(settings)
+        has_receiver = settings.gnss_topics or settings.datum
+        self._datum = Datum(settings.datum) if has_receiver else None
 
     def conversions(self, message: Any, of: Topic) -> Iterator[Callable[[], Observation]]:
         """Yield a function for each observation in a message; its topic is the source.

@@ -13,12 +13,8 @@ from clustermcl.runtime.settings_table import value_of
 
 Value: TypeAlias = bool | int | float | str
 
-_OWN_PARTICLES = "all places share belief.particles"
-_OWN_RECOVERY = "searches replace random particles"
-_OWN_RESAMPLING = "resampling depends on cluster.resample_below_ess"
 _OWN_BEAM_SKIP = "the sensor model handles unmapped obstacles"
 _OWN_MEMORY = "coordinator.state_folder keeps the state"
-_PLANE = "the robot drives in a plane"
 _ROS_ONLY = "it configures ROS's own middleware"
 
 
@@ -196,15 +192,23 @@ _ALL = (
     Parameter("z_max", 0.05, "sensor.max_weight"),
     Parameter("z_rand", 0.5, "sensor.random_weight"),
     Parameter("z_short", 0.05, "sensor.short_weight"),
-    *_without(_OWN_PARTICLES, max_particles=2000, min_particles=500, pf_err=0.05, pf_z=0.99),
-    *_without(_OWN_RECOVERY, recovery_alpha_fast=0.0, recovery_alpha_slow=0.0),
-    *_without(_OWN_RESAMPLING, resample_interval=1),
+    *_without(
+        "all places share belief.particles",
+        max_particles=2000,
+        min_particles=500,
+        pf_err=0.05,
+        pf_z=0.99,
+    ),
+    *_without(
+        "searches replace random particles", recovery_alpha_fast=0.0, recovery_alpha_slow=0.0
+    ),
+    *_without("resampling depends on cluster.resample_below_ess", resample_interval=1),
     *_without(_OWN_BEAM_SKIP, do_beamskip=False, beam_skip_distance=0.5),
     *_without(_OWN_BEAM_SKIP, beam_skip_threshold=0.3, beam_skip_error_threshold=0.9),
     *_without(
         _OWN_MEMORY, initialize_at_saved_pose=False, save_pose_rate=0.5, saved_pose_filepath=""
     ),
-    Parameter("initial_pose.z", 0.0, reason=_PLANE),
+    Parameter("initial_pose.z", 0.0, reason="the robot drives in a plane"),
     Parameter("freespace_downsampling", False, reason="the whole map is searched"),
     *_without(_ROS_ONLY, bond_heartbeat_period=0.1, introspection_mode="disabled"),
     *_without(_ROS_ONLY, service_introspection_mode="disabled"),

@@ -11,7 +11,6 @@ jumps. So each belief is combined with the odometry of its scan, corrected for l
 """
 
 import math
-from typing import assert_never
 
 import numpy as np
 from msgspec.structs import replace
@@ -57,16 +56,9 @@ class PoseChoice:
     def _chosen(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         if not belief.hypotheses:
             return None
-        best = belief.hypotheses[0]
-        match self.publish:
-            case "best":
-                return best
-            case "localized":
-                return best if belief.state == "localized" else None
-            case "held":
-                return best if belief.state == "localized" else self._kept(belief, expected)
-            case choice:
-                assert_never(choice)
+        if self.publish == "best" or belief.state == "localized":
+            return belief.hypotheses[0]
+        return self._kept(belief, expected) if self.publish == "held" else None
 
     def _kept(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         """Return the held cluster, or the one it was merged into, or the most probable one."""

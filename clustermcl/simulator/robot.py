@@ -91,19 +91,15 @@ class Robot:
         """Drive for some seconds, update `map_from_robot`, and return the motion."""
         self._steer(seconds)
         drive = Drive(self._speed_m_s * seconds, self._turn_rate_rad_s * seconds)
-        after = driven(self.map_from_robot, drive)
-        if self._bumps(after):
+        after, (x, y, _) = driven(self.map_from_robot, drive), self.map_from_robot
+        room_m = self._free_space.clearance_m(after[0], after[1])
+        # It bumps where the motion ends nearer to an obstacle than it is now.
+        if room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y):
             self._speed_m_s, self._blocked_s = 0.0, self._blocked_s + seconds
             drive = Drive(0.0, drive.turn_rad)
             after = driven(self.map_from_robot, drive)
         self.map_from_robot = after
         return drive
-
-    def _bumps(self, after: PoseTuple) -> bool:
-        """Return whether a motion ends in a collision, and nearer to the obstacle than now."""
-        room_m = self._free_space.clearance_m(after[0], after[1])
-        x, y, _ = self.map_from_robot
-        return room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y)
 
     def _steer(self, seconds: float) -> None:
         if self.follows and self._hand_left_s <= 0.0:

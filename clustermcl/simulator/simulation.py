@@ -94,7 +94,9 @@ class Simulation:
         scan_pose = driven(begin, drive.part(_SCAN_SHARE))
         laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
         second, _ = self._drive_on()
-        return Tick((first, second), laser, scan_pose, self._observe(laser.stamp_ns, scan_pose))
+        seen, sensor, marks = laser.stamp_ns, self.world.sensor, self.world.landmarks
+        observed = sensor.observe(seen, scan_pose, marks, self._observation_rng) if sensor else ()
+        return Tick((first, second), laser, scan_pose, tuple(observed))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
         """Move the robot, unseen by odometry, and return its new pose.
@@ -145,12 +147,6 @@ class Simulation:
             range_max_m=model.range_max_m,
             robot_from_laser=model.robot_from_laser,
         )
-
-    def _observe(self, stamp_ns: int, map_from_robot: PoseTuple) -> tuple[Observation, ...]:
-        world, rng = self.world, self._observation_rng
-        if world.sensor is None:
-            return ()
-        return tuple(world.sensor.observe(stamp_ns, map_from_robot, world.landmarks, rng))
 
     def _far_pose(self) -> PoseTuple:
         poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]

@@ -59,7 +59,14 @@ class GridMap:
     floors: Floors = ONE_MAP
 
     def __post_init__(self) -> None:
-        _check_cells(self.cells)
+        cells = self.cells
+        if cells.dtype != np.int8 or cells.ndim != 2 or cells.size == 0:
+            raise ValueError(f"cells must be a 2-d int8 array, not {cells.dtype} {cells.shape}")
+        low, high = int(cells.min()), int(cells.max())
+        if low < UNKNOWN or high > OCCUPIED:
+            raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
+        if cells.all():  # all but `FREE`; a comparison would take as much memory again
+            raise ValueError("no cell is free, so no pose is possible")
         if not (math.isfinite(self.cell_m) and self.cell_m > 0.0):
             raise ValueError(f"cell_m must be a positive length, not {self.cell_m}")
         if len(self.map_from_grid) != 3 or not all(map(math.isfinite, self.map_from_grid)):
@@ -154,16 +161,6 @@ def cells_of(occupancy: NDArray[Any]) -> Cells:
     cells[(occupancy >= 0) & (occupancy <= FREE_PERCENT)] = FREE
     cells[(occupancy >= OCCUPIED_PERCENT) & (occupancy <= 100)] = OCCUPIED
     return cells
-
-
-def _check_cells(cells: Cells) -> None:
-    if cells.dtype != np.int8 or cells.ndim != 2 or cells.size == 0:
-        raise ValueError(f"cells must be a 2-d int8 array, not {cells.dtype} {cells.shape}")
-    low, high = int(cells.min()), int(cells.max())
-    if low < UNKNOWN or high > OCCUPIED:
-        raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
-    if cells.all():  # all but `FREE`; a comparison would take as much memory again
-        raise ValueError("no cell is free, so no pose is possible")
 
 
 def coarse(cells: Cells, every: int) -> Cells:

@@ -15,14 +15,10 @@ def class_of(ros_type: str) -> Any:
     return getattr(found, half) if half else found
 
 
-@cache
-def _octets(ros_type: str) -> frozenset[str]:
-    fields = class_of(ros_type).get_fields_and_field_types()
-    return frozenset(name for name, kind in fields.items() if kind == "octet")
-
-
 def new(ros_type: str, fields: dict[str, Any]) -> Any:
     """Create a message; octets, which are `bytes` in rclpy, are given as numbers."""
-    for name in _octets(ros_type) & fields.keys():
-        fields[name] = bytes((fields[name],))
-    return class_of(ros_type)(**fields)
+    kind = class_of(ros_type)
+    for name, of in kind.get_fields_and_field_types().items():
+        if of == "octet" and name in fields:
+            fields[name] = bytes((fields[name],))
+    return kind(**fields)

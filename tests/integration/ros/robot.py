@@ -12,11 +12,8 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="no rclpy: see .ci/run")
 
 from bond.msg import Status
-from geometry_msgs.msg import (
-    PoseWithCovarianceStamped,
-    Quaternion,
-    TransformStamped,
-)
+from clustermcl_ros import messages
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import OccupancyGrid
@@ -35,11 +32,14 @@ from clustermcl.filter.poses import wrap_angle
 from clustermcl.protocol.message import PoseTuple
 from clustermcl.protocol.steps import LaserReading, OdometryReading
 from clustermcl.recordings.maps.grid_map import GridMap
+from clustermcl.ros2 import message_types, messages_out
 from clustermcl.simulator.sensors import LidarModel
 from clustermcl.simulator.simulation import Simulation, Tick
 from clustermcl.simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import PATIENCE_S, wait_until
+
+message_types.use(messages.new)
 
 WORLD, SEED = "cross_feature", 3
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
@@ -139,9 +139,7 @@ class Robot:
         message.header.frame_id = "map"
         message.info.height, message.info.width = grid_map.cells.shape
         message.info.resolution = grid_map.cell_m
-        x, y, heading = grid_map.map_from_grid
-        message.info.origin.position.x, message.info.origin.position.y = float(x), float(y)
-        message.info.origin.orientation = quaternion(heading)
+        message.info.origin = messages_out.pose(grid_map.map_from_grid)
         cells = np.where(grid_map.cells == OCCUPIED, 100, grid_map.cells).astype(np.int8)
         message.data.frombytes(cells.tobytes())
         self.put("map", message, LATCHED)
@@ -291,10 +289,6 @@ def pose_at_start() -> dict[str, Any]:
     return {"initial_pose.x": x, "initial_pose.y": y, "initial_pose.yaw": heading}
 
 
-def quaternion(heading: float) -> Any:
-    return Quaternion(z=math.sin(heading / 2), w=math.cos(heading / 2))
-
-
 def time_of(ns: int) -> Any:
     return rclpy.time.Time(nanoseconds=ns).to_msg()
 
@@ -304,24 +298,14 @@ def ns_of(stamp: Any) -> int:
 
 
 def link(parent: str, child: str, at: PoseTuple, stamp_ns: int) -> Any:
-    one = TransformStamped(child_frame_id=child)
-    one.header.frame_id, one.header.stamp = parent, time_of(stamp_ns)
-    one.transform.translation.x, one.transform.translation.y = float(at[0]), float(at[1])
-    one.transform.rotation = quaternion(at[2])
-    return one
+    return messages_out.transform(at, stamp_ns, parent, child).transforms[0]
 
 
 def pose_message(
     pose: PoseTuple, *, frame: str = "map", stamp_ns: int = 0, sigma: float = 0.2
 ) -> Any:
-    message = PoseWithCovarianceStamped()
-    message.header.frame_id, message.header.stamp = frame, time_of(stamp_ns)
-    message.pose.pose.position.x, message.pose.pose.position.y = float(pose[0]), float(pose[1])
-    message.pose.pose.orientation = quaternion(pose[2])
-    variances = np.zeros((6, 6))
-    variances[[0, 1, 5], [0, 1, 5]] = sigma**2, sigma**2, sigma**2 / 4
-    message.pose.covariance = variances.ravel().tolist()
-    return message
+    covariance = (sigma**2, 0.0, 0.0, 0.0, sigma**2, 0.0, 0.0, 0.0, sigma**2 / 4)
+    return messages_out.pose_stamped(pose, covariance, stamp_ns, frame)
 
 
 def planar(pose: Any) -> PoseTuple:

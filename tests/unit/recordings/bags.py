@@ -11,7 +11,9 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tests.ros_messages import new, typestore
+from clustermcl.recordings.rigid import Rigid
+from clustermcl.ros2.messages_out import pose
+from tests.ros_messages import link, new, typestore
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -60,15 +62,6 @@ def header(stamp_ns: int, frame: str) -> Any:
     return ros1_store().types["std_msgs/msg/Header"](seq=0, stamp=stamp, frame_id=frame)
 
 
-def vector(kind: str, values: Sequence[float]) -> Any:
-    return new(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", values, strict=False)))
-
-
-def pose(place: Sequence[float], heading: float) -> Any:
-    turn = vector("Quaternion", about_z(heading))
-    return new("geometry_msgs/msg/Pose", position=vector("Point", place), orientation=turn)
-
-
 def about_z(heading: float) -> tuple[float, float, float, float]:
     return (0.0, 0.0, float(np.sin(heading / 2)), float(np.cos(heading / 2)))
 
@@ -104,17 +97,9 @@ def tf(
     *,
     topic: str = "/tf",
 ) -> Sent:
-    one = new(
-        "geometry_msgs/msg/TransformStamped",
-        header=header(stamp_ns, parent),
-        child_frame_id=child,
-        transform=new(
-            "geometry_msgs/msg/Transform",
-            translation=vector("Vector3", place),
-            rotation=vector("Quaternion", turn),
-        ),
-    )
-    return Sent(topic, TF, stamp_ns, new(TF, transforms=[one]))
+    message = link(parent, child, Rigid(*place, *turn))
+    message.transforms[0].header = header(stamp_ns, parent)
+    return Sent(topic, TF, stamp_ns, message)
 
 
 def fixed_tf(
@@ -130,7 +115,7 @@ def odometry(
         ODOMETRY,
         header=header(stamp_ns, "odom"),
         child_frame_id="base_link",
-        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose(place, heading)),
+        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose((*place[:2], heading))),
     )
     return Sent(topic, ODOMETRY, stamp_ns, message)
 
@@ -143,7 +128,7 @@ def grid(stamp_ns: int, values: Sequence[Sequence[int]], *, topic: str = "/map")
         resolution=0.05,
         width=cols,
         height=rows,
-        origin=pose((-1.0, 2.0, 0.0), 0.5),
+        origin=pose((-1.0, 2.0, 0.5)),
     )
     message = new(OCCUPANCY_GRID, header=header(stamp_ns, "map"), info=info, data=cells.reshape(-1))
     return Sent(topic, OCCUPANCY_GRID, stamp_ns, message)

@@ -18,20 +18,12 @@ from clustermcl.ros2.messages_out import header, pose, pose_stamped, transform
 from clustermcl.ros2.outputs import Output, Publish, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.sensor_bridge.step_maker import beams_of
-from tests.ros_messages import decode, new
+from tests.ros_messages import decode, link, new
 from tests.unit.coordinator.reports import particles
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 
 SECOND = 1_000_000_000
 ORIGIN, PLACE = (0.0, 0.0, 0.0), (5.0, -3.0, 1.0)
-
-
-def link(parent: str, child: str, at: Rigid) -> Any:
-    one = transform((at.x, at.y, 0.0), 0, parent, child)
-    one.transforms[0].transform.translation.z = at.z
-    turn = new("geometry_msgs/msg/Quaternion", x=at.qx, y=at.qy, z=at.qz, w=at.qw)
-    one.transforms[0].transform.rotation = turn
-    return one
 
 
 def scan(

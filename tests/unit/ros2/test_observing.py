@@ -9,8 +9,9 @@ from clustermcl.protocol.errors import SettingsError
 from clustermcl.protocol.steps import Observation
 from clustermcl.recordings.rigid import Rigid, flat
 from clustermcl.ros2 import message_types as types
+from clustermcl.ros2.amcl import Amcl
 from clustermcl.ros2.messages_out import header, transform
-from clustermcl.ros2.observing import MAX_WAITING, Datum
+from clustermcl.ros2.observing import MAX_WAITING
 from clustermcl.ros2.outputs import Output, Refused
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from tests.ros_messages import new
@@ -84,8 +85,7 @@ def test_a_fix_that_cannot_be_used_is_refused(message: Any, problem: str) -> Non
 )
 def test_satellite_fixes_need_a_valid_datum(datum: str) -> None:
     with pytest.raises(SettingsError, match="latitude, longitude, direction"):
-        Datum.of(Ros2Settings(gnss_topics="fix", datum=datum))
-    assert Datum.of(Ros2Settings()) is None
+        Amcl(Ros2Settings(gnss_topics="fix", datum=datum))
 
 
 def tags(*numbers: int, stamp_ns: int = SECOND) -> Any:

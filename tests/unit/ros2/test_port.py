@@ -13,10 +13,10 @@ from clustermcl.ros2.messages_out import pose_stamped, transform
 from clustermcl.ros2.port import SERVICES, EngineStatus, Port
 from clustermcl.runtime.ros2_settings import Ros2Settings
 from clustermcl.runtime.settings import Settings
-from tests.ros_messages import new
+from tests.ros_messages import link, new
 from tests.unit.ros2.beliefs import COVARIANCE, belief
 from tests.unit.ros2.ports import Kept, port
-from tests.unit.ros2.test_amcl import SECOND, grid, link, scan
+from tests.unit.ros2.test_amcl import SECOND, grid, scan
 
 PLACES = ((1, 0.95, (5.0, -3.0, 0.5)),)
 
