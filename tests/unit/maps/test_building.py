@@ -106,7 +106,7 @@ TWO = "floors: {ground: ground.yaml, third: third.yaml}\n"
 @pytest.mark.parametrize(("text", "says"), [
     ("floors: {ground: ground.yaml, third: missing.yaml}", "floor 'third': .*missing.yaml"),
     ("floors: {ground: ground.yaml, third: building.yaml}", "a floor is a single map"),
-    ("floors: {ground: ground.pgm, third: third.yaml}", "floor 'ground': .*is an image"),
+    ("floors: {ground: ground.png, third: third.yaml}", "floor 'ground': .*is an image"),
     ("floors: {}", "not a building"),
     ("floors: [ground.yaml]", "not a building"),
     ("floors: {ground: {map: ground.yaml, heigth_m: 1}}", "heigth_m"),
